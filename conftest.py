@@ -1,0 +1,15 @@
+"""hypothesis profiles: `ci` by default, `--hypothesis-profile fuzz` for long runs by hand."""
+
+from hypothesis import HealthCheck, settings
+
+slow = [HealthCheck.too_slow, HealthCheck.data_too_large]
+settings.register_profile(
+    "ci",
+    max_examples=40,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=slow,
+)
+settings.register_profile("fuzz", max_examples=1000, deadline=None, suppress_health_check=slow)
+settings.load_profile("ci")

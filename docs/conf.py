@@ -1,0 +1,156 @@
+"""Sphinx configuration. Tables of formulations and claims are written from the registries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from sphinx.errors import ConfigError
+
+import eomcheck
+from eomcheck import CLAIMS, FORMULATIONS, Formulation
+
+DOCS = Path(__file__).parent
+GENERATED = DOCS / "_generated"
+
+project = "eomcheck"
+author = "The eomcheck developers"
+project_copyright = "The eomcheck developers"
+version = release = eomcheck.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.doctest",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+]
+exclude_patterns = ["_build", "_generated"]
+default_role = "code"
+
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+
+doctest_test_doctest_blocks = ""
+
+html_theme = "furo"
+html_title = f"eomcheck {release}"
+
+
+# ---- Tables from the registries ------------------------------------------------------------------
+
+
+def cell(text: str) -> str:
+    """Return `text` for a Markdown table, nothing in it read as markup."""
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in text)
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """Return a Markdown table; the entries of `rows` are Markdown already."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def yes(flag: bool) -> str:
+    return "yes" if flag else "no"
+
+
+def claims_table() -> str:
+    return table(
+        ("id", "statement", "equations"),
+        [(f"`{c.id}`", cell(c.statement), cell(c.equations)) for c in CLAIMS.values()],
+    )
+
+
+def formulations_table() -> str:
+    """Return the paper's Table I with what is different here."""
+    return table(
+        (
+            "key",
+            "name",
+            "equations of the paper",
+            "number of equations",
+            "constraints at",
+            "multipliers (paper)",
+            "multipliers (here)",
+        ),
+        [
+            (
+                f"[`{f.key}`](theory/{f.key}.md)",
+                cell(f.name),
+                cell(f.equations),
+                f"${f.order_text}$",
+                f"{f.level} level",
+                yes(f.multipliers_in_paper),
+                yes(f.multipliers),
+            )
+            for f in FORMULATIONS.values()
+        ],
+    )
+
+
+USES = {
+    "terms": "Lagrange's terms $M$, $F$, $a$, gamma",
+    "speeds": "$M$, $F$ and the generalized speeds: $W$, rest",
+    "bodies": "the bodies' partial velocities, masses, inertias and forces",
+}
+
+
+def facts(f: Formulation) -> str:
+    """Return what the registry says about one formulation, for the top of its theory page."""
+    snake = [f.unknowns(links + 2, links) for links in (1, 2)]
+    return table(
+        (f"key `{f.key}`", f"Eqs. {cell(f.equations)}"),
+        [
+            ("reads", USES[f.uses]),
+            ("equations in the final system", f"${f.order_text}$"),
+            ("the same for the snake", f"{snake[0]} at $N = 1$, {snake[1]} at $N = 2$"),
+            ("constraints enter at", f"{f.level} level"),
+            ("multipliers", f"{yes(f.multipliers)}; paper: {yes(f.multipliers_in_paper)}"),
+        ],
+    )
+
+
+def write(name: str, text: str) -> None:
+    """Write a generated file, unless it holds that text already: Sphinx goes by its time."""
+    path = GENERATED / name
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+def write_tables(app: Sphinx) -> None:
+    write("claims.md", claims_table())
+    write("formulations.md", formulations_table())
+    for f in FORMULATIONS.values():
+        write(f"facts/{f.key}.md", facts(f))
+
+
+# ---- What must be complete -----------------------------------------------------------------------
+
+
+def check_complete(app: Sphinx) -> None:
+    """Stop the build if a formulation has no theory page or a public name no entry in the API."""
+    missing = [key for key in FORMULATIONS if not (DOCS / "theory" / f"{key}.md").is_file()]
+    if missing:
+        pages = ", ".join(f"docs/theory/{key}.md" for key in missing)
+        raise ConfigError(f"formulations without a theory page: {pages} not found")
+    api = (DOCS / "api.md").read_text(encoding="utf-8")
+    absent = [name for name in eomcheck.__all__ if f"eomcheck.{name}\n" not in api]
+    if absent:
+        raise ConfigError(f"docs/api.md has no entry for: {', '.join(absent)}")
+
+
+def escape_bars(app: Sphinx, what, name, obj, options, lines: list[str]) -> None:
+    """Keep magnitudes such as |α| in docstrings from being read as substitutions."""
+    lines[:] = [line.replace("|", "\\|") if "`" not in line else line for line in lines]
+
+
+def setup(app: Sphinx) -> None:
+    app.connect("builder-inited", check_complete)
+    app.connect("builder-inited", write_tables)
+    app.connect("autodoc-process-docstring", escape_bars)

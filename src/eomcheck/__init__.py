@@ -1,0 +1,89 @@
+"""eomcheck: gradcheck for equations of motion.
+
+The public names are loaded when they are first used: importing the package imports no engine, no
+compiler and no plotting.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from eomcheck import scenes, strategies
+    from eomcheck.checks import CLAIMS, Claim, Finding
+    from eomcheck.checks.validate import check, validate
+    from eomcheck.engines import ENGINES
+    from eomcheck.errors import (
+        EngineError,
+        EomcheckError,
+        InconsistentVelocityError,
+        InputError,
+        RefusedError,
+        UnknownNameError,
+    )
+    from eomcheck.evaluate import Acceleration, acceleration, speeds_of, velocity
+    from eomcheck.formulations import FORMULATIONS, Formulation
+    from eomcheck.scenes import SCENES
+
+_HOME = {
+    "acceleration": "evaluate",
+    "Acceleration": "evaluate",
+    "velocity": "evaluate",
+    "speeds_of": "evaluate",
+    "check": "checks.validate",
+    "validate": "checks.validate",
+    "Finding": "checks",
+    "Claim": "checks",
+    "CLAIMS": "checks",
+    "ENGINES": "engines",
+    "FORMULATIONS": "formulations",
+    "Formulation": "formulations",
+    "SCENES": "scenes",
+    "EomcheckError": "errors",
+    "InputError": "errors",
+    "UnknownNameError": "errors",
+    "InconsistentVelocityError": "errors",
+    "EngineError": "errors",
+    "RefusedError": "errors",
+}
+_MODULES = ("scenes", "strategies")
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"eomcheck.{name}")
+    if name in _HOME:
+        return getattr(importlib.import_module(f"eomcheck.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'eomcheck' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*_HOME, *_MODULES, "__version__"])
+
+
+__all__ = [
+    "CLAIMS",
+    "ENGINES",
+    "FORMULATIONS",
+    "SCENES",
+    "Acceleration",
+    "Claim",
+    "EngineError",
+    "EomcheckError",
+    "Finding",
+    "Formulation",
+    "InconsistentVelocityError",
+    "InputError",
+    "RefusedError",
+    "UnknownNameError",
+    "acceleration",
+    "check",
+    "scenes",
+    "speeds_of",
+    "strategies",
+    "validate",
+    "velocity",
+]

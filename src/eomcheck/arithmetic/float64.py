@@ -1,0 +1,161 @@
+"""Machine doubles: the generic functions, compiled by numba and cached on disk.
+
+`compiled(function)` is the only door. Marked functions stay plain Python functions; numba is told
+to compile them wherever compiled code calls them, and `solve` is replaced by LAPACK's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+from collections.abc import Callable
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numba
+import numpy as np
+from numba.extending import overload, register_jitable
+
+import eomcheck
+from eomcheck.arithmetic.absent import settle_absent
+from eomcheck.arithmetic.generic import GENERIC, generic
+from eomcheck.arithmetic.linear import solve
+from eomcheck.model import Angles
+
+
+@generic
+def angles(x):
+    """Return the `Angles` of x (k,), rad."""
+    return Angles(x, np.cos(x), np.sin(x))
+
+
+class Float64:
+    """The arithmetic of machine doubles (`eomcheck.model.Arithmetic`)."""
+
+    def numbers(self, x: np.ndarray) -> np.ndarray:
+        """Return x as doubles, contiguous."""
+        return np.ascontiguousarray(x, dtype=np.float64)
+
+    def angles(self, x: np.ndarray) -> Angles:
+        """Return the angles x (k,) with their cosines and sines."""
+        return angles(self.numbers(x))
+
+
+FLOAT64 = Float64()
+
+
+SMALL = 8
+"""Up to this order LU is written out: calling LAPACK would cost more than the elimination."""
+
+
+@register_jitable(error_model="numpy")
+def lu_solve(A, b):
+    """Solve A x = b, b (k,), by elimination with partial pivoting; NaN where A is singular."""
+    U, x = A.copy(), b.copy()
+    size = x.size
+    for column in range(size):
+        pivot = column
+        for row in range(column + 1, size):
+            if abs(U[row, column]) > abs(U[pivot, column]):
+                pivot = row
+        if not abs(U[pivot, column]) > 0:
+            x[:] = np.nan
+            return x
+        if pivot != column:
+            for k in range(column, size):
+                U[column, k], U[pivot, k] = U[pivot, k], U[column, k]
+            x[column], x[pivot] = x[pivot], x[column]
+        for row in range(column + 1, size):
+            factor = U[row, column] / U[column, column]
+            for k in range(column + 1, size):
+                U[row, k] -= factor * U[column, k]
+            x[row] -= factor * x[column]
+    for row in range(size - 1, -1, -1):
+        for k in range(row + 1, size):
+            x[row] -= U[row, k] * x[k]
+        x[row] /= U[row, row]
+    return x
+
+
+@register_jitable
+def lapack_solve(A, b):
+    """Solve A x = b, b (k,) or (k, m); NaN where A is singular.
+
+    An exception that leaves a C callback is only printed, and the caller goes on with garbage, so
+    compiled code must not raise.
+    """
+    x = np.full_like(b, np.nan)
+    try:
+        x[:] = np.linalg.solve(A, b)
+    except Exception:
+        x[:] = np.nan
+    return x
+
+
+@overload(solve)
+def _compiled_solve(A, b, name):
+    if b.ndim == 1:
+        return lambda A, b, name: lu_solve(A, b) if b.size <= SMALL else lapack_solve(A, b)
+    return lambda A, b, name: lapack_solve(A, b)
+
+
+@cache
+def compiled(function: Callable) -> Callable:
+    """Return `function` compiled for doubles; compiled code is kept on disk between processes.
+
+    `function` may be a closure over marked functions, never over compiled ones: those change their
+    identity with every process and would never be found again.
+    """
+    _register_marked()
+    with _cache_directory():
+        return numba.njit(cache=_has_source(function), error_model="numpy")(function)
+
+
+_registered = 0
+
+
+def _register_marked() -> None:
+    global _registered
+    for function in GENERIC[_registered:]:
+        _register(function)
+    _registered = len(GENERIC)
+
+
+def _register(function: Callable) -> None:
+    @overload(function, jit_options={"error_model": "numpy"}, strict=False)
+    def _(*types):
+        return settle_absent(function, tuple(isinstance(t, numba.types.NoneType) for t in types))
+
+
+def _has_source(function: Callable) -> bool:
+    return Path(inspect.getfile(function)).is_file()
+
+
+@contextmanager
+def _cache_directory():
+    """Let numba cache below a directory named after the present state of the sources.
+
+    numba itself only notices a change in the file of the outermost function, and would go on
+    serving code compiled from an older version of the functions that it calls.
+    """
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = _stamped_directory(before)  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+
+@cache
+def _stamped_directory(chosen: str) -> str:
+    package = Path(eomcheck.__file__).parent
+    digest = hashlib.sha256(str(package).encode())
+    for path in sorted(package.rglob("*.py")):
+        stat = path.stat()
+        digest.update(f"{path} {stat.st_mtime_ns} {stat.st_size}".encode())
+    base = Path(chosen) if chosen else package / "__pycache__"
+    if not os.access(base if base.exists() else base.parent, os.W_OK):
+        base = Path.home() / ".cache" / "eomcheck"
+    return str(base / f"numba-{digest.hexdigest()[:16]}")

@@ -1,0 +1,22 @@
+"""Checks: each file registers its claims in `CLAIMS`; each claim yields Findings."""
+
+from __future__ import annotations
+
+# In the order in which a failure is closest to its cause: single terms, then identities between
+# them, then whole accelerations.
+from eomcheck.checks import terms, identities, equivalence, physics, refusals  # isort: skip
+from eomcheck.checks.claim import CLAIMS, Case, Claim
+from eomcheck.checks.finding import Finding, State
+
+__all__ = [
+    "CLAIMS",
+    "Case",
+    "Claim",
+    "Finding",
+    "State",
+    "equivalence",
+    "identities",
+    "physics",
+    "refusals",
+    "terms",
+]

@@ -1,0 +1,129 @@
+"""A `Finding`: what one claim came to at one state. Checks return Findings and alone decide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from eomcheck.arithmetic.linear import EPS
+from eomcheck.model import Array, Scene, State
+from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+
+Verdict = Literal["passed", "failed", "inconclusive"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One claim at one state.
+
+    Attributes:
+        claim: id of the claim, a key of `eomcheck.checks.CLAIMS`.
+        subject: what it is about there, such as "au ~ kane" or "pinocchio".
+        scene: the scene.
+        state: (q, v, t).
+        observed: largest error seen, in the units of the quantity.
+        allowed: largest error that rounding explains.
+        verdict: "passed", "failed", or "inconclusive" where `allowed` is so large that nothing was
+            checked.
+        evidence: level of the evidence and what it rests on.
+        detail: for a failure, the term, the row and what is wrong with it.
+    """
+
+    claim: str
+    subject: str
+    scene: Scene
+    state: State
+    observed: float
+    allowed: float
+    verdict: Verdict
+    evidence: str
+    detail: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """observed / allowed."""
+        if self.allowed > 0:
+            return self.observed / self.allowed
+        return 0.0 if self.observed == 0 else float("inf")
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}: observed "
+            f"{self.observed:.3g}, allowed {self.allowed:.3g}"
+        )
+        return f"{text} ({self.detail})" if self.detail else text
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding as plain data, numbers in full precision."""
+        return {
+            "claim": self.claim,
+            "subject": self.subject,
+            "scene": repr(self.scene),
+            "q": self.state.q.tolist(),
+            "v": self.state.v.tolist(),
+            "t": self.state.t,
+            "observed": self.observed if np.isfinite(self.observed) else None,
+            "allowed": self.allowed if np.isfinite(self.allowed) else None,
+            "verdict": self.verdict,
+            "evidence": self.evidence,
+            "detail": self.detail,
+        }
+
+    def as_python(self) -> str:
+        """Return Python code that shows the finding again."""
+        return (
+            "import eomcheck\n"
+            f"from eomcheck.scenes import {type(self.scene).__name__}\n\n"
+            f"scene = {self.scene!r}\n"
+            f"q = {self.state.q.tolist()}\n"
+            f"v = {self.state.v.tolist()}\n"
+            f"for finding in eomcheck.check(scene, q, v, t={self.state.t!r}, consistent=False):\n"
+            '    if finding.verdict == "failed":\n'
+            "        print(finding)\n"
+        )
+
+
+def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]:
+    """Return (allowed, verdict) of an observed error.
+
+    Args:
+        observed: the error.
+        spread: κ · scale of the computation, see `eomcheck.tolerance`.
+        scale: size of what was compared; for a sum that should vanish, of its terms.
+    """
+    allowed = allowed_error(spread)
+    if not np.isfinite(allowed):
+        return allowed, "inconclusive"
+    if not np.isfinite(observed):
+        return allowed, "failed"
+    if allowed > INCONCLUSIVE * scale and not observed == allowed == 0.0:
+        return allowed, "inconclusive"
+    return allowed, "passed" if observed <= allowed else "failed"
+
+
+def diagnose(found: Array, expected: Array, allowed: float) -> str:
+    """Return what `found` looks like beside `expected`, as a person would put it."""
+    worst = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
+    x, y = float(found[worst]), float(expected[worst])
+    near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
+    if found.ndim == 2 and found.shape[0] == found.shape[1] and largest(found - expected.T) <= near:
+        return "transposed"
+    if abs(x + y) <= near:
+        return "sign"
+    if abs(x) <= near:
+        return "missing"
+    if abs(y) <= near:
+        return "should vanish"
+    for factor in (2.0, 0.5, 4.0, 0.25):
+        if abs(x - factor * y) <= near:
+            return f"{factor:g} times too large"
+    return f"{x:.6g}, expected {y:.6g}"
+
+
+def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
+    """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
+    index = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
+    named = [axis[i] for axis, i in zip(names, index, strict=True)]
+    return f"row {named[0]}" if len(named) == 1 else f"entry ({', '.join(named)})"

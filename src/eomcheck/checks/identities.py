@@ -1,0 +1,156 @@
+"""Claims of the paper's appendices: null spaces, remainders, generalized forces, ML = Kane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.checks.claim import Case, claim
+from eomcheck.checks.finding import Finding
+from eomcheck.engines import DerivingEngine
+from eomcheck.errors import RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import em, kane
+from eomcheck.formulations.projection import project
+from eomcheck.model import Array
+from eomcheck.tolerance import largest
+
+
+def _vanishes(case: Case, subject: str, a: Array, w: Array) -> Finding:
+    terms = largest(np.abs(a) @ np.abs(w))
+    names = (case.at.scene.constraint_names, case.speed_names)
+    zero = np.zeros((a.shape[0], w.shape[1]))
+    return case.compare(subject, a @ w, zero, terms, scale=terms, names=names)
+
+
+@claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
+def null_space_embedding(case: Case) -> Iterator[Finding]:
+    """The w of the embedding method spans the null space of a, for both partitions."""
+    _, _, _, a, gamma, _ = case.at.terms
+    if a is None:
+        return
+    for pivoted in (False, True):
+        try:
+            w, _ = em.embedding(a, gamma, case.at.partition(pivoted))
+        except RefusedError:
+            continue
+        yield _vanishes(case, "em, pivoted" if pivoted else "em", a, w)
+
+
+@claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
+def null_space_speeds(case: Case) -> Iterator[Finding]:
+    """The w′ of the generalized speeds spans the null space of a."""
+    a = case.at.terms.a
+    if a is not None and case.has_speeds:
+        yield _vanishes(case, "ml, kane", a, case.at.speeds.W)
+
+
+@claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
+def speeds_velocity(case: Case) -> Iterator[Finding]:
+    """The generalized speeds of a consistent velocity give it back."""
+    if case.has_speeds:
+        at = case.at
+        yield case.compare("ml, kane", at.velocity, at.v, at.spread(lambda e: e.velocity))
+
+
+@claim("speeds-remainder", "a (ẇ′u + ẋ′) + gamma = 0", "(3), (20)", "remainder ẇ′u + ẋ′")
+def speeds_remainder(case: Case) -> Iterator[Finding]:
+    """The part of q̈ that is left at u̇ = 0 satisfies the constraints differentiated."""
+    at = case.at
+    if at.terms.a is None or not case.has_speeds:
+        return
+
+    def left(e: Evaluation) -> Array:
+        return e.terms.a @ e.speeds.rest + e.terms.gamma
+
+    size = np.abs(at.terms.a) @ np.abs(at.speeds.rest)
+    scale = largest(size) + largest(at.terms.gamma)
+    spread = at.spread(left) + scale
+    yield case.compare("ml, kane", left(at), np.zeros(at.scene.r), spread, scale=max(scale, spread))
+
+
+@claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
+def active_forces(case: Case) -> Iterator[Finding]:
+    """Kane's active forces, from the bodies, are Lagrange's, projected."""
+    at = case.at
+    if not case.has_speeds or at.terms.Q is None or at.bodies.force is None:
+        return
+
+    def projected(e: Evaluation) -> Array:
+        return e.speeds.W.T @ e.terms.Q
+
+    spread = at.spread(projected) + at.spread(lambda e: e.bodies.force)
+    size = largest(np.abs(at.speeds.W.T) @ np.abs(at.terms.Q))
+    names = (case.speed_names,)
+    found, expected = at.bodies.force, projected(at)
+    yield case.compare("kane", found, expected, spread + size, scale=size, names=names)
+
+
+def _ml_system(e: Evaluation) -> tuple[Array, Array]:
+    return project(e.terms.M, e.F, e.speeds.W, e.speeds.rest)
+
+
+def _kane_mass(e: Evaluation) -> Array:
+    b = e.bodies
+    return e.call(
+        kane.mass_matrix, b.partial_velocity, b.partial_angular_velocity, b.mass, b.inertia
+    )
+
+
+def _kane_remainder(e: Evaluation) -> Array:
+    return e.call(kane.inertia_remainder, *e.bodies[:-1])
+
+
+def _kane_force(e: Evaluation) -> Array:
+    return kane.right_hand_side(e.bodies.force, _kane_remainder(e))
+
+
+@claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
+def kane_ml_mass(case: Case) -> Iterator[Finding]:
+    """Both methods have the same mass matrix, element by element."""
+    if case.has_speeds:
+        at = case.at
+        spread = at.spread(_kane_mass) + at.spread(lambda e: _ml_system(e)[0])
+        names = (case.speed_names, case.speed_names)
+        yield case.compare("kane ~ ml", _kane_mass(at), _ml_system(at)[0], spread, names=names)
+
+
+@claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
+def kane_ml_force(case: Case) -> Iterator[Finding]:
+    """Both methods have the same right-hand side, element by element."""
+    if case.has_speeds:
+        at = case.at
+        spread = at.spread(_kane_force) + at.spread(lambda e: _ml_system(e)[1])
+        found, expected = _kane_force(at), _ml_system(at)[1]
+        scale = max(largest(found), spread)
+        names = (case.speed_names,)
+        yield case.compare("kane ~ ml", found, expected, spread, scale=scale, names=names)
+
+
+@claim(
+    "kane-n-matrix",
+    "N q̇ + G by recursion = N_Kane q̇ in full",
+    "(22)-(23)",
+    "inertia remainder N q̇ + G",
+)
+def kane_n_matrix(case: Case) -> Iterator[Finding]:
+    """Our remainder is N_Kane q̇ with the matrix of Eq. (23), differentiated by an engine."""
+    at = case.at
+    if not case.has_speeds:
+        return
+    for engine in case.engines:
+        if not isinstance(engine, DerivingEngine):
+            continue
+        expected, size, condition = engine.kane_inertia_remainder(at.q, at.v)
+        found = _kane_remainder(at)
+        scale = at.spread(_kane_remainder, coordinates=True) + size
+        yield case.compare(
+            f"kane ~ {engine.key}",
+            found,
+            expected,
+            condition * scale,
+            scale=scale,
+            evidence=f"compared: {engine.version()}",
+            names=(case.speed_names,),
+        )

@@ -1,0 +1,72 @@
+"""Claims that need no second opinion: energy, and motions of the whole scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.checks.claim import Case, claim
+from eomcheck.checks.finding import Finding
+from eomcheck.errors import RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import Formulation
+from eomcheck.model import Angles, Array
+from eomcheck.tolerance import largest
+
+TINY = 1e-150
+"""Step of the complex derivative: its square vanishes beside 1, so there is no truncation."""
+
+
+def _power_terms(e: Evaluation, vdot: Array) -> Array:
+    """Return the shares of (q, v) in d(T+U)/dt (2,), W: exact derivatives by a complex step."""
+    value, cos, sin = e.prepared
+    omega = e.v[e.scene.angle_coordinates]
+    step = 1j * TINY
+    moved = Angles(value + step * omega, cos - step * omega * sin, sin + step * omega * cos)
+    along_q = (moved, e.q + step * e.v, e.v + 0j)
+    along_v = (e.prepared, e.q, e.v + step * vdot)
+    shares = []
+    for prepared, q, v in (along_q, along_v):
+        T, U = e.scene.energies(e.parameters, prepared, q, v)
+        shares.append(np.imag(T if U is None else T + U) / TINY)
+    return np.array(shares)
+
+
+@claim("power-balance", "d(T + U)/dt = 0", "(25)-(26), (31)", "power balance")
+def power_balance(case: Case) -> Iterator[Finding]:
+    """Ideal constraints do no work: the energy keeps its value along each q̈."""
+    at = case.at
+    if not at.scene.conserves_energy:
+        return
+
+    def power(e: Evaluation, formulation: Formulation) -> Array:
+        return np.asarray(_power_terms(e, e.acceleration(formulation).vdot).sum())
+
+    for formulation in case.solved:
+        shares = _power_terms(at, at.acceleration(formulation).vdot)
+        scale = largest(shares)
+        spread = at.spread(lambda e, f=formulation: power(e, f)) + scale
+        if not np.isfinite(case.vdot_spread(formulation)):
+            spread = float("inf")
+        size = max(scale, spread if np.isfinite(spread) else 0.0)
+        yield case.compare(formulation.key, shares.sum(), np.zeros(()), spread, scale=size)
+
+
+@claim("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
+def invariance(case: Case) -> Iterator[Finding]:
+    """Turning, shifting or mirroring the whole scene turns, shifts or mirrors q̈."""
+    at = case.at
+    for symmetry in at.scene.symmetries(at.q, at.v):
+        moved = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
+        size = largest(np.abs(symmetry.image).sum(axis=1))
+        for formulation in case.solved:
+            try:
+                found = moved.acceleration(formulation).vdot
+            except RefusedError:
+                continue
+            expected = symmetry.image @ at.acceleration(formulation).vdot
+            # A turn adds to every angle, whose rounding then is that of larger numbers.
+            turn = 1.0 + largest(symmetry.q - at.q) / max(largest(at.q), 1.0)
+            spread = 2 * size * turn * case.vdot_spread(formulation, True)
+            yield case.compare(f"{symmetry.name}: {formulation.key}", found, expected, spread)

@@ -1,0 +1,117 @@
+"""Claims about single terms: M, B, Q, a and gamma against engines that derive them otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from eomcheck.checks.claim import Case, claim
+from eomcheck.checks.finding import Finding
+from eomcheck.engines import DerivingEngine, Engine
+from eomcheck.evaluate import Evaluation
+from eomcheck.model import Array
+
+
+def _against_engines(
+    case: Case,
+    ours: Callable[[Evaluation], Array],
+    theirs: Callable[..., Array],
+    *,
+    derived: bool = True,
+    size: Callable[[Engine], float] = lambda engine: 0.0,
+) -> Iterator[Finding]:
+    at = case.at
+    spread = None
+    for engine in case.engines:
+        if derived and not isinstance(engine, DerivingEngine):
+            continue
+        spread = at.spread(ours, coordinates=True) if spread is None else spread
+        found = ours(at)
+        # A term of size 0 (B at rest) is compared all the same: it should vanish.
+        yield case.compare(
+            engine.key,
+            found,
+            theirs(engine),
+            spread + size(engine),
+            scale=spread + size(engine),
+            evidence=f"compared: {engine.version()}",
+        )
+
+
+@claim("mass-matrix", "M = M of the engine", "(5), (25)", "mass matrix")
+def mass_matrix(case: Case) -> Iterator[Finding]:
+    """Compare the mass matrix."""
+    return _against_engines(
+        case,
+        lambda e: e.terms.M,
+        lambda engine: engine.mass_matrix(case.at.q),
+        derived=False,
+        size=lambda engine: engine.mass_matrix_size(case.at.q),
+    )
+
+
+@claim("bias", "B = B of the engine", "(5), (25)", "bias")
+def bias(case: Case) -> Iterator[Finding]:
+    """Compare the bias, zeros where the scene has none."""
+    zero = np.zeros(case.at.scene.n)
+    return _against_engines(
+        case,
+        lambda e: zero if e.terms.B is None else e.terms.B,
+        lambda engine: engine.bias(case.at.q, case.at.v),
+        derived=False,
+        size=lambda engine: engine.bias_size(case.at.q, case.at.v),
+    )
+
+
+@claim("generalized-forces", "Q = -∂U/∂q", "(26)-(27)", "generalized forces")
+def generalized_forces(case: Case) -> Iterator[Finding]:
+    """Compare Q with the derivative of the potential energy."""
+    if case.at.terms.Q is None:
+        return iter(())
+    return _against_engines(
+        case, lambda e: e.terms.Q, lambda engine: engine.forces(case.at.q, case.at.v)
+    )
+
+
+@claim("constraint-jacobian", "a = ∂c/∂q̇", "(2), (28)", "constraint Jacobian")
+def constraint_jacobian(case: Case) -> Iterator[Finding]:
+    """Compare a with the derivative of the constraints."""
+    if case.at.terms.a is None:
+        return iter(())
+    return _against_engines(
+        case,
+        lambda e: e.terms.a,
+        lambda engine: engine.constraint_jacobian(case.at.q, case.at.v),
+    )
+
+
+@claim("constraint-drift", "gamma = ȧ q̇ + ḃ", "(3)", "constraint drift")
+def constraint_drift(case: Case) -> Iterator[Finding]:
+    """Compare gamma with the time derivative of the constraints."""
+    if case.at.terms.gamma is None:
+        return iter(())
+    return _against_engines(
+        case,
+        lambda e: e.terms.gamma,
+        lambda engine: engine.constraint_drift(case.at.q, case.at.v),
+    )
+
+
+@claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
+def kinetic_energy(case: Case) -> Iterator[Finding]:
+    """Compare M with the kinetic energy, without any engine."""
+
+    def from_mass_matrix(e: Evaluation) -> float:
+        return e.v @ e.terms.M @ e.v / 2
+
+    def direct(e: Evaluation) -> float:
+        return e.call(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
+
+    at = case.at
+    yield case.compare(
+        "T",
+        np.asarray(from_mass_matrix(at)),
+        np.asarray(direct(at)),
+        at.spread(from_mass_matrix) + at.spread(direct) + np.abs(at.v) @ np.abs(at.terms.M @ at.v),
+    )

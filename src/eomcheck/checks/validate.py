@@ -1,0 +1,225 @@
+"""Run the claims: on one state, on random states of a scene, on random scenes.
+
+hypothesis draws the cases. When a claim fails it also shrinks: the last Finding is then the
+smallest case found on which that same claim still fails.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import hypothesis
+from hypothesis import HealthCheck, Phase, Verbosity
+from hypothesis.strategies import SearchStrategy
+
+from eomcheck import strategies
+from eomcheck.checks import CLAIMS, Case, Finding, State
+from eomcheck.checks.claim import look
+from eomcheck.checks.refusals import coverage
+from eomcheck.engines import ENGINES, Engine, engine_of
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
+from eomcheck.model import Scene
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What takes part in a run: all that is registered, unless named.
+
+    Raises:
+        UnknownNameError: a name is not registered.
+    """
+
+    formulations: tuple[Formulation, ...]
+    engines: tuple[type[Engine], ...]
+    claims: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        formulations: Iterable[str] | None = None,
+        engines: Iterable[str] | None = None,
+        claims: Iterable[str] | None = None,
+    ) -> Selection:
+        """Look the names up; None stands for all, an empty list for none."""
+        keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
+        names = ENGINES if engines is None else dict.fromkeys(engines)
+        ids = tuple(CLAIMS if claims is None else dict.fromkeys(claims))
+        for one in ids:
+            if one not in CLAIMS:
+                raise UnknownNameError("claim", one, CLAIMS)
+        return cls(tuple(map(formulation_of, keys)), tuple(map(engine_of, names)), ids)
+
+
+@dataclass
+class Run:
+    """What a run has come to so far.
+
+    Attributes:
+        findings: every Finding, in the order made.
+        seconds: time spent per claim.
+        cases: number of states looked at.
+        drawn: the Findings on states that hypothesis drew.
+        states_drawn: how many those were.
+        minimal: the smallest failing case, if a claim failed.
+    """
+
+    findings: list[Finding] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    cases: int = 0
+    drawn: list[Finding] = field(default_factory=list)
+    states_drawn: int = 0
+    minimal: Finding | None = None
+
+    def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
+        """Look at one state, keep the Findings and return them."""
+        case = _case(scene, state, selection)
+        new: list[Finding] = []
+        for one in selection.claims:
+            start = time.perf_counter()
+            new += look(case, CLAIMS[one])
+            self.seconds[one] += time.perf_counter() - start
+        self.findings += new
+        self.cases += 1
+        return new
+
+    def explore(
+        self,
+        cases: SearchStrategy[tuple[Scene, State]],
+        selection: Selection,
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at `examples` drawn cases; stop at the first failure and shrink it.
+
+        Raises:
+            InputError: `examples` is less than 1.
+        """
+        if examples < 1:
+            raise InputError(f"examples = {examples}, expected at least 1")
+        failing: str | None = None
+
+        def examine(drawn: tuple[Scene, State]) -> None:
+            nonlocal failing
+            if failing is None:
+                new = self.look_at(*drawn, selection)
+                self.drawn += new
+                self.states_drawn += 1
+                on_case()
+            else:
+                new = look(_case(*drawn, selection), CLAIMS[failing])
+            for finding in new:
+                if finding.verdict == "failed":
+                    failing = finding.claim
+                    raise _Falsified(finding)
+
+        settings = hypothesis.settings(
+            max_examples=examples,
+            database=None,
+            deadline=None,
+            derandomize=False,
+            report_multiple_bugs=False,
+            suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+            phases=(Phase.generate, Phase.shrink),
+            verbosity=Verbosity.quiet,
+        )
+        try:
+            hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
+        except _Falsified as falsified:
+            self.minimal = falsified.finding
+
+    def finish(self, selection: Selection) -> list[Finding]:
+        """Add what can be said of the run as a whole, and return every Finding."""
+        if "coverage" in selection.claims and self.drawn:
+            self.findings.append(coverage(self.drawn, self.states_drawn))
+        if self.minimal is not None:
+            self.findings.append(self.minimal)
+        return self.findings
+
+
+class _Falsified(AssertionError):
+    def __init__(self, finding: Finding):
+        self.finding = finding
+        super().__init__(str(finding))
+
+
+def _case(scene: Scene, state: State, selection: Selection) -> Case:
+    engines = tuple(engine(scene) for engine in selection.engines if engine.represents(scene))
+    return Case(Evaluation(scene, *state), selection.formulations, engines)
+
+
+def check(
+    scene: Scene,
+    q,
+    v,
+    t: float = 0.0,
+    *,
+    formulations: Iterable[str] | None = None,
+    engines: Iterable[str] | None = None,
+    claims: Iterable[str] | None = None,
+    consistent: bool = True,
+) -> list[Finding]:
+    """Check one state of a scene and return every Finding.
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        v: velocities (n,), consistent with the constraints.
+        t: time, s.
+        formulations: keys of the formulations to look at, all by default.
+        engines: keys of the engines to compare with, all that can by default.
+        claims: ids of the claims to look at, all by default.
+        consistent: refuse a v that violates the constraints. With False claims fail that hold for
+            consistent velocities only, but a scene whose own a is wrong can be looked at.
+
+    Raises:
+        InputError: bad shapes or values that are not finite.
+        InconsistentVelocityError: v violates the constraints.
+        UnknownNameError: an unknown key or id.
+        EngineError: an engine is not installed.
+    """
+    selection = Selection.of(formulations, engines, claims)
+    state = State(*scene.check_state(q, v, t), t)
+    if consistent:
+        check_consistent(Evaluation(scene, *state))
+    return Run().look_at(scene, state, selection)
+
+
+def validate(
+    scene: Scene,
+    *,
+    examples: int = 25,
+    seed: int = 0,
+    formulations: Iterable[str] | None = None,
+    engines: Iterable[str] | None = None,
+    claims: Iterable[str] | None = None,
+) -> list[Finding]:
+    """Check a scene in its initial state and in random consistent states.
+
+    Args:
+        scene: the scene.
+        examples: number of random states.
+        seed: of the draws.
+        formulations: keys of the formulations to look at, all by default.
+        engines: keys of the engines to compare with, all that can by default.
+        claims: ids of the claims to look at, all by default.
+
+    Returns:
+        Every Finding. If a claim fails, the drawing stops and the last Finding is the smallest
+        failing case.
+
+    Raises:
+        InputError: `examples` is less than 1.
+        UnknownNameError: an unknown key or id.
+        EngineError: an engine is not installed.
+    """
+    selection = Selection.of(formulations, engines, claims)
+    run = Run()
+    run.look_at(scene, State(*scene.initial_state()), selection)
+    run.explore(strategies.states(scene).map(lambda s: (scene, s)), selection, examples, seed)
+    return run.finish(selection)

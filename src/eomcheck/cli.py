@@ -1,0 +1,211 @@
+"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`.
+
+Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
+until then is printed and saved). Each command imports what it needs when it runs.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eomcheck import __version__
+from eomcheck.errors import EomcheckError, InputError
+
+app = typer.Typer(
+    name="eomcheck",
+    help="gradcheck for equations of motion: are they right, how accurate are they, what do they "
+    "cost?",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+bench = typer.Typer(help="Measure run times and tolerances.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
+draw = typer.Typer(help="Draw figures.", no_args_is_help=True)
+app.add_typer(draw, name="draw")
+
+
+class Registry(StrEnum):
+    """What `eomcheck list` can list."""
+
+    FORMULATIONS = "formulations"
+    SCENES = "scenes"
+    ENGINES = "engines"
+    CLAIMS = "claims"
+
+
+def main() -> None:
+    """Run the command line; bad input is one sentence and exit code 2."""
+    try:
+        app()
+    except EomcheckError as error:
+        typer.echo(f"eomcheck: {error}", err=True)
+        sys.exit(2)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"eomcheck {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print version."),
+    ] = False,
+) -> None:
+    pass
+
+
+def interval(text: str) -> tuple[int, int]:
+    """Return (low, high) of "3" or "1..12".
+
+    Raises:
+        InputError: neither.
+    """
+    match = re.fullmatch(r"(\d+)(?:\.\.(\d+))?", text.strip())
+    if match is None:
+        raise InputError(f"links = {text!r}, expected a number or a range such as 1..12")
+    low, high = int(match[1]), int(match[2] or match[1])
+    if not 1 <= low <= high:
+        raise InputError(f"links = {text!r}, expected 1 <= first <= last")
+    return low, high
+
+
+Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+
+
+@app.command()
+def validate(
+    links: Links = "1..12",
+    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 60,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    engine: Annotated[
+        list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Check every claim on the paper's robot and on random snakes."""
+    low, high = interval(links)
+    if examples < 1:
+        raise InputError(f"examples = {examples}, expected at least 1")
+    _check_writable(json)
+
+    from eomcheck import strategies
+    from eomcheck.checks.validate import Run, Selection
+    from eomcheck.model import State
+    from eomcheck.report.console import console, progress
+    from eomcheck.report.findings import print_run, write_json
+    from eomcheck.scenes import Snake
+
+    selection = Selection.of(formulation, engine)
+    for made in selection.engines:
+        made.version()  # a missing library is bad input, said before anything is computed
+    run, interrupted = Run(), False
+    paper = Snake.paper()
+    with progress("checking", examples + 2) as advance:
+        try:
+            run.look_at(paper, State(*paper.initial_state()), selection)
+            advance()
+            at_paper = strategies.states(paper).map(lambda state: (paper, state))
+            run.explore(at_paper, selection, 1, seed, advance)
+            drawn = strategies.scene_states(strategies.snakes(low, high))
+            if run.minimal is None:
+                run.explore(drawn, selection, examples, seed, advance)
+        except KeyboardInterrupt:
+            interrupted = True
+    findings = run.finish(selection)
+    print_run(run, selection)
+    if json is not None:
+        write_json(json, findings, run, selection)
+        console.print(f"written: {json}")
+    if interrupted:
+        console.print("interrupted: the table holds what was checked until then")
+        raise typer.Exit(130)
+    if any(finding.verdict == "failed" for finding in findings):
+        raise typer.Exit(1)
+
+
+def _check_writable(path: Path | None) -> None:
+    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+        raise InputError(f"{str(path)!r} is not a file in a folder that exists")
+
+
+@app.command("list")
+def list_registry(
+    registry: Annotated[Registry, typer.Argument(help="What to list.")],
+) -> None:
+    """List formulations, scenes, engines or claims."""
+    from eomcheck.report.registries import print_registry
+
+    print_registry(registry.value)
+
+
+@bench.command("rhs")
+def bench_rhs(
+    links: Annotated[
+        list[int] | None, typer.Option(help="Number of links; repeat for more.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Timed runs; the median counts.")] = 15,
+    json: Json = None,
+) -> None:
+    """Time one right-hand side of each formulation over the number of links."""
+    _check_writable(json)
+    from eomcheck.studies.rhs import measure_all
+    from eomcheck.report.benchmarks import print_rhs, write_records  # isort: skip
+
+    records = measure_all(links, formulation, repeats)
+    print_rhs(records)
+    if json is not None:
+        write_records(json, records)
+
+
+@bench.command("tolerance")
+def bench_tolerance(
+    links: Links = "1..40",
+    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+) -> None:
+    """Measure observed / (κ ε scale) per claim: what the constant C of the tolerances rests on."""
+    low, high = interval(links)
+    from eomcheck.report.benchmarks import print_tolerance
+    from eomcheck.studies.tolerance import measure_constant
+
+    print_tolerance(measure_constant(low, high, examples, seed))
+
+
+@draw.command("agreement")
+def draw_agreement(
+    path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],
+    links: Annotated[int, typer.Option(help="Largest number of links.")] = 40,
+    per_size: Annotated[int, typer.Option(help="Number of random snakes of each size.")] = 3,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+) -> None:
+    """Draw how far the formulations are apart on random snakes."""
+    _check_writable(path)
+    for name, value in (("links", links), ("per-size", per_size)):
+        if value < 1:
+            raise InputError(f"{name} = {value}, expected at least 1")
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+    from eomcheck.report import figures
+    from eomcheck.studies.agreement import measure_agreement
+
+    figures.draw_agreement(measure_agreement(links, per_size, seed), path)
+    typer.echo(f"written: {path}")

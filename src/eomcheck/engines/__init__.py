@@ -1,0 +1,27 @@
+"""The engines: one file each, one line each in `ENGINES`. No library is imported here."""
+
+from __future__ import annotations
+
+from eomcheck.engines.base import DerivingEngine, Engine, EngineAcceleration
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.errors import UnknownNameError
+
+ENGINES: dict[str, type[Engine]] = {
+    engine.key: engine for engine in (PinocchioEngine, CasadiEngine)
+}
+"""Key -> class."""
+
+
+def engine_of(key: str) -> type[Engine]:
+    """Return the engine called `key`.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if key not in ENGINES:
+        raise UnknownNameError("engine", key, ENGINES)
+    return ENGINES[key]
+
+
+__all__ = ["ENGINES", "DerivingEngine", "Engine", "EngineAcceleration", "engine_of"]

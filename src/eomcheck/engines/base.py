@@ -1,0 +1,113 @@
+"""What an engine is: an outside library that derives the same quantities in its own way."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from eomcheck.model import Array, Scene
+
+
+class EngineAcceleration(NamedTuple):
+    """Constrained acceleration and multipliers as an engine sees them, M v̇ = F + aᵀλ."""
+
+    vdot: Array
+    """(n,)."""
+    multipliers: Array | None
+    """(r,), or None without constraints."""
+
+
+class Engine(ABC):
+    """An outside library with its own model of a scene, in the scene's coordinates and signs.
+
+    Only the file of an engine imports its library, and only when the engine is made.
+
+    Args:
+        scene: the scene to represent.
+
+    Raises:
+        EngineError: the library is not installed or cannot represent the scene.
+    """
+
+    key: ClassVar[str]
+    solves_like: ClassVar[str]
+    """The formulation whose matrices its constrained solver factorizes: its rounding is of that
+    kind."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.coordinates: Array = np.eye(scene.n)
+        """T (n, n): the library's own coordinates are T q."""
+
+    @classmethod
+    @abstractmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+
+    @classmethod
+    @abstractmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the library can represent `scene`."""
+
+    @abstractmethod
+    def mass_matrix(self, q: Array) -> Array:
+        """Return M (n, n)."""
+
+    @abstractmethod
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return B (n,)."""
+
+    def mass_matrix_size(self, q: Array) -> float:
+        """Return the size of the terms that the library sums to M, where that exceeds M itself."""
+        return 0.0
+
+    def bias_size(self, q: Array, v: Array) -> float:
+        """Return the size of the terms that the library sums to B, where that exceeds B itself."""
+        return 0.0
+
+    @abstractmethod
+    def acceleration(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+    ) -> EngineAcceleration:
+        """Return the constrained acceleration.
+
+        Q, a and gamma are ours, for an engine that has none of its own; others ignore them.
+        """
+
+
+class DerivingEngine(Engine):
+    """An engine that derives forces and constraints itself, from energies and c(q, q̇)."""
+
+    @abstractmethod
+    def forces(self, q: Array, v: Array) -> Array:
+        """Return Q (n,)."""
+
+    @abstractmethod
+    def constraint_jacobian(self, q: Array, v: Array) -> Array:
+        """Return a (r, n)."""
+
+    @abstractmethod
+    def constraint_drift(self, q: Array, v: Array) -> Array:
+        """Return gamma (r,)."""
+
+    @abstractmethod
+    def kane_inertia_remainder(self, q: Array, v: Array) -> tuple[Array, float, float]:
+        """Return (N_Kane q̇ (p,), size of the terms summed, condition of what was inverted)."""
+
+
+def required(module: str) -> Any:
+    """Import and return an engine's library.
+
+    Raises:
+        EngineError: it is not installed.
+    """
+    import importlib
+
+    from eomcheck.errors import EngineError
+
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise EngineError(f"the library {module!r} is not installed ({error})") from None

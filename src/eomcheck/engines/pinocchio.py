@@ -1,0 +1,107 @@
+"""Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver.
+
+The model is built from the scene's neutral `Tree`. Its joint coordinates are x = T q with a
+constant T, so M = Tᵀ M_x T and B = Tᵀ B_x, and the constraint Jacobian is handed over as a T⁻¹.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.engines.base import Engine, EngineAcceleration, required
+from eomcheck.errors import EngineError
+from eomcheck.model import Array, Scene, Tree
+from eomcheck.tolerance import largest
+
+
+class PinocchioEngine(Engine):
+    """A scene that is a tree of rigid bodies, as Pinocchio's own model."""
+
+    key = "pinocchio"
+    solves_like = "gw"
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        tree = scene.tree()
+        if tree is None:
+            raise EngineError(f"pinocchio cannot represent {scene.name}: it has no tree of bodies")
+        self._pin = required("pinocchio")
+        self.model = self._build(tree)
+        self.data = self.model.createData()
+        self.coordinates = tree.coordinates
+        self._back = np.linalg.inv(tree.coordinates)
+        self._reach = float(np.abs(tree.offset).sum() + np.abs(tree.center).max())
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return f"pinocchio {required('pinocchio').__version__}"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is described as a tree."""
+        return scene.tree() is not None
+
+    def _build(self, tree: Tree):
+        pin = self._pin
+        joints = {
+            "px": pin.JointModelPX,
+            "py": pin.JointModelPY,
+            "rz": pin.JointModelRZ,
+        }
+        model = pin.Model()
+        model.gravity.setZero()
+        for j, (parent, kind) in enumerate(zip(tree.parent, tree.joint, strict=True)):
+            placement = pin.SE3(np.eye(3), tree.offset[j])
+            # Joint 0 is Pinocchio's universe, where -1 is the ground here.
+            joint = model.addJoint(parent + 1, joints[kind](), placement, f"joint_{j}")
+            if tree.mass[j] > 0:
+                about_z = np.diag([0.0, 0.0, tree.inertia[j]])
+                body = pin.Inertia(float(tree.mass[j]), tree.center[j], about_z)
+                model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        return model
+
+    def _joint_mass_matrix(self, q: Array) -> Array:
+        upper = np.triu(np.array(self._pin.crba(self.model, self.data, self.coordinates @ q)))
+        return upper + upper.T - np.diag(np.diagonal(upper))
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return M (n, n) = Tᵀ M_x T by the composite rigid body algorithm."""
+        return self.coordinates.T @ self._joint_mass_matrix(q) @ self.coordinates
+
+    def mass_matrix_size(self, q: Array) -> float:
+        """Return the largest entry of |T|ᵀ |M_x| |T|: relative angles carry all links behind."""
+        T = np.abs(self.coordinates)
+        return largest(T.T @ np.abs(self._joint_mass_matrix(q)) @ T)
+
+    def _joint_bias(self, q: Array, v: Array) -> Array:
+        T = self.coordinates
+        return np.array(self._pin.nonLinearEffects(self.model, self.data, T @ q, T @ v))
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return B (n,) = Tᵀ B_x by the recursive Newton-Euler algorithm."""
+        return self.coordinates.T @ self._joint_bias(q, v)
+
+    def bias_size(self, q: Array, v: Array) -> float:
+        """Return a size of the momenta that RNEA turns with the bodies, m ω V and their moments.
+
+        In frames that move with the bodies these appear even where the whole chain only translates,
+        and cancel: B does not depend on ẋ and ẏ.
+        """
+        projected = np.abs(self.coordinates).T @ np.abs(self._joint_bias(q, v))
+        force = sum(
+            body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
+            for body, velocity in zip(self.model.inertias, self.data.v, strict=True)
+        )
+        return largest(projected) + float(force) * max(1.0, self._reach)
+
+    def acceleration(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+    ) -> EngineAcceleration:
+        """Return v̇ and λ by `pinocchio.forwardDynamics` with our a, gamma and Q."""
+        T, back = self.coordinates, self._back
+        state = (self.model, self.data, T @ q, T @ v, back.T @ Q)
+        if a is None or gamma is None:
+            return EngineAcceleration(back @ np.array(self._pin.aba(*state)), None)
+        xdd = self._pin.forwardDynamics(*state, a @ back, gamma)
+        return EngineAcceleration(back @ np.array(xdd), np.array(self.data.lambda_c))

@@ -1,0 +1,50 @@
+"""The exceptions of eomcheck: bad input is an `InputError`, an honest "cannot" a `RefusedError`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class EomcheckError(Exception):
+    """Base of every exception that eomcheck raises on purpose."""
+
+
+class InputError(EomcheckError, ValueError):
+    """Something handed in is not valid; the message names it, its value and what is allowed."""
+
+
+class UnknownNameError(InputError):
+    """A name that is not in a registry."""
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]):
+        self.kind, self.name = kind, name
+        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known)}")
+
+
+class InconsistentVelocityError(InputError):
+    """A velocity that violates the constraints a v + b = 0 by more than rounding explains."""
+
+
+class EngineError(EomcheckError):
+    """An outside library is missing or cannot represent the scene."""
+
+
+class RefusedError(EomcheckError, ArithmeticError):
+    """A formulation declines a state instead of returning digits that mean nothing.
+
+    Attributes:
+        what: name of the matrix or divisor that stands in the way.
+        rcond: its reciprocal condition number (for a divisor: its magnitude).
+        threshold: the value that `rcond` would have to exceed.
+        matrix: the matrix that was to be solved, or None where a divisor was refused.
+    """
+
+    def __init__(
+        self, what: str, rcond: float, threshold: float, why: str, matrix: np.ndarray | None = None
+    ):
+        self.what, self.rcond, self.threshold, self.matrix = what, rcond, threshold, matrix
+        super().__init__(why)

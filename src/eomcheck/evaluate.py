@@ -1,0 +1,399 @@
+"""A scene and its formulations at one state, in doubles: the public way to accelerations.
+
+`Evaluation` computes each quantity once, when it is first asked for. Its `moved` siblings compute
+the same with every number changed a little, which measures how far rounding can go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from eomcheck.arithmetic.float64 import FLOAT64, compiled
+from eomcheck.arithmetic.linear import watching
+from eomcheck.arithmetic.noise import SAMPLES, STEP, Noise
+from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
+from eomcheck.formulations import Formulation, Partition, formulation_of
+from eomcheck.model import Array, Bodies, Scene, Speeds, Terms, finite_array
+from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """What a formulation says about one state.
+
+    Attributes:
+        vdot: v̇ = q̈ (n,), m/s² and rad/s².
+        multipliers: λ (r,) with M v̇ = F + aᵀλ, or None where the formulation has none.
+        rcond: reciprocal condition number of each matrix solved, by name (columns scaled).
+        error_bound: bound on the rounding error of every entry of `vdot`, absolute. Infinite where
+            a matrix is so ill-conditioned that no bound can be measured.
+    """
+
+    vdot: Array
+    multipliers: Array | None
+    rcond: dict[str, float]
+    error_bound: float
+
+
+class Evaluation:
+    """The quantities of `scene` at (q, v, t), each computed on first use.
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        v: velocities (n,).
+        t: time, s.
+
+    Raises:
+        InputError: q, v or t has the wrong shape or is not finite.
+    """
+
+    def __init__(self, scene: Scene, q, v, t: float = 0.0):
+        self.scene, self.t = scene, t
+        self.q, self.v = scene.check_state(q, v, t)
+        self._noise: Noise | None = None
+        self._origin = self
+        self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function on doubles, compiled if the scene can be."""
+        with np.errstate(all="ignore"):
+            return (compiled(function) if self.scene.compiled else function)(*arguments)
+
+    @cached_property
+    def parameters(self) -> Any:
+        """The scene's parameters in doubles."""
+        return self._move(self.scene.parameters(FLOAT64))
+
+    @cached_property
+    def prepared(self) -> Any:
+        """What is not rational in q, in doubles."""
+        return self._move(self.scene.prepare(FLOAT64, self.q, self.t))
+
+    @cached_property
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self._move(self.call(self.scene.terms, *arguments))
+
+    @cached_property
+    def F(self) -> Array:
+        """F = Q - B (n,)."""
+        Q, B = self.terms.Q, self.terms.B
+        if Q is None:
+            return np.zeros(self.scene.n) if B is None else -B
+        return Q if B is None else Q - B
+
+    @cached_property
+    def u(self) -> Array:
+        """Generalized speeds (p,) of v."""
+        return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
+
+    @cached_property
+    def kinematics(self) -> Any:
+        """What speeds and bodies share.
+
+        Raises:
+            RefusedError: the scene has no generalized speeds here.
+        """
+        self.scene.refuse_speeds()
+        arguments = self.parameters, self.prepared, self.q, self.u
+        return self._move(self.call(self.scene.kinematics, *arguments))
+
+    @cached_property
+    def speeds(self) -> Speeds:
+        """W, rest, offset."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self._move(self.call(self.scene.speeds, *arguments))
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Partial velocities and what goes with them."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self._move(self.call(self.scene.bodies, *arguments))
+
+    @cached_property
+    def velocity(self) -> Array:
+        """W u + offset (n,): v again, if v is consistent."""
+        v = self.speeds.W @ self.u
+        return v if self.speeds.offset is None else v + self.speeds.offset
+
+    def partition(self, pivoted: bool = False) -> Partition:
+        """Return the paper's partition, the first r columns, or one by pivoted QR of a."""
+        return self._origin._pivoted_partition if pivoted else self._plain_partition
+
+    @cached_property
+    def _plain_partition(self) -> Partition:
+        columns = np.arange(self.scene.n)
+        return Partition(columns[: self.scene.r], columns[self.scene.r :])
+
+    @cached_property
+    def _pivoted_partition(self) -> Partition:
+        if self.terms.a is None:
+            return self._plain_partition
+        order: Any = qr(self.terms.a, mode="r", pivoting=True)[-1]
+        r = self.scene.r
+        return Partition(np.sort(order[:r]), np.sort(order[r:]))
+
+    def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
+        """Return the result of `formulation`, without an error bound (it is infinite).
+
+        Raises:
+            RefusedError: a matrix is singular to working precision, the generalized speeds do not
+                exist, or the result overflows.
+        """
+        key = (formulation.key, pivoted)
+        if key not in self._solutions:
+            try:
+                self._solutions[key] = self._solve(formulation, pivoted)
+            except RefusedError as refusal:
+                self._solutions[key] = refusal
+        result = self._solutions[key]
+        if isinstance(result, RefusedError):
+            raise result
+        return result
+
+    def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
+        multipliers = None
+        with watching(self._noise) as watch, np.errstate(all="ignore"):
+            if formulation.uses == "terms":
+                M, _, _, a, gamma, _ = self.terms
+                vdot, multipliers = formulation.solution(
+                    M, self.F, a, gamma, self.v, self.partition(pivoted)
+                )
+            else:
+                if formulation.uses == "speeds":
+                    W, rest, _ = self.speeds
+                    udot = formulation.solution(self.terms.M, self.F, W, rest)
+                else:
+                    udot = formulation.solution(*self.bodies)
+                vdot = self.speeds.W @ udot + self.speeds.rest
+        if self._noise is None and not np.isfinite(vdot).all():
+            raise RefusedError(
+                "v̇",
+                float("nan"),
+                0.0,
+                f"the acceleration by {formulation.key} overflows: doubles cannot hold it",
+            )
+        return Acceleration(vdot, multipliers, watch.rcond, float("inf"))
+
+    def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
+        """Return siblings in which every number is moved, on request the coordinates as well.
+
+        Our own formulations read one and the same q, so that its rounding is no error of theirs;
+        an outside engine forms its own angles from q and rounds them again.
+        """
+        return self._moved_everywhere if coordinates else self._moved_numbers
+
+    @cached_property
+    def _moved_numbers(self) -> tuple[Evaluation, ...]:
+        return tuple(self._sibling(seed, coordinates=False) for seed in range(SAMPLES))
+
+    @cached_property
+    def _moved_everywhere(self) -> tuple[Evaluation, ...]:
+        return tuple(self._sibling(seed, coordinates=True) for seed in range(SAMPLES))
+
+    def _sibling(self, seed: int, coordinates: bool) -> Evaluation:
+        noise = Noise(seed)
+        q = noise.entries(self.q) if coordinates else self.q
+        sibling = Evaluation(self.scene, q, self.v + self._velocity_noise(noise), self.t)
+        sibling._noise, sibling._origin = noise, self
+        return sibling
+
+    def _velocity_noise(self, noise: Noise) -> Array:
+        """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
+        change = noise.entries(self.v) - self.v
+        if self.terms.a is None:
+            return change
+        residual = _violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
+        Q, R = self._constraint_factors
+        with np.errstate(all="ignore"):
+            return change + Q @ solve_triangular(R, residual, trans=1, check_finite=False)
+
+    @cached_property
+    def _constraint_factors(self) -> tuple[Any, ...]:
+        """Q (n, r) and R (r, r) with aᵀ = Q R."""
+        return qr(self.terms.a.T, mode="economic", check_finite=False)
+
+    def _move(self, record: Any) -> Any:
+        if self._noise is None:
+            return record
+        moved = (None if x is None else self._noise.entries(x) for x in record)
+        return type(record)(*moved)
+
+    def spread(self, quantity: Callable[[Evaluation], Any], coordinates: bool = False) -> float:
+        """Return κ · scale of `quantity`: its largest entry, and how far that moves, per step.
+
+        Infinite where a moved evaluation cannot be finished.
+        """
+        here = np.asarray(quantity(self))
+        change = 0.0
+        for sibling in self.moved(coordinates):
+            try:
+                there = np.asarray(quantity(sibling))
+            except (RefusedError, np.linalg.LinAlgError):
+                return float("inf")
+            with np.errstate(all="ignore"):
+                change = max(change, largest(there - here) / STEP)
+        return largest(here) + change
+
+    def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
+        """Return the result of a formulation in terms, found in other coordinates x = T q.
+
+        Same value, other matrices: what an engine with coordinates of its own really solves.
+
+        Raises:
+            RefusedError: as `acceleration`.
+        """
+        M, _, _, a, gamma, _ = self.terms
+        back = np.linalg.inv(T)
+        with watching(self._noise) as watch:
+            xdd, multipliers = formulation.solution(
+                back.T @ M @ back,
+                back.T @ self.F,
+                None if a is None else a @ back,
+                gamma,
+                T @ self.v,
+                self.partition(),
+            )
+        return Acceleration(back @ xdd, multipliers, watch.rcond, float("inf"))
+
+    def acceleration_spread(
+        self,
+        formulation: Formulation,
+        part: str = "vdot",
+        *,
+        coordinates: bool = False,
+        pivoted: bool = False,
+    ) -> float:
+        """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`.
+
+        Infinite where a matrix that was solved is so ill-conditioned that C κ ε exceeds
+        `INCONCLUSIVE`: noise may then lose the same digits as rounding, and measures nothing.
+
+        Raises:
+            RefusedError: as `acceleration`.
+        """
+        rcond = self.acceleration(formulation, pivoted).rcond
+        if rcond and allowed_error(1.0 / min(rcond.values())) > INCONCLUSIVE:
+            return float("inf")
+        return self.spread(
+            lambda e: getattr(e.acceleration(formulation, pivoted), part), coordinates
+        )
+
+
+def acceleration(
+    scene: Scene,
+    key: str,
+    q,
+    v,
+    t: float = 0.0,
+    *,
+    consistent: bool = True,
+    pivoted: bool = False,
+) -> Acceleration:
+    """Return the constrained acceleration of `scene` by one formulation, with its error bound.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        v: velocities q̇ (n,).
+        t: time, s.
+        consistent: refuse a v that violates the constraints. With False the formulations in
+            generalized speeds take those of v and ignore the rest, so that they answer a different
+            question from the others.
+        pivoted: for El and Em, choose the dependent coordinates by pivoted QR instead of the
+            paper's first r.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, `pivoted` without a partition.
+        UnknownNameError: no such formulation.
+        InconsistentVelocityError: v violates the constraints.
+        RefusedError: the formulation cannot handle this state.
+    """
+    formulation = formulation_of(key)
+    if pivoted and not formulation.partitioned:
+        raise InputError(f"pivoted = True: {key} has no partition to choose")
+    at = Evaluation(scene, q, v, t)
+    if consistent:
+        check_consistent(at)
+    result = at.acceleration(formulation, pivoted)
+    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    return replace(result, error_bound=allowed_error(spread))
+
+
+def _violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
+    """Return (a v + b, what rounding allows of it), each (r,)."""
+    a, b = at.terms.a, at.terms.b
+    residual = a @ v if b is None else a @ v + b
+    size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
+    return residual, allowed_error(1.0) * size
+
+
+def check_consistent(at: Evaluation) -> None:
+    """Check |a v + b| <= C eps (|a| |v| + |b|), row by row.
+
+    Raises:
+        InconsistentVelocityError: names the worst row, its residual and what is allowed.
+    """
+    if at.terms.a is None:
+        return
+    residual, allowed = _violation(at, at.v)
+    excess = np.abs(residual) - allowed
+    if (excess > 0).any():
+        row = int(np.argmax(excess))
+        raise InconsistentVelocityError(
+            f"v violates the constraint of {at.scene.constraint_names[row]}: |a v + b| = "
+            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g} (consistent=False lets it "
+            "pass)"
+        )
+
+
+def consistent_velocity(at: Evaluation, v: Array) -> Array:
+    """Return v (n,) with the smallest correction that makes it satisfy the constraints at `at`.
+
+    A v that satisfies them to well within the tolerance of `check_consistent` is returned as it is.
+    """
+    if at.terms.a is None:
+        return v
+    for _ in range(3):
+        residual, allowed = _violation(at, v)
+        if (np.abs(residual) <= allowed / 4).all():
+            break
+        v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
+    return v
+
+
+def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
+    """Return v = W u + offset (n,) of generalized speeds u (p,).
+
+    Where W has grown large and W u cancels, rounding would violate the constraints; the smallest
+    correction that restores them is added then.
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+        RefusedError: the scene has no generalized speeds here, or v overflows.
+    """
+    u = finite_array("u", u, (scene.p,))
+    at = Evaluation(scene, q, np.zeros(scene.n), t)
+    at.u = u
+    v = at.velocity
+    if not np.isfinite(v).all():
+        raise RefusedError("v", float("nan"), 0.0, "the velocity W u overflows")
+    return consistent_velocity(at, v)
+
+
+def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
+    """Return the generalized speeds u (p,) of a velocity v (n,).
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+    """
+    return Evaluation(scene, q, v, t).u

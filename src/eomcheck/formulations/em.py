@@ -1,0 +1,61 @@
+"""Embedding method: the constraints solved for r of the velocities, Eqs. (14)-(18)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.arithmetic.generic import generic
+from eomcheck.arithmetic.linear import solve
+from eomcheck.formulations.base import Formulation
+from eomcheck.formulations.projection import project
+
+
+@generic
+def embedding(a, gamma, partition):
+    """Return (w (n, n-r), rest (n,)) with v̇ = w v̇₂ + rest, v₂ the independent velocities.
+
+    a₁ v̇₁ + a₂ v̇₂ = -gamma gives both at once: rest is ẇ v₂ + ẋ of Eq. (16), without ever forming
+    ẇ, for it is what v̇ is at v̇₂ = 0.
+    """
+    r, n = a.shape
+    first, second = partition
+    columns = np.zeros((r, n - r + 1), a.dtype)
+    columns[:, : n - r] = a[:, second]
+    columns[:, n - r] = gamma
+    dependent = solve(np.ascontiguousarray(a[:, first]), columns, "a_1")
+    w = np.zeros((n, n - r), a.dtype)
+    rest = np.zeros(n, a.dtype)
+    w[first] = -dependent[:, : n - r]
+    rest[first] = -dependent[:, n - r]
+    for i in range(n - r):
+        w[second[i], i] = 1
+    return w, rest
+
+
+@generic
+def solution(M, F, a, gamma, v, partition):
+    """Return (v̇ (n,), None)."""
+    if a is None:
+        return solve(M, F, "M_Em"), None
+    w, rest = embedding(a, gamma, partition)
+    M_Em, F_Em = project(M, F, w, rest)
+    return w @ solve(M_Em, F_Em, "M_Em") + rest, None
+
+
+EM = Formulation(
+    key="em",
+    name="Embedding",
+    equations="(14)-(18)",
+    order=(1, -1),
+    level="velocity",
+    multipliers=False,
+    multipliers_in_paper=False,
+    uses="terms",
+    partitioned=True,
+    limits=(
+        "Needs an invertible a_1, the first r columns of a, as El does: for the snake the last two "
+        "wheels must not be parallel (N = 2: both wheels), cos α_i not 0 for i <= N-2, and at "
+        "N = 1 sin φ_1 not 0. A pivoted partition avoids this."
+    ),
+    solution=solution,
+)

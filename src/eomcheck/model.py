@@ -1,0 +1,266 @@
+"""The contracts: what a scene gives and what a formulation may rely on.
+
+Numbered, so that an error or a note can point at a rule.
+
+1.  Units are SI. Everything public takes the time t (s), by default 0; a scene's functions see
+    it through `prepare` only. The velocity v is always q̇.
+2.  n coordinates, r constraints, p = n - r generalized speeds.
+3.  `Terms`: M v̇ = Q - B + aᵀλ, the constraints a v + b = 0 and their rate a v̇ = -gamma, where
+    gamma = ȧ v + ḃ. F = Q - B. Q and B stay apart so that a failure names the term.
+4.  `Speeds`: v = W u + offset and v̇ = W u̇ + rest, rest = Ẇ u + d(offset)/dt, hence
+    a W = 0 and a rest + gamma = 0.
+5.  `Bodies`: what Eq. (23) sums over. Components in which all partial velocities vanish may be
+    left out: the snake has d = e = 1, a scene in space has 3.
+6.  An absent term is `None`, never an array of zeros: no constraint, no b, no spring, no
+    gyroscopic part. Functions test `None` on their own arguments only.
+7.  The functions of a scene are written once, under `@generic`, for every kind of number. What is
+    not rational (sines, cosines) is prepared before, per arithmetic, and handed in.
+8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
+    velocities directly and never from M or a. Engines differentiate them.
+9.  A scene knows nothing of formulations, engines or checks.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from eomcheck.errors import InputError
+
+Array = np.ndarray
+
+
+class Angles(NamedTuple):
+    """Angles with their cosines and sines, prepared by the arithmetic; each of shape (k,).
+
+    Over the reals the three belong together. Over a finite field cos² + sin² = 1 holds and `value`
+    is unrelated: an algebraic identity cannot tell.
+    """
+
+    value: Any
+    cos: Any
+    sin: Any
+
+
+class Terms(NamedTuple):
+    """The terms of M v̇ = Q - B + aᵀλ and a v + b = 0 (rule 3; paper, Eqs. (2)-(5))."""
+
+    M: Any
+    """Mass matrix (n, n), symmetric."""
+    Q: Any
+    """Generalized forces (n,), or None."""
+    B: Any
+    """Bias (n,), Coriolis and centrifugal, on the left-hand side; or None."""
+    a: Any
+    """Constraint Jacobian (r, n), or None."""
+    gamma: Any
+    """Constraint drift ȧ v + ḃ (r,), or None."""
+    b: Any
+    """Constraint velocity (r,), or None where constraints do not depend on time."""
+
+
+class Speeds(NamedTuple):
+    """How velocities follow from generalized speeds (rule 4; paper, Eq. (20))."""
+
+    W: Any
+    """The paper's w′ (n, p)."""
+    rest: Any
+    """The part of v̇ that is left at u̇ = 0 (n,)."""
+    offset: Any
+    """The paper's x′ (n,), or None."""
+
+
+class Bodies(NamedTuple):
+    """Partial velocities of the bodies and what moves them (rule 5; paper, Eqs. (22)-(23))."""
+
+    partial_velocity: Any
+    """∂V_k/∂u of the centres of mass (n_b, d, p)."""
+    partial_angular_velocity: Any
+    """∂ω_k/∂u (n_b, e, p)."""
+    remainder: Any
+    """Accelerations of the centres of mass at u̇ = 0 (n_b, d)."""
+    angular_remainder: Any
+    """Angular accelerations at u̇ = 0 (n_b, e)."""
+    mass: Any
+    """(n_b,), kg."""
+    inertia: Any
+    """About the centres of mass (n_b, e, e), kg m²."""
+    gyroscopic: Any
+    """ω × I ω (n_b, e), or None in the plane."""
+    force: Any
+    """Generalized active forces F_Kane (p,), from the bodies, not from Q; or None."""
+
+
+class Tree(NamedTuple):
+    """A neutral description of a tree of rigid bodies, for engines that build their own model.
+
+    Joint j hangs on joint `parent[j]` (-1: the ground), displaced by `offset[j]`, and carries one
+    body. Joint coordinates are `coordinates @ q`.
+    """
+
+    parent: tuple[int, ...]
+    joint: tuple[str, ...]
+    """Kind of each joint: "px", "py" (prismatic along x, y) or "rz" (revolute about z)."""
+    offset: Array
+    """Position of each joint in the frame of its parent (n_j, 3), m."""
+    mass: Array
+    """(n_j,), kg."""
+    center: Array
+    """Centre of mass in the frame of the joint (n_j, 3), m."""
+    inertia: Array
+    """About the centre of mass, around z (n_j,), kg m²."""
+    coordinates: Array
+    """(n_j, n)."""
+
+
+class State(NamedTuple):
+    """Where a scene is looked at."""
+
+    q: Array
+    """Coordinates (n,)."""
+    v: Array
+    """Velocities (n,)."""
+    t: float = 0.0
+    """Time, s."""
+
+
+class Symmetry(NamedTuple):
+    """A motion of the whole scene under which accelerations are known to follow."""
+
+    name: str
+    scene: Scene
+    q: Array
+    v: Array
+    image: Array
+    """(n, n): the moved scene has v̇ = image @ (v̇ of the scene as it was)."""
+
+
+class Arithmetic(Protocol):
+    """How a kind of number takes over the doubles that a scene was given."""
+
+    def numbers(self, x: Array) -> Array:
+        """Return x in this kind of number, same shape."""
+        ...
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,) with their cosines and sines."""
+        ...
+
+
+class Scene(ABC):
+    """A mechanical system: parameters that check themselves, and its equations (rules 1-9).
+
+    The equations are generic functions held as static attributes. All take first `parameters`, a
+    NamedTuple made by `parameters(arithmetic)`, and `prepared`, which
+    `prepare(arithmetic, q, t)` makes:
+
+    - `terms(parameters, prepared, q, v) -> Terms`
+    - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
+    - `speeds(parameters, prepared, kinematics) -> Speeds`
+    - `bodies(parameters, prepared, kinematics) -> Bodies`
+    - `speeds_of(parameters, prepared, q, v) -> u`
+    - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
+    - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
+    - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+    """
+
+    key: ClassVar[str]
+    compiled: ClassVar[bool] = True
+    """Whether numba can compile the functions; if not, doubles run them in Python."""
+    conserves_energy: ClassVar[bool]
+    angle_coordinates: ClassVar[slice]
+    """Which coordinates are angles."""
+
+    terms: ClassVar[Callable[..., Any]]
+    kinematics: ClassVar[Callable[..., Any]]
+    speeds: ClassVar[Callable[..., Any]]
+    bodies: ClassVar[Callable[..., Any]]
+    speeds_of: ClassVar[Callable[..., Any]]
+    velocities: ClassVar[Callable[..., Any]]
+    energies: ClassVar[Callable[..., Any]]
+    constraint: ClassVar[Callable[..., Any]]
+
+    @property
+    @abstractmethod
+    def n(self) -> int:
+        """Number of coordinates."""
+
+    @property
+    @abstractmethod
+    def r(self) -> int:
+        """Number of constraints."""
+
+    @property
+    def p(self) -> int:
+        """Number of generalized speeds."""
+        return self.n - self.r
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What reports call this scene with these parameters."""
+
+    @property
+    @abstractmethod
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the n coordinates, for naming rows."""
+
+    @property
+    @abstractmethod
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the r constraints, for naming rows."""
+
+    @abstractmethod
+    def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
+        """Return the parameters in the numbers of `arithmetic`."""
+
+    def prepare(self, arithmetic: Arithmetic, q: Array, t: float = 0.0) -> Any:
+        """Return what is not rational in (q, t): by default the `Angles` among the coordinates."""
+        return arithmetic.angles(q[self.angle_coordinates])
+
+    @abstractmethod
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return a consistent (q, v) to start from."""
+
+    def refuse_speeds(self) -> None:
+        """Raise `RefusedError` if the natural generalized speeds do not exist."""
+        return
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield the motions of the whole scene that must not change its dynamics."""
+        yield from ()
+
+    def tree(self) -> Tree | None:
+        """Return the tree of bodies, or None where `Tree` cannot describe them."""
+        return None
+
+    def check_state(self, q, v, t: float = 0.0) -> tuple[Array, Array]:
+        """Return q and v as doubles of shape (n,).
+
+        Raises:
+            InputError: wrong shape, not numbers, or not finite.
+        """
+        finite_array("t", t, ())
+        return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
+
+
+def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
+    """Return `value` as a new array of doubles of `shape`.
+
+    Raises:
+        InputError: it cannot be read as such, or an entry is not finite.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r} is not an array of real numbers") from None
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        entry = f"{name}{list(where)}" if where else name
+        raise InputError(f"{entry} = {array[where]}, expected a finite number")
+    return array

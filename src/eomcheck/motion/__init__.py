@@ -1,0 +1,1 @@
+"""Motion: compiled right-hand sides of the formulations."""

@@ -1,0 +1,90 @@
+"""One right-hand side, compiled end to end: sines and cosines, terms, formulation, solve.
+
+`right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
+function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
+v for the formulations that use Lagrange's terms and u for ML and Kane. A matrix that is singular
+gives NaN: compiled code must not raise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck.arithmetic.generic import generic
+from eomcheck.formulations import Formulation
+from eomcheck.model import Scene
+
+
+@generic
+def net_force(Q, B):
+    """Return F = Q - B (n,); at most one of them is None."""
+    if Q is None:
+        return -B
+    if B is None:
+        return Q
+    return Q - B
+
+
+@generic
+def velocity(u, W, offset):
+    """Return v = W u + offset (n,)."""
+    if offset is None:
+        return W @ u
+    return W @ u + offset
+
+
+def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
+    """Return the compiled right-hand side of `formulation` for scenes of this kind."""
+    return _right_hand_side(type(scene), formulation)
+
+
+@cache
+def _right_hand_side(scene: type[Scene], formulation: Formulation) -> Callable:
+    return compiled(_COMPOSERS[formulation.uses](scene, formulation.solution))
+
+
+def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
+    terms = scene.terms
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(parameters, q, v, partition):
+        prepared = angles(q[start:stop])
+        M, Q, B, a, gamma, _ = terms(parameters, prepared, q, v)
+        vdot, _ = solution(M, net_force(Q, B), a, gamma, v, partition)
+        return v, vdot
+
+    return rate
+
+
+def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
+    terms, kinematics, speeds = scene.terms, scene.kinematics, scene.speeds
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(parameters, q, u, partition):
+        prepared = angles(q[start:stop])
+        W, rest, offset = speeds(parameters, prepared, kinematics(parameters, prepared, q, u))
+        v = velocity(u, W, offset)
+        now = terms(parameters, prepared, q, v)
+        return v, solution(now.M, net_force(now.Q, now.B), W, rest)
+
+    return rate
+
+
+def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
+    kinematics, speeds, bodies = scene.kinematics, scene.speeds, scene.bodies
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(parameters, q, u, partition):
+        prepared = angles(q[start:stop])
+        shared = kinematics(parameters, prepared, q, u)
+        W, _, offset = speeds(parameters, prepared, shared)
+        vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
+        udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
+        return velocity(u, W, offset), udot
+
+    return rate
+
+
+_COMPOSERS = {"terms": _from_terms, "speeds": _from_speeds, "bodies": _from_bodies}

@@ -1,0 +1,1 @@
+"""Tables and figures: they read Findings and Records and compute nothing."""

@@ -1,0 +1,83 @@
+"""Timings and tolerance measurements as tables and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from statistics import median
+
+from rich.table import Table
+
+from eomcheck import __version__
+from eomcheck.report.console import console
+from eomcheck.studies.rhs import TRIGONOMETRY, Timing
+from eomcheck.tolerance import C
+
+
+def _seconds(value: float) -> str:
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= scale:
+            return f"{value / scale:.3g} {unit}"
+    return f"{value / 1e-9:.3g} ns"
+
+
+def slope(points: Iterable[tuple[float, float]]) -> float:
+    """Return the least-squares slope of log(y) over log(x)."""
+    logs = [(math.log(x), math.log(y)) for x, y in points]
+    mean_x = sum(x for x, _ in logs) / len(logs)
+    mean_y = sum(y for _, y in logs) / len(logs)
+    return sum((x - mean_x) * (y - mean_y) for x, y in logs) / sum(
+        (x - mean_x) ** 2 for x, _ in logs
+    )
+
+
+def print_rhs(records: list[Timing]) -> None:
+    """Print medians, their ratio to sines and cosines alone, and the slope of log t over log N."""
+    links = sorted({record.links for record in records})
+    by_key = {(record.what, record.links): record for record in records}
+    table = Table(header_style="bold")
+    table.add_column("right-hand side", no_wrap=True)
+    for n in links:
+        table.add_column(f"N = {n}", justify="right")
+    table.add_column("slope, N >= 100", justify="right")
+    table.add_column("compiling", justify="right")
+    for what in dict.fromkeys(record.what for record in records):
+        cells, large, compiling = [], [], 0.0
+        for n in links:
+            record = by_key.get((what, n))
+            if record is None:
+                cells.append("")
+                continue
+            ratio = record.seconds / by_key[TRIGONOMETRY, n].seconds
+            cells.append(f"{_seconds(record.seconds)}  ({ratio:.3g}×)")
+            compiling = max(compiling, record.compile_seconds)
+            if n >= 100:
+                large.append((n, record.seconds))
+        fitted = f"{slope(large):.3f}" if len(large) > 1 else ""
+        table.add_row(what, *cells, fitted, _seconds(compiling))
+    console.print(table)
+    console.print(
+        "Median time of one right-hand side and, in brackets, its ratio to the sines and cosines "
+        "of the N angles alone."
+    )
+
+
+def write_records(path: Path, records: list[Timing]) -> None:
+    """Write timings to `path` as JSON."""
+    document = {"eomcheck": __version__, "timings": [asdict(record) for record in records]}
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def print_tolerance(ratios: dict[str, list[float]]) -> None:
+    """Print median and largest observed / (κ ε scale) per claim beside C."""
+    table = Table(header_style="bold")
+    for column in ("claim", "findings", "median", "largest"):
+        table.add_column(column, justify="left" if column == "claim" else "right")
+    for claim, values in ratios.items():
+        table.add_row(claim, str(len(values)), f"{median(values):.2g}", f"{max(values):.2g}")
+    console.print(table)
+    top = max(max(values) for values in ratios.values())
+    console.print(f"observed / (κ ε scale): largest {top:.3g}; the constant C is {C:g}.")

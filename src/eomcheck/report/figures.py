@@ -1,0 +1,106 @@
+"""Figures: they read Records and scenes and compute nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.scenes import Snake
+from eomcheck.studies.agreement import REFERENCE, Agreement
+
+COLORS = dict(
+    zip(
+        FORMULATIONS,
+        # Okabe and Ito's palette, told apart by colour-blind readers
+        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
+        strict=False,
+    )
+)
+MARKERS = dict(zip(FORMULATIONS, "osD^vP*", strict=False))
+FLOOR = 1e-18
+"""Exact agreement is drawn here: a logarithm has no zero."""
+
+
+def draw_snake(axes: Axes, scene: Snake) -> None:
+    """Draw the links, the head and the wheels of a snake in its initial pose."""
+    q, _ = scene.initial_state()
+    theta = q[2:]
+    steps = scene.length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
+    joints = np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))
+    axes.plot(*joints.T, "-o", color="0.25", lw=3, ms=5, solid_capstyle="round")
+    axes.plot(*joints[0], "o", color="white", mec="0.25", ms=11, mew=2)
+    centres = (joints[:-1] + joints[1:]) / 2
+    phi = theta + scene.wheel_angle
+    wheel = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
+    for centre, half in zip(centres, wheel, strict=True):
+        axes.plot(*np.column_stack((centre - half, centre + half)), color="#D55E00", lw=6)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+
+
+def draw_agreement(records: list[Agreement], path: Path) -> None:
+    """Draw how far each formulation is from the reference, beside the allowed and a fault."""
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(10.5, 4.4), width_ratios=(1, 2.1), layout="constrained"
+    )
+    draw_snake(left, Snake.paper())
+    left.set_title("Seven-link snake on wheels", fontsize=11)
+
+    states = {(r.links, r.faulty): r for r in records}.values()
+    right.scatter(
+        [r.links for r in states],
+        [r.faulty for r in states],
+        marker="x",
+        color="#B00020",
+        s=22,
+        lw=1.2,
+        label="one sign flipped",
+    )
+    right.scatter(
+        [r.links for r in records],
+        [r.allowed for r in records],
+        marker="_",
+        color="0.72",
+        s=28,
+        lw=1.4,
+        label="allowed by rounding",
+        zorder=1,
+    )
+    for key in dict.fromkeys(r.key for r in records):
+        mine = [r for r in records if r.key == key]
+        right.scatter(
+            [r.links for r in mine],
+            [max(r.observed, FLOOR) for r in mine],
+            marker=MARKERS[key],
+            color=COLORS[key],
+            s=20,
+            alpha=0.75,
+            lw=0,
+            label=key,
+        )
+    right.set_yscale("log")
+    right.set_ylim(FLOOR / 3, 1e3)
+    right.set_xlabel("number of links N")
+    right.set_ylabel(f"distance from {REFERENCE}, relative to max |q̈|")
+    right.set_title("Seven formulations on random snakes", fontsize=11)
+    right.annotate(
+        "lowest row: equal to the last bit",
+        (0.99, 0.045),
+        xycoords="axes fraction",
+        ha="right",
+        fontsize=8,
+        color="0.35",
+    )
+    right.grid(alpha=0.25)
+    right.legend(ncols=1, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)

@@ -1,0 +1,138 @@
+"""Findings as a table of claims × formulations and engines, and as JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from eomcheck import __version__
+from eomcheck.checks import CLAIMS, Finding
+from eomcheck.checks.validate import Run, Selection
+from eomcheck.report.console import console
+
+
+def worst(findings: Iterable[Finding]) -> Finding | None:
+    """Return a failed Finding, else the one with the largest observed / allowed that counts."""
+    ranked = sorted(
+        findings,
+        key=lambda f: (f.verdict == "failed", f.verdict == "passed", f.ratio),
+    )
+    return ranked[-1] if ranked else None
+
+
+def parties(finding: Finding) -> set[str]:
+    """Return the formulations and engines that a Finding is about."""
+    return set(re.findall(r"\w+", finding.subject))
+
+
+def _cell(findings: list[Finding]) -> str:
+    finding = worst(findings)
+    if finding is None:
+        return "[dim]·[/]"
+    if finding.verdict == "inconclusive":
+        return "[yellow]?[/]"
+    if finding.verdict == "failed":
+        return "[bold red]FAIL[/]"
+    return f"[green]{_percent(finding.ratio)}[/]"
+
+
+def _percent(ratio: float) -> str:
+    return "0" if ratio == 0 else "<1%" if ratio < 0.01 else f"{100 * ratio:.0f}%"
+
+
+def _evidence(findings: list[Finding]) -> str:
+    level = findings[0].evidence.partition(":")[0]
+    open_ = sum(finding.verdict == "inconclusive" for finding in findings)
+    return f"{level}, {len(findings)}" + (f", {open_} open" if open_ else "")
+
+
+def findings_table(run: Run, selection: Selection) -> Table:
+    """Return claims × formulations and engines; a cell is the worst observed / allowed."""
+    columns = [f.key for f in selection.formulations] + [e.key for e in selection.engines]
+    table = Table(title=None, header_style="bold", expand=False, pad_edge=False)
+    table.add_column("claim", no_wrap=True)
+    for name in ("all", *columns):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("evidence, findings", no_wrap=True)
+    table.add_column("time", justify="right", no_wrap=True)
+    by_claim = group(run.findings, lambda f: f.claim)
+    for id in CLAIMS:
+        found = by_claim.get(id, [])
+        if not found:
+            continue
+        table.add_row(
+            id,
+            _cell(found),
+            *(_cell([f for f in found if name in parties(f)]) for name in columns),
+            _evidence(found),
+            f"{run.seconds.get(id, 0.0):.1f} s",
+        )
+    return table
+
+
+def group(findings: Iterable[Finding], key) -> dict[Any, list[Finding]]:
+    """Return the Findings by `key`, in order."""
+    groups: dict[Any, list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault(key(finding), []).append(finding)
+    return groups
+
+
+def print_run(run: Run, selection: Selection) -> None:
+    """Print the table, what it says, and the smallest failing state as Python."""
+    engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
+    console.print(f"eomcheck {__version__}, {engines}, {run.cases} states")
+    console.print(findings_table(run, selection))
+    console.print(
+        "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
+        "checked, ·: not concerned)."
+    )
+    for finding in run.findings:
+        if finding.claim == "coverage":
+            console.print(f"coverage: {finding.detail}")
+    failed = [finding for finding in run.findings if finding.verdict == "failed"]
+    if not failed:
+        open_ = sum(finding.verdict == "inconclusive" for finding in run.findings)
+        passed = len(run.findings) - open_
+        console.print(f"[bold green]{passed} findings passed, {open_} inconclusive, 0 failed.[/]")
+        return
+    for found in group(failed, lambda f: (f.claim, f.subject)).values():
+        console.print(f"[bold red]failed[/] {found[0]}", highlight=False, soft_wrap=True)
+    smallest = run.minimal or next((f for f in failed if f.claim != "coverage"), None)
+    if smallest is None:
+        return
+    console.print("\nThe smallest failing state found, to paste into Python:\n")
+    code = smallest.as_python()
+    console.print(code, markup=False, highlight=False, soft_wrap=True)
+
+
+def write_json(path: Path, findings: list[Finding], run: Run, selection: Selection) -> None:
+    """Write every Finding, each case once, to `path`."""
+    cases: list[dict[str, Any]] = []
+    index: dict[int, int] = {}
+    rows = []
+    for finding in findings:
+        row = finding.as_dict()
+        case = {key: row.pop(key) for key in ("scene", "q", "v", "t")}
+        if id(finding.state.q) not in index:
+            index[id(finding.state.q)] = len(cases)
+            cases.append(case)
+        rows.append(row | {"case": index[id(finding.state.q)]})
+    document = {
+        "eomcheck": __version__,
+        "engines": [engine.version() for engine in selection.engines],
+        "formulations": [formulation.key for formulation in selection.formulations],
+        "claims": {
+            id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
+            for id in selection.claims
+        },
+        "cases": cases,
+        "findings": rows,
+        "minimal": None if run.minimal is None else run.minimal.as_python(),
+    }
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

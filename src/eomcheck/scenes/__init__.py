@@ -1,0 +1,11 @@
+"""The scenes: one file each, one line each in `SCENES`."""
+
+from __future__ import annotations
+
+from eomcheck.model import Scene
+from eomcheck.scenes.snake import Snake
+
+SCENES: dict[str, type[Scene]] = {scene.key: scene for scene in (Snake,)}
+"""Key -> class."""
+
+__all__ = ["SCENES", "Snake"]

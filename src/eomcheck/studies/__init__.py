@@ -1,0 +1,1 @@
+"""Studies: they measure and return Records."""

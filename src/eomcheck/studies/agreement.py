@@ -1,0 +1,81 @@
+"""How far apart the formulations are on random snakes, beside what rounding allows and a fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import hypothesis
+from hypothesis import HealthCheck, Phase
+
+from eomcheck import strategies
+from eomcheck.errors import RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.report.console import progress
+from eomcheck.tolerance import allowed_error, largest
+
+REFERENCE = "au"
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Distance of one formulation from the reference at one state, relative to max |q̈|.
+
+    `observed` is the distance, `allowed` what rounding allows of it. `faulty` is the distance of
+    the reference itself when the sign of gamma is flipped.
+    """
+
+    key: str
+    links: int
+    observed: float
+    allowed: float
+    faulty: float
+
+
+def measure_agreement(max_links: int = 40, per_size: int = 3, seed: int = 0) -> list[Agreement]:
+    """Return the Records of `per_size` random snakes of each size from 1 to `max_links` links."""
+    records: list[Agreement] = []
+    with progress("comparing", max_links * per_size) as advance:
+        for links in range(1, max_links + 1):
+
+            @hypothesis.seed(seed)
+            @hypothesis.settings(
+                max_examples=per_size,
+                database=None,
+                deadline=None,
+                phases=[Phase.generate],
+                suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+            )
+            @hypothesis.given(strategies.scene_states(strategies.snakes(links, links)))
+            def measure(case):
+                records.extend(_compare(Evaluation(case[0], *case[1])))
+                advance()
+
+            measure()
+    return records
+
+
+def _compare(at: Evaluation) -> list[Agreement]:
+    reference = FORMULATIONS[REFERENCE]
+    try:
+        vdot = at.acceleration(reference).vdot
+        spread = at.acceleration_spread(reference)
+    except RefusedError:
+        return []
+    M, _, _, a, gamma, _ = at.terms
+    flipped = reference.solution(M, at.F, a, -gamma, at.v, at.partition())[0]
+    scale = largest(vdot)
+    if scale == 0.0:
+        return []
+    records = []
+    for key, formulation in FORMULATIONS.items():
+        if key == REFERENCE:
+            continue
+        try:
+            observed = largest(at.acceleration(formulation).vdot - vdot) / scale
+            allowed = allowed_error(at.acceleration_spread(formulation) + spread) / scale
+        except RefusedError:
+            continue
+        faulty = largest(flipped - vdot) / scale
+        records.append(Agreement(key, at.scene.r, observed, allowed, faulty))
+    return records

@@ -1,0 +1,170 @@
+"""The cost of one right-hand side: every formulation, over the number of links.
+
+All in one run and one process: the compiled right-hand sides, called in a compiled loop; the sines
+and cosines of the link angles alone; and Pinocchio's `computeAllTerms` and `forwardDynamics` on the
+same chain, called from Python as its users do. Medians of warm runs; compile time apart.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from statistics import median, quantiles
+
+import numba
+import numpy as np
+
+from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck.engines.base import required
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.errors import InputError
+from eomcheck.evaluate import Evaluation, velocity
+from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
+from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.report.console import progress
+from eomcheck.scenes import Snake
+
+LINKS = (7, 20, 100, 1000, 10000)
+DENSE_LIMIT = 200
+"""Largest N by default for what costs O(N³)."""
+BATCH_SECONDS = 0.02
+"""A timed batch repeats the call until it takes about this long."""
+
+TRIGONOMETRY = "sin, cos"
+PINOCCHIO = PinocchioEngine.key
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of one call: `what` at N = `links`.
+
+    `seconds` is the median over batches, `quartiles` the lower and the upper one. `compile_seconds`
+    is what the first call took more, in this process, with what the disk cache held.
+    """
+
+    what: str
+    links: int
+    seconds: float
+    quartiles: tuple[float, float]
+    compile_seconds: float
+
+
+def bench_snake(links: int) -> tuple[Snake, np.ndarray, np.ndarray]:
+    """Return a gently curved snake with springs in motion, whose W does not grow: (scene, q, u)."""
+    one = np.ones(links)
+    scene = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(np.arange(links)))
+    theta = 0.3 * np.sin(0.7 * np.arange(links))
+    return scene, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
+
+
+def time_call(what: str, links: int, call: Callable[[int], object], repeats: int) -> Timing:
+    """Time `call(k)`, which does the work k times."""
+    start = time.perf_counter()
+    call(1)
+    first = time.perf_counter() - start
+    start = time.perf_counter()
+    call(1)
+    count = max(1, round(BATCH_SECONDS / max(time.perf_counter() - start, 1e-7)))
+    call(count)
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call(count)
+        seconds.append((time.perf_counter() - start) / count)
+    low, _, high = quantiles(seconds, n=4) if repeats > 1 else [seconds[0]] * 3
+    middle = median(seconds)
+    return Timing(what, links, middle, (low, high), max(first - middle, 0.0))
+
+
+@numba.njit
+def _repeat(rate, parameters, q, speeds, partition, count):
+    total = 0.0
+    for _ in range(count):
+        total += rate(parameters, q, speeds, partition)[1][0]
+    return total
+
+
+@numba.njit
+def _repeat_angles(trigonometry, theta, count):
+    total = 0.0
+    for _ in range(count):
+        prepared = trigonometry(theta)
+        total += prepared.cos[0] + prepared.sin[-1]
+    return total
+
+
+def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], object]:
+    scene, q, u = bench_snake(links)
+    rate = right_hand_side(scene, formulation)
+    speeds = velocity(scene, q, u) if formulation.uses == "terms" else u
+    at = Evaluation(scene, q, np.zeros(scene.n))
+    arguments = (at.parameters, at.q, speeds, at.partition())
+    return lambda count: _repeat(rate, *arguments, count)
+
+
+def _trigonometry_call(links: int) -> Callable[[int], object]:
+    theta = bench_snake(links)[1][2:]
+    return lambda count: _repeat_angles(compiled(angles), theta, count)
+
+
+def _pinocchio_call(links: int) -> Callable[[int], object]:
+    pin = required(PINOCCHIO)
+    scene, q, u = bench_snake(links)
+    at = Evaluation(scene, q, velocity(scene, q, u))
+    engine = PinocchioEngine(scene)
+    T = engine.coordinates
+    back = np.linalg.inv(T)
+    x, xd, force = T @ at.q, T @ at.v, back.T @ at.terms.Q
+    jacobian, drift = at.terms.a @ back, at.terms.gamma
+    model, data = engine.model, engine.data
+
+    def call(count: int) -> None:
+        for _ in range(count):
+            pin.computeAllTerms(model, data, x, xd)
+            pin.forwardDynamics(model, data, force, jacobian, drift)
+
+    return call
+
+
+def measure_all(
+    links: Iterable[int] | None = None, keys: Iterable[str] | None = None, repeats: int = 15
+) -> list[Timing]:
+    """Time everything and return the Records.
+
+    Args:
+        links: numbers of links, by default `LINKS`, where what costs O(N³) stops at `DENSE_LIMIT`.
+        keys: formulations, all by default.
+        repeats: timed batches per median.
+
+    Raises:
+        InputError: a number of links or of repeats below 1.
+        UnknownNameError: no such formulation.
+    """
+    formulations = [formulation_of(key) for key in (FORMULATIONS if keys is None else keys)]
+    chosen = LINKS if links is None else tuple(links)
+    for name, values in (("links", chosen), ("repeats", (repeats,))):
+        for value in values:
+            if value < 1:
+                raise InputError(f"{name} = {value}, expected at least 1")
+
+    def dense(n: int) -> bool:
+        return links is not None or n <= DENSE_LIMIT
+
+    jobs: list[tuple[str, int, Callable[[int], Callable[[int], object]]]] = []
+    for n in chosen:
+        jobs.append((TRIGONOMETRY, n, _trigonometry_call))
+        jobs += [
+            (f.key, n, partial(_formulation_call, f))
+            for f in formulations
+            if f.uses == "bodies" or dense(n)
+        ]
+        if dense(n):
+            jobs.append((PINOCCHIO, n, _pinocchio_call))
+    records = []
+    with progress("timing", len(jobs)) as advance:
+        for what, n, prepare in jobs:
+            records.append(time_call(what, n, prepare(n), repeats))
+            advance()
+    return records

@@ -1,0 +1,36 @@
+"""How large an error may be before it means something: allowed = C · κ · ε · scale.
+
+κ · scale is measured, not guessed (`eomcheck.arithmetic.noise`): it is how far the quantity moves,
+per relative change, when every number that its computation reads is moved relative to itself and
+every matrix that it solves is moved by the backward error of elimination. The condition numbers of
+the matrices are in it, and so is the cancellation before and after them, which a matrix alone does
+not show. ε is the spacing of doubles at 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.arithmetic.linear import EPS
+
+C = 32.0
+"""The one constant of every tolerance.
+
+`eomcheck bench tolerance` measures observed / (κ ε scale) over random states.
+"""
+
+INCONCLUSIVE = 1e-3
+"""Where allowed / |reference| exceeds this, nothing was checked."""
+
+
+def allowed_error(spread: float) -> float:
+    """Return C · ε · spread, where spread = κ · scale."""
+    return C * EPS * spread
+
+
+def largest(x) -> float:
+    """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite)."""
+    x = np.asarray(x, dtype=np.float64)
+    if not np.isfinite(x).all():
+        return float("inf")
+    return float(np.abs(x).max(initial=0.0))

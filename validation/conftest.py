@@ -1,0 +1,21 @@
+"""Options of the validation suite: which snakes, and how many examples."""
+
+import pytest
+
+from eomcheck.cli import interval
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("eomcheck")
+    group.addoption("--links", default="1..8", help="links of the snakes drawn, N or N..M")
+    group.addoption("--examples", type=int, help="examples per claim, by default the profile's")
+
+
+@pytest.fixture
+def links(request: pytest.FixtureRequest) -> tuple[int, int]:
+    return interval(request.config.getoption("--links"))
+
+
+@pytest.fixture
+def examples(request: pytest.FixtureRequest) -> int | None:
+    return request.config.getoption("--examples")

@@ -1,0 +1,96 @@
+"""`holds(claim)`: the test that one claim holds on drawn and on special states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis.strategies import SearchStrategy
+
+import eomcheck
+from eomcheck import strategies
+from eomcheck.model import Scene, State
+from eomcheck.scenes import Snake
+
+
+def rolling(scene: Snake, theta, u=(1.0, 0.5)) -> tuple[Snake, State]:
+    """Return the snake in a pose, in motion with u."""
+    q = np.concatenate(([0.3, -0.2], np.broadcast_to(theta, scene.links)))
+    return scene, State(q, eomcheck.velocity(scene, q, u))
+
+
+def resting(scene: Snake) -> tuple[Snake, State]:
+    """Return the snake in its initial state."""
+    return scene, State(*scene.initial_state())
+
+
+def uniform(wheel_angle, stiffness: float | None = 100.0) -> Snake:
+    """Return a snake of equal links with the wheel angles given."""
+    one = np.ones(len(wheel_angle))
+    springs = None if stiffness is None else stiffness * one[1:]
+    return Snake(one, one, one / 12, springs, wheel_angle)
+
+
+ACROSS = uniform([0.1, 0.2, math.pi / 2])
+
+SPECIAL: tuple[tuple[Snake, State], ...] = (
+    resting(Snake.paper()),
+    resting(Snake.coil(3)),
+    resting(Snake.pattern(12)),
+    # N = 1: el and em divide by sin φ_1.
+    rolling(uniform([0.0]), 0.0),
+    rolling(uniform([0.3]), -0.3),
+    rolling(uniform([0.3]), 0.5),
+    # N = 2 and N = 3: el and em are singular where the last two wheels are parallel.
+    rolling(uniform([0.0, 0.0]), 0.7),
+    rolling(uniform([0.25, -0.25], None), [0.5, 1.0]),
+    rolling(uniform([0.1, 0.2, 0.2]), [0.0, 0.4, 0.4]),
+    rolling(uniform([0.1, 0.2, 0.2]), [0.0, 0.4, 0.4 + math.pi]),
+    # stretched, wheels along
+    rolling(uniform([0.0] * 5), 0.0),
+    # found by the fuzz profile: B hardly more than nothing beside m ω V, which Pinocchio forms
+    (
+        Snake([1.0], [0.25], [1.0], None, [1.0]),
+        State(
+            np.array([0.0, 0.0, 0.4]),
+            np.array([0.16958082394687382, 0.9854994391239094, -0.005761912526184186]),
+        ),
+    ),
+    # a wheel across its link: ml and kane refuse
+    (ACROSS, State(np.array([0.0, 0.0, 0.1, 0.5, 0.9]), np.zeros(5))),
+)
+"""States that a draw would hardly hit."""
+
+
+def holds(
+    claim: str,
+    of: Callable[[Scene], SearchStrategy[State]] = strategies.states,
+    **ranges,
+) -> Callable[..., None]:
+    """Return the test that `claim` holds on drawn snakes and on the special states.
+
+    It also fails if nothing could be checked on any of them.
+    """
+
+    def test(links: tuple[int, int], examples: int | None) -> None:
+        conclusive = 0
+
+        def holds_here(case: tuple[Scene, State]) -> None:
+            nonlocal conclusive
+            scene, state = case
+            for finding in eomcheck.check(scene, *state, claims=[claim]):
+                assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
+                conclusive += finding.verdict == "passed"
+
+        drawn = strategies.scene_states(strategies.snakes(*links, **ranges), of)
+        search = given(drawn)(holds_here)
+        for case in SPECIAL:
+            search = example(case)(search)
+        search = settings(max_examples=examples or settings().max_examples)(search)
+        search()
+        assert conclusive > 0
+
+    test.__doc__ = f"{eomcheck.CLAIMS[claim].statement}: Eqs. {eomcheck.CLAIMS[claim].equations}."
+    return test
