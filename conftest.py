@@ -1,6 +1,12 @@
 """hypothesis profiles: `ci` by default, `--hypothesis-profile fuzz` for long runs by hand."""
 
+import os
+
 from hypothesis import HealthCheck, settings
+
+# The matrices are small: threads cost more than they gain. To be set before numpy is imported.
+for library in ("OPENBLAS", "MKL", "OMP"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 slow = [HealthCheck.too_slow, HealthCheck.data_too_large]
 settings.register_profile(

@@ -6,6 +6,7 @@ until then is printed and saved). Each command imports what it needs when it run
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from enum import StrEnum
@@ -43,6 +44,10 @@ class Registry(StrEnum):
 
 def main() -> None:
     """Run the command line; bad input is one sentence and exit code 2."""
+    # Matrices of a few hundred rows gain nothing from threads, and lose much where other programs
+    # run. Libraries read this when they are loaded, which is after this line.
+    for library in ("OPENBLAS", "MKL", "OMP"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
         app()
     except EomcheckError as error:
@@ -106,8 +111,8 @@ def validate(
 
     from eomcheck import strategies
     from eomcheck.checks.validate import Run, Selection
+    from eomcheck.console import console, progress
     from eomcheck.model import State
-    from eomcheck.report.console import console, progress
     from eomcheck.report.findings import print_run, write_json
     from eomcheck.scenes import Snake
 
@@ -131,7 +136,7 @@ def validate(
     print_run(run, selection)
     if json is not None:
         write_json(json, findings, run, selection)
-        console.print(f"written: {json}")
+        typer.echo(f"written: {json}")
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
         raise typer.Exit(130)

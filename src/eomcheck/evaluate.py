@@ -121,8 +121,9 @@ class Evaluation:
     @cached_property
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""
-        v = self.speeds.W @ self.u
-        return v if self.speeds.offset is None else v + self.speeds.offset
+        with np.errstate(all="ignore"):
+            v = self.speeds.W @ self.u
+            return v if self.speeds.offset is None else v + self.speeds.offset
 
     def partition(self, pivoted: bool = False) -> Partition:
         """Return the paper's partition, the first r columns, or one by pivoted QR of a."""
@@ -332,9 +333,10 @@ def acceleration(
 def _violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
     """Return (a v + b, what rounding allows of it), each (r,)."""
     a, b = at.terms.a, at.terms.b
-    residual = a @ v if b is None else a @ v + b
-    size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
-    return residual, allowed_error(1.0) * size
+    with np.errstate(all="ignore"):
+        residual = a @ v if b is None else a @ v + b
+        size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
+        return residual, allowed_error(1.0) * size
 
 
 def check_consistent(at: Evaluation) -> None:
@@ -346,7 +348,8 @@ def check_consistent(at: Evaluation) -> None:
     if at.terms.a is None:
         return
     residual, allowed = _violation(at, at.v)
-    excess = np.abs(residual) - allowed
+    with np.errstate(invalid="ignore"):
+        excess = np.abs(residual) - allowed
     if (excess > 0).any():
         row = int(np.argmax(excess))
         raise InconsistentVelocityError(

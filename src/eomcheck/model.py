@@ -254,8 +254,11 @@ def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
         InputError: it cannot be read as such, or an entry is not finite.
     """
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiuO":
+            raise TypeError
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} = {value!r} is not an array of real numbers") from None
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}, expected {shape}")

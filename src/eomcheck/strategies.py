@@ -24,8 +24,9 @@ from scipy.linalg import null_space
 
 from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation, consistent_velocity
-from eomcheck.model import Scene, State
+from eomcheck.model import Scene, State, finite_array
 from eomcheck.scenes import Snake
+from eomcheck.scenes.snake import whole_links
 
 NEGLIGIBLE = 1e-6
 """Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""
@@ -35,9 +36,12 @@ CURVATURE = 0.4
 
 
 def _interval(name: str, bounds: tuple[float, float], lowest: float) -> SearchStrategy[float]:
-    low, high = bounds
-    if not (math.isfinite(low) and math.isfinite(high) and lowest <= low <= high):
-        raise InputError(f"{name} = {bounds}, expected {lowest:g} <= low <= high, both finite")
+    try:
+        low, high = finite_array(name, bounds, (2,)).tolist()
+    except InputError:
+        low = high = math.nan
+    if not lowest <= low <= high:
+        raise InputError(f"{name} = {bounds!r}, expected {lowest:g} <= low <= high, both finite")
     return st.floats(low, high)
 
 
@@ -51,13 +55,10 @@ def _vector(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[fl
 
 
 def _links(min_links: int, max_links: int) -> SearchStrategy[int]:
-    if not (isinstance(min_links, int) and isinstance(max_links, int)):
-        raise InputError(f"min_links, max_links = {min_links!r}, {max_links!r}: not whole numbers")
-    if not 1 <= min_links <= max_links:
-        raise InputError(
-            f"min_links, max_links = {min_links}, {max_links}, expected 1 <= min_links <= max_links"
-        )
-    return st.integers(min_links, max_links)
+    low, high = whole_links(min_links, "min_links"), whole_links(max_links, "max_links")
+    if low > high:
+        raise InputError(f"min_links, max_links = {low}, {high}, expected min_links <= max_links")
+    return st.integers(low, high)
 
 
 def snakes(

@@ -109,11 +109,22 @@ def compiled(function: Callable) -> Callable:
     identity with every process and would never be found again.
     """
     _register_marked()
+    entry = _entry(function) if function in _settled_when_called else function
     with _cache_directory():
-        return numba.njit(cache=_has_source(function), error_model="numpy")(function)
+        return numba.njit(cache=_has_source(function), error_model="numpy")(entry)
+
+
+def _entry(function: Callable) -> Callable:
+    """Return a function that calls `function`: absent arguments are settled in calls only."""
+
+    def enter(*arguments):
+        return function(*arguments)
+
+    return enter
 
 
 _registered = 0
+_settled_when_called: set[Callable] = set()
 
 
 def _register_marked() -> None:
@@ -124,6 +135,8 @@ def _register_marked() -> None:
 
 
 def _register(function: Callable) -> None:
+    _settled_when_called.add(function)
+
     @overload(function, jit_options={"error_model": "numpy"}, strict=False)
     def _(*types):
         return settle_absent(function, tuple(isinstance(t, numba.types.NoneType) for t in types))

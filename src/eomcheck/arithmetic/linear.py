@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from fractions import Fraction
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +93,9 @@ def solve(A, b, name):
         return _lapack_solve(A, b, name)
     if A.shape[0] == 0:
         return b.copy()
-    return SOLVERS.get(type(A[0, 0]), eliminate)(A, b, name)
+    # Generic functions write literal zeros and ones among the numbers of the model.
+    numbers = (x for x in chain(A.flat, b.flat) if not isinstance(x, int))
+    return SOLVERS.get(type(next(numbers, 0)), eliminate)(A, b, name)
 
 
 def _lapack_solve(A, b, name):
@@ -140,6 +144,9 @@ def eliminate(A, b, name):
     """Solve A x = b over any exact field by Gauss-Jordan elimination, first nonzero pivot."""
     size = A.shape[0]
     work = np.concatenate((A, b.reshape(size, -1)), axis=1)
+    # A quotient of two literals would be a double.
+    zero = 0 * next((x for x in work.flat if not isinstance(x, int)), Fraction(0))
+    work = work + zero
     for column in range(size):
         pivot = next((row for row in range(column, size) if work[row, column] != 0), None)
         if pivot is None:

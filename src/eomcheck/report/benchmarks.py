@@ -12,7 +12,7 @@ from statistics import median
 from rich.table import Table
 
 from eomcheck import __version__
-from eomcheck.report.console import console
+from eomcheck.console import console
 from eomcheck.studies.rhs import TRIGONOMETRY, Timing
 from eomcheck.tolerance import C
 
@@ -38,7 +38,7 @@ def print_rhs(records: list[Timing]) -> None:
     """Print medians, their ratio to sines and cosines alone, and the slope of log t over log N."""
     links = sorted({record.links for record in records})
     by_key = {(record.what, record.links): record for record in records}
-    table = Table(header_style="bold")
+    table = Table(header_style="bold", show_lines=True)
     table.add_column("right-hand side", no_wrap=True)
     for n in links:
         table.add_column(f"N = {n}", justify="right")
@@ -52,7 +52,7 @@ def print_rhs(records: list[Timing]) -> None:
                 cells.append("")
                 continue
             ratio = record.seconds / by_key[TRIGONOMETRY, n].seconds
-            cells.append(f"{_seconds(record.seconds)}  ({ratio:.3g}×)")
+            cells.append(f"{_seconds(record.seconds)}\n[dim]{ratio:.3g} ×[/]")
             compiling = max(compiling, record.compile_seconds)
             if n >= 100:
                 large.append((n, record.seconds))
@@ -60,8 +60,8 @@ def print_rhs(records: list[Timing]) -> None:
         table.add_row(what, *cells, fitted, _seconds(compiling))
     console.print(table)
     console.print(
-        "Median time of one right-hand side and, in brackets, its ratio to the sines and cosines "
-        "of the N angles alone."
+        "Median time of one right-hand side; below it, the ratio to the sines and cosines of the N "
+        "angles alone."
     )
 
 

@@ -8,12 +8,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from eomcheck import __version__
 from eomcheck.checks import CLAIMS, Finding
 from eomcheck.checks.validate import Run, Selection
-from eomcheck.report.console import console
+from eomcheck.console import console
 
 
 def worst(findings: Iterable[Finding]) -> Finding | None:
@@ -102,7 +103,7 @@ def print_run(run: Run, selection: Selection) -> None:
         console.print(f"[bold green]{passed} findings passed, {open_} inconclusive, 0 failed.[/]")
         return
     for found in group(failed, lambda f: (f.claim, f.subject)).values():
-        console.print(f"[bold red]failed[/] {found[0]}", highlight=False, soft_wrap=True)
+        console.print(escape(str(found[0])), style="red", highlight=False, soft_wrap=True)
     smallest = run.minimal or next((f for f in failed if f.claim != "coverage"), None)
     if smallest is None:
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from eomcheck.report.console import console
+from eomcheck.console import console
 
 
 def _yes(flag: bool) -> str:

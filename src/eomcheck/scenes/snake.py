@@ -373,6 +373,17 @@ def constraint(parameters, angles, q, v):
     return c
 
 
+def whole_links(links: int, name: str = "links") -> int:
+    """Return a number of links as an int.
+
+    Raises:
+        InputError: it is no whole number of at least 1.
+    """
+    if isinstance(links, bool) or not isinstance(links, int | np.integer) or links < 1:
+        raise InputError(f"{name} = {links!r}, expected a whole number of at least 1")
+    return int(links)
+
+
 # ---- The scene -----------------------------------------------------------------------------------
 
 
@@ -415,7 +426,10 @@ class Snake(Scene):
     constraint = staticmethod(constraint)
 
     def __post_init__(self):
-        links = np.shape(self.mass)[0] if np.ndim(self.mass) == 1 else 0
+        try:
+            (links,) = np.shape(self.mass)
+        except ValueError:
+            links = 0
         if links < 1:
             raise InputError(f"mass = {self.mass!r}: a snake has at least 1 link, one mass each")
         if self.pose is None:
@@ -451,7 +465,7 @@ class Snake(Scene):
 
         At N = 7 these are the paper's angles up to its rounding.
         """
-        return cls._uniform(links, np.radians(7.0) / max(links, 1))
+        return cls._uniform(links, 7.0 / whole_links(links))
 
     @classmethod
     def pattern(cls, links: int) -> Snake:
@@ -459,14 +473,12 @@ class Snake(Scene):
 
         Wheels turn against their links along the chain: near i = 90 they stand across it.
         """
-        return cls._uniform(links, np.radians(1.0))
+        return cls._uniform(whole_links(links), 1.0)
 
     @classmethod
-    def _uniform(cls, links: int, alpha_step: float) -> Snake:
-        if isinstance(links, bool) or not isinstance(links, int | np.integer) or links < 1:
-            raise InputError(f"links = {links!r}, expected a whole number of at least 1")
+    def _uniform(cls, links: int, degrees: float) -> Snake:
         one = np.ones(links)
-        alpha = alpha_step * np.arange(1, links + 1)
+        alpha = np.radians(degrees) * np.arange(1, links + 1)
         return cls(one, one, 0.0833 * one, 5000.0 * one[1:], alpha, 44.0 * alpha)
 
     def initial_state(self) -> tuple[Array, Array]:

@@ -8,10 +8,10 @@ import hypothesis
 from hypothesis import HealthCheck, Phase
 
 from eomcheck import strategies
+from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report.console import progress
 from eomcheck.tolerance import allowed_error, largest
 
 REFERENCE = "au"

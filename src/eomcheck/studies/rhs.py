@@ -17,13 +17,13 @@ import numba
 import numpy as np
 
 from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck.console import progress
 from eomcheck.engines.base import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation, velocity
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
 from eomcheck.motion.right_hand_side import right_hand_side
-from eomcheck.report.console import progress
 from eomcheck.scenes import Snake
 
 LINKS = (7, 20, 100, 1000, 10000)

@@ -6,7 +6,7 @@ from collections import defaultdict
 
 from eomcheck import strategies
 from eomcheck.checks.validate import Run, Selection
-from eomcheck.report.console import progress
+from eomcheck.console import progress
 from eomcheck.tolerance import C
 
 

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+import eomcheck
+from eomcheck.checks.finding import diagnose, judge, worst_entry
+from eomcheck.checks.validate import Run, Selection
+from eomcheck.errors import InconsistentVelocityError, InputError, UnknownNameError
+from eomcheck.model import State
+from eomcheck.scenes import Snake
+from eomcheck.tolerance import INCONCLUSIVE, allowed_error
+
+SNAKE = Snake([1, 2, 1], [1, 0.5, 1], [0.1, 0.1, 0.2], [3, 4], [0.1, -0.2, 0.3])
+Q = np.array([0.0, 0.0, 0.3, 0.8, -0.4])
+V = eomcheck.velocity(SNAKE, Q, [1.0, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("observed", "spread", "scale", "verdict"),
+    [
+        (0.0, 1.0, 1.0, "passed"),
+        (allowed_error(1.0), 1.0, 1.0, "passed"),
+        (1.01 * allowed_error(1.0), 1.0, 1.0, "failed"),
+        (float("nan"), 1.0, 1.0, "failed"),
+        (float("inf"), 1.0, 1.0, "failed"),
+        (0.0, float("inf"), float("inf"), "inconclusive"),
+        (1.0, float("inf"), 1.0, "inconclusive"),
+        (0.0, float("nan"), 1.0, "inconclusive"),
+        (1e-9, 1.1 * INCONCLUSIVE / allowed_error(1.0), 1.0, "inconclusive"),
+        (0.0, 1.0, 0.0, "inconclusive"),
+        (0.0, 0.0, 0.0, "passed"),
+        (1e-300, 0.0, 0.0, "failed"),
+    ],
+)
+def test_a_verdict_follows_from_observed_allowed_and_size(observed, spread, scale, verdict):
+    assert judge(observed, spread, scale)[1] == verdict
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda x: -x, "sign"),
+        (lambda x: 0 * x, "missing"),
+        (lambda x: 2 * x, "2 times too large"),
+        (lambda x: x / 2, "0.5 times too large"),
+        (lambda x: x.T, "transposed"),
+        (lambda x: 1.1 * x, "4.4, expected 4"),
+    ],
+)
+def test_a_diagnosis_says_what_is_wrong(change, says):
+    x = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert diagnose(change(x), x, 1e-12) == says
+
+
+def test_a_diagnosis_names_an_entry_that_should_vanish():
+    assert diagnose(np.array([0.0, 1.0]), np.zeros(2), 1e-12) == "should vanish"
+
+
+def test_the_worst_entry_is_named_along_each_axis():
+    error = np.array([[0.0, 0.1], [-0.3, 0.2]])
+    assert worst_entry(error, (("x", "y"), ("a", "b"))) == "entry (y, a)"
+    assert worst_entry(error[:, 1], (("x", "y"),)) == "row y"
+
+
+@pytest.mark.parametrize("claim", eomcheck.CLAIMS)
+def test_every_claim_but_refusals_and_coverage_finds_something_on_an_ordinary_state(claim):
+    findings = eomcheck.check(SNAKE, Q, V, claims=[claim])
+    if claim in ("refusals", "coverage"):
+        assert findings == []
+        return
+    assert findings
+    assert {finding.claim for finding in findings} == {claim}
+    assert {finding.verdict for finding in findings} == {"passed"}
+    assert all(0 <= finding.ratio <= 1 for finding in findings)
+
+
+def test_findings_about_engines_name_their_version():
+    compared = [f for f in eomcheck.check(SNAKE, Q, V) if f.evidence.startswith("compared")]
+    versions = {engine.version() for engine in eomcheck.ENGINES.values()}
+    assert {finding.evidence.removeprefix("compared: ") for finding in compared} == versions
+
+
+def test_without_engines_nothing_is_compared_and_the_rest_still_holds():
+    findings = eomcheck.check(SNAKE, Q, V, engines=[])
+    assert findings
+    assert not [f for f in findings if f.evidence.startswith("compared")]
+    assert all(finding.verdict == "passed" for finding in findings)
+
+
+def test_check_refuses_a_velocity_that_violates_the_constraints():
+    with pytest.raises(InconsistentVelocityError, match="wheel"):
+        eomcheck.check(SNAKE, Q, V + 0.1)
+    assert eomcheck.check(SNAKE, Q, V + 0.1, consistent=False)
+
+
+@pytest.mark.parametrize("name", ["formulations", "engines", "claims"])
+def test_unknown_names_are_refused(name):
+    with pytest.raises(UnknownNameError, match="'nonsense'"):
+        eomcheck.check(SNAKE, Q, V, **{name: ["nonsense"]})
+
+
+def test_validate_refuses_no_examples():
+    with pytest.raises(InputError, match="examples = 0"):
+        eomcheck.validate(SNAKE, examples=0)
+
+
+def test_validate_covers_the_initial_state_and_the_drawn_ones():
+    findings = eomcheck.validate(SNAKE, examples=4, engines=[])
+    assert len({id(finding.state.q) for finding in findings}) == 5
+    assert np.array_equal(findings[0].state.q, SNAKE.initial_state()[0])
+    assert {finding.verdict for finding in findings if finding.claim != "coverage"} == {"passed"}
+    (coverage,) = [finding for finding in findings if finding.claim == "coverage"]
+    assert coverage.verdict == "inconclusive", "4 states say nothing about 5 %"
+
+
+def test_a_justified_refusal_of_the_initial_state_is_no_failure():
+    stretched = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
+    findings = eomcheck.validate(stretched, examples=25, engines=[])
+    assert [f.subject for f in findings if f.claim == "refusals"][:2] == ["el", "em"]
+    assert not [finding for finding in findings if finding.verdict == "failed"]
+
+
+def test_hopeless_states_are_inconclusive_not_passed():
+    snake = Snake.pattern(60)
+    q, _ = snake.initial_state()
+    at_60 = eomcheck.check(snake, q, eomcheck.velocity(snake, q, [1.0, 0.5]), engines=[])
+    assert not [finding for finding in at_60 if finding.verdict == "failed"]
+    open_ = {finding.claim for finding in at_60 if finding.verdict == "inconclusive"}
+    assert "equivalence" in open_
+    for finding in at_60:
+        assert np.isfinite(finding.allowed) or finding.verdict == "inconclusive"
+
+
+def test_a_run_stops_at_a_failure_and_shrinks_it():
+    class Wrong(Snake):
+        compiled = False
+
+        @staticmethod
+        def terms(*arguments):
+            terms = Snake.terms(*arguments)
+            return terms._replace(B=-terms.B)
+
+    def build(links, omega):
+        scene = Wrong([1.0] * links, [1.0] * links, [0.1] * links, None, [0.0] * links)
+        q = np.concatenate(([0.0, 0.0], 0.5 * np.arange(links) + 0.5))
+        return scene, State(q, eomcheck.velocity(scene, q, [0.0, omega]))
+
+    cases = st.builds(build, st.integers(1, 4), st.floats(0.5, 2.0))
+    run, selection = Run(), Selection.of(engines=["casadi"])
+    run.explore(cases, selection, examples=20, seed=0)
+    assert run.minimal is not None
+    assert run.minimal.claim == "bias"
+    assert "bias, row" in run.minimal.detail and "sign" in run.minimal.detail
+    assert run.minimal.scene.n == 3, "one link is enough"
+    assert run.finish(selection)[-1] is run.minimal
+    assert run.cases == 1, "states met while shrinking are not counted"
+
+
+def test_a_finding_is_plain_data_and_python_code():
+    finding = eomcheck.check(SNAKE, Q, V, claims=["mass-matrix"])[0]
+    data = finding.as_dict()
+    assert data["q"] == Q.tolist() and data["v"] == V.tolist()
+    scope: dict = {}
+    exec(finding.as_python(), scope)
+    assert repr(scope["scene"]) == repr(SNAKE)
+    assert scope["q"] == Q.tolist()

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+import eomcheck
+from eomcheck import cli
+from eomcheck.checks.validate import Run
+from eomcheck.formulations import FORMULATIONS
+
+
+def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run the command line in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["eomcheck", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    return stop.value.code or 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["validate", "--links", "0"], "links = '0'"),
+        (["validate", "--links", "5..2"], "links = '5..2'"),
+        (["validate", "--links", "many"], "links = 'many'"),
+        (["validate", "--examples", "0"], "examples = 0"),
+        (["validate", "--engine", "mujoco"], "unknown engine 'mujoco'; known: pinocchio, casadi"),
+        (["validate", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
+        (["validate", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
+        (["bench", "rhs", "--links", "0"], "links = 0"),
+        (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
+        (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
+        (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
+        (["draw", "agreement", "a.png", "--links", "0"], "links = 0"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch, capsys):
+    assert run(*arguments, monkeypatch=monkeypatch) == 2
+    captured = capsys.readouterr()
+    assert says in captured.err
+    assert len(captured.err.strip().splitlines()) == 1
+    assert "Traceback" not in captured.err
+
+
+def test_unknown_options_are_exit_code_2(monkeypatch, capsys):
+    assert run("validate", "--no-such-option", monkeypatch=monkeypatch) == 2
+    assert "no-such-option" in capsys.readouterr().err
+
+
+def test_version_and_help_import_no_compiler_no_engine_and_no_plots():
+    code = (
+        "import sys; from eomcheck import cli\n"
+        "sys.argv = ['eomcheck', '--help']\n"
+        "try:\n    cli.main()\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numba', 'numpy', 'scipy', 'casadi', 'pinocchio', 'matplotlib', 'hypothesis'}\n"
+        "print('loaded', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "validate" in done.stdout
+    assert done.stdout.splitlines()[-1] == "loaded []"
+    version = subprocess.run(
+        [sys.executable, "-c", "import sys; from eomcheck import cli; sys.argv[1:] = ['--version']"
+         "; cli.main()"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert version.stdout.strip() == f"eomcheck {eomcheck.__version__}"
+
+
+@pytest.mark.parametrize("registry", list(cli.Registry))
+def test_list_names_everything_registered(registry, monkeypatch, capsys):
+    assert run("list", registry.value, monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    for key in getattr(eomcheck, registry.value.upper()):
+        assert key in printed
+
+
+def test_validate_prints_a_table_writes_json_and_exits_0(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "findings.json"
+    arguments = ["validate", "--links", "1..3", "--examples", "3", "--json", str(file)]
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    document = json.loads(file.read_text(encoding="utf-8"))
+    named = {finding["claim"] for finding in document["findings"]}
+    assert named >= set(eomcheck.CLAIMS) - {"refusals"}
+    assert all(claim in printed for claim in named)
+    assert "0 failed" in printed
+    assert {finding["verdict"] for finding in document["findings"]} <= {"passed", "inconclusive"}
+    assert len(document["cases"]) == 5
+    assert max(finding["case"] for finding in document["findings"]) == 4
+
+
+def test_only_the_engines_and_formulations_asked_for_take_part(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "findings.json"
+    arguments = ["--engine", "casadi", "--formulation", "au", "--formulation", "kane"]
+    limits = ["--links", "2", "--examples", "2", "--json", str(file)]
+    assert run("validate", *arguments, *limits, monkeypatch=monkeypatch) == 0
+    findings = json.loads(file.read_text(encoding="utf-8"))["findings"]
+    assert not [f for f in findings if "pinocchio" in f["evidence"]]
+    pairs = {f["subject"] for f in findings if f["claim"] == "equivalence"}
+    assert pairs == {"au ~ kane"}
+
+
+def plant_in_au(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(M, F, a, gamma, v, partition):
+        return right(M, F, a, -gamma, v, partition)
+
+    right = FORMULATIONS["au"].solution
+    monkeypatch.setitem(FORMULATIONS, "au", replace(FORMULATIONS["au"], solution=wrong))
+
+
+def test_a_failing_claim_is_exit_code_1_with_a_minimal_state_that_can_be_pasted(
+    monkeypatch, capsys
+):
+    plant_in_au(monkeypatch)
+    assert run("validate", "--links", "1..6", "--examples", "30", monkeypatch=monkeypatch) == 1
+    printed = capsys.readouterr().out
+    assert "constraint-acceleration [au] failed" in printed
+    code = printed[printed.index("import eomcheck") :]
+    scene = code[code.index("scene = Snake(") :].splitlines()[0]
+    assert scene.count("1.0") and "mass=[1.0]" in scene, "hypothesis shrinks to one link"
+    exec(code, {})
+    assert "constraint-acceleration [au] failed on snake[1]" in capsys.readouterr().out
+
+
+def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys, tmp_path):
+    look_at = Run.look_at
+
+    def interrupted(self, *arguments):
+        if self.cases == 3:
+            raise KeyboardInterrupt
+        return look_at(self, *arguments)
+
+    monkeypatch.setattr(Run, "look_at", interrupted)
+    file = tmp_path / "findings.json"
+    arguments = ["validate", "--links", "2", "--examples", "9", "--json", str(file)]
+    assert run(*arguments, monkeypatch=monkeypatch) == 130
+    assert len(json.loads(file.read_text(encoding="utf-8"))["cases"]) == 3
+    assert "interrupted" in capsys.readouterr().out
+
+
+def test_bench_rhs_times_what_was_asked_for(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "timings.json"
+    arguments = ["--links", "3", "--links", "5", "--formulation", "kane", "--repeats", "2"]
+    assert run("bench", "rhs", *arguments, "--json", str(file), monkeypatch=monkeypatch) == 0
+    timings = json.loads(file.read_text(encoding="utf-8"))["timings"]
+    assert {(t["what"], t["links"]) for t in timings} == {
+        (what, links) for what in ("sin, cos", "kane", "pinocchio") for links in (3, 5)
+    }
+    assert all(t["seconds"] > 0 for t in timings)
+    printed = capsys.readouterr().out
+    assert "N = 5" in printed
+
+
+def test_bench_tolerance_prints_the_constant(monkeypatch, capsys):
+    arguments = ["bench", "tolerance", "--links", "2", "--examples", "3"]
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    assert "the constant C is 32" in capsys.readouterr().out
+
+
+def test_draw_agreement_writes_a_picture(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "agreement.png"
+    arguments = ["draw", "agreement", str(file), "--links", "2", "--per-size", "1"]
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    assert file.read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,336 @@
+"""Rules that the source keeps as a whole: what generic functions contain, and who imports whom."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import dis
+import importlib
+import inspect
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.arithmetic.absent import settle_absent
+from eomcheck.arithmetic.generic import GENERIC
+from eomcheck.arithmetic.linear import solve
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.motion import right_hand_side
+from eomcheck.scenes import SCENES
+
+PACKAGE = Path(eomcheck.__file__).parent
+WRITTEN_ONCE = ("eomcheck.scenes.", "eomcheck.formulations.", right_hand_side.__name__)
+
+# ---- Generic functions ---------------------------------------------------------------------------
+
+functions = pytest.mark.parametrize(
+    "function",
+    [f for f in GENERIC if f.__module__.startswith(WRITTEN_ONCE)],
+    ids=lambda f: f"{f.__module__.removeprefix('eomcheck.')}.{f.__name__}",
+)
+
+ALLOCATION = {"zeros", "zeros_like", "concatenate", "ascontiguousarray"}
+METHODS = {"reshape"}
+
+
+def syntax(function: Callable) -> ast.FunctionDef:
+    definition = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    return definition
+
+
+def nodes(function: Callable, *kinds: type) -> Iterator:
+    for statement in syntax(function).body:
+        yield from (node for node in ast.walk(statement) if isinstance(node, kinds))
+
+
+def objects_called(function: Callable) -> Iterator[tuple[str, object]]:
+    """Yield (as written, object or name of a method) of each call."""
+    for call in nodes(function, ast.Call):
+        match call.func:
+            case ast.Name(id=name):
+                yield name, function.__globals__.get(name, getattr(builtins, name, None))
+            case ast.Attribute(value=ast.Name(id=name), attr=attribute):
+                holder = function.__globals__.get(name)
+                known = isinstance(holder, ModuleType)
+                yield f"{name}.{attribute}", getattr(holder, attribute) if known else attribute
+            case _:
+                yield ast.unparse(call.func), getattr(call.func, "attr", None)
+
+
+def is_record(x: object) -> bool:
+    return isinstance(x, type) and issubclass(x, tuple) and hasattr(x, "_fields")
+
+
+def power_of_two(x: object) -> bool:
+    return isinstance(x, int) and x > 0 and x & (x - 1) == 0
+
+
+def test_every_function_of_every_scene_and_formulation_is_marked_as_generic():
+    for scene in SCENES.values():
+        for name in ("terms", "kinematics", "speeds", "bodies", "speeds_of"):
+            assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
+        for name in ("velocities", "energies", "constraint"):
+            assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
+    for formulation in FORMULATIONS.values():
+        assert formulation.solution in GENERIC, formulation.key
+
+
+@functions
+def test_literals_of_generic_functions_are_integers(function: Callable):
+    literals = {type(node.value) for node in nodes(function, ast.Constant)}
+    assert literals <= {int, str, type(None)}
+
+
+@functions
+def test_generic_functions_divide_by_no_literal_but_powers_of_two(function: Callable):
+    divisors = [
+        node.right if isinstance(node, ast.BinOp) else node.value
+        for node in nodes(function, ast.BinOp, ast.AugAssign)
+        if isinstance(node.op, ast.Div)
+    ]
+    literal = [ast.literal_eval(d) for d in divisors if isinstance(d, ast.Constant | ast.UnaryOp)]
+    assert all(power_of_two(x) for x in literal), literal
+
+
+@functions
+def test_generic_functions_only_add_subtract_multiply_and_divide(function: Callable):
+    allowed = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult, ast.USub)
+    operators = nodes(function, ast.BinOp, ast.AugAssign, ast.UnaryOp)
+    other = [ast.unparse(node) for node in operators if not isinstance(node.op, allowed)]
+    assert not other
+
+
+@functions
+def test_generic_functions_call_nothing_but_each_other_solve_and_allocation(function: Callable):
+    allowed = [range, solve, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
+    for written, called in objects_called(function):
+        assert called in allowed or is_record(called) or called in METHODS, written
+
+
+@functions
+def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absent(
+    function: Callable,
+):
+    arguments = {argument.arg for argument in syntax(function).args.args}
+    for node in nodes(function, ast.If, ast.IfExp, ast.While, ast.Compare, ast.BoolOp, ast.Assert):
+        test = node if isinstance(node, ast.Compare) else getattr(node, "test", node)
+        match test:
+            case ast.Compare(
+                left=ast.Name(id=name),
+                ops=[ast.Is() | ast.IsNot()],
+                comparators=[ast.Constant(value=None)],
+            ):
+                assert name in arguments, ast.unparse(test)
+            case _:
+                pytest.fail(f"a branch on a value: {ast.unparse(test)}")
+
+
+# ---- Absent terms --------------------------------------------------------------------------------
+
+
+def with_early_return(x, y):
+    """Return what y is with x, if there is one."""
+    if x is None:
+        return only_without(y)  # noqa: F821
+    return only_with(x, y)  # noqa: F821
+
+
+def with_else(x, y):
+    if x is not None:  # noqa: SIM108
+        y = only_with(x, y)  # noqa: F821
+    else:
+        y = only_without(y)  # noqa: F821
+    return y
+
+
+def with_expression(x, y):
+    return only_without(y) if x is None else only_with(x, y)  # noqa: F821
+
+
+def with_loop(x, y):
+    for _ in range(1):
+        z = y
+        if x is not None:
+            z = only_with(x, y)  # noqa: F821
+    if x is None:
+        z = only_without(z)  # noqa: F821
+    return z
+
+
+def with_two(x, y):
+    if x is None:
+        if y is None:
+            return only_without(None)  # noqa: F821
+        return only_without(y)  # noqa: F821
+    return only_with(x, y)  # noqa: F821
+
+
+BRANCHING = pytest.mark.parametrize(
+    "function",
+    [with_early_return, with_else, with_expression, with_loop, with_two],
+    ids=lambda f: f.__name__,
+)
+
+
+def names_left(function: Callable) -> set[str]:
+    loaded = {instruction.argval for instruction in dis.get_instructions(function)}
+    return loaded & {"only_with", "only_without"}
+
+
+@BRANCHING
+def test_what_an_absent_argument_would_need_is_not_in_the_code(function: Callable):
+    assert names_left(settle_absent(function, (True, False))) == {"only_without"}
+
+
+@BRANCHING
+def test_what_stands_for_an_absent_argument_is_not_in_the_code_when_it_is_there(
+    function: Callable,
+):
+    assert names_left(settle_absent(function, (False, False))) == {"only_with"}
+
+
+@BRANCHING
+def test_a_settled_function_does_what_the_original_does(function: Callable, monkeypatch):
+    monkeypatch.setitem(globals(), "only_with", lambda x, y: ("with", x, y))
+    monkeypatch.setitem(globals(), "only_without", lambda y: ("without", y))
+    assert settle_absent(function, (True, False))(None, 2) == function(None, 2) == ("without", 2)
+    assert settle_absent(function, (False, False))(1, 2) == function(1, 2) == ("with", 1, 2)
+
+
+def test_a_function_without_such_tests_is_returned_as_it_is():
+    assert settle_absent(power_of_two, (False,)) is power_of_two
+
+
+def test_a_test_on_something_that_is_not_an_argument_stays():
+    def function(x, y):
+        z = y
+        return x if z is None else z
+
+    assert settle_absent(function, (False, False)) is function
+
+
+def test_a_settled_function_keeps_its_file_and_its_lines():
+    settled = settle_absent(with_early_return, (False, False))
+    original = with_early_return.__code__
+    assert settled.__code__.co_filename == original.co_filename
+    lines = {line for _, _, line in settled.__code__.co_lines()}
+    assert original.co_firstlineno + 4 in lines
+
+
+@functions
+def test_every_generic_function_can_be_settled_for_absent_and_for_present_arguments(
+    function: Callable,
+):
+    count = len(syntax(function).args.args)
+    tested = {
+        node.left.id for node in nodes(function, ast.Compare) if isinstance(node.left, ast.Name)
+    }
+    for absent in (True, False):
+        settled = settle_absent(function, (absent,) * count)
+        assert (settled is function) == (not tested)
+
+
+# ---- Who imports whom ----------------------------------------------------------------------------
+
+LAYERS = (
+    "errors console",
+    "arithmetic model",
+    "scenes",
+    "formulations",
+    "tolerance",
+    "evaluate",
+    "engines",
+    "strategies",
+    "checks",
+    "motion",
+    "console",
+    "studies",
+    "report",
+    "cli",
+)
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names.split()}
+"""arithmetic and model are one layer: each needs a record or a mark of the other."""
+
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+
+
+def imports_of(path: Path) -> set[str]:
+    """Return the modules of eomcheck that a file imports, under whatever name."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        match node:
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                node.body = []
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=names):
+                found |= {alias.name for alias in names}
+            case ast.ImportFrom(module="eomcheck", names=names, level=0):
+                # A public name stands for the module it is loaded from.
+                found |= {f"eomcheck.{eomcheck._HOME.get(a.name, a.name)}" for a in names}
+            case ast.ImportFrom(module=str(module), level=0):
+                found.add(module)
+            case ast.ImportFrom():
+                pytest.fail(f"{path}: a relative import hides its layer")
+    own = {name for name in found if name.startswith("eomcheck.")}
+    return own - {"eomcheck.__version__"}
+
+
+def layer_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_file_imports_from_a_layer_after_its_own(path: Path):
+    for module in imports_of(path):
+        assert RANK[module.split(".")[1]] <= RANK[layer_of(path)], module
+
+
+@pytest.mark.parametrize("layer", ["scenes", "formulations"])
+def test_scenes_and_formulations_know_nothing_of_each_other(layer: str):
+    known = {"errors", "arithmetic", "model", layer}
+    for path in (PACKAGE / layer).glob("*.py"):
+        assert {module.split(".")[1] for module in imports_of(path)} <= known, path
+
+
+def imported_by(statement: str) -> set[str]:
+    """Return the top-level modules that a new process has loaded after `statement`."""
+    code = f"import sys; {statement}; print(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_imports_no_compiler_engine_or_plotting():
+    loaded = imported_by("import eomcheck")
+    assert "eomcheck" in loaded
+    heavy = {"numba", "casadi", "pinocchio", "matplotlib", "scipy", "hypothesis"}
+    assert not loaded & heavy
+
+
+def test_importing_the_engines_imports_none_of_their_libraries():
+    loaded = imported_by("import eomcheck.engines, eomcheck.checks.validate")
+    assert not loaded & {"casadi", "pinocchio"}
+
+
+def test_every_public_name_is_there_and_no_other():
+    for name in eomcheck.__all__:
+        assert getattr(eomcheck, name) is not None
+        assert name in dir(eomcheck)
+    with pytest.raises(AttributeError, match="no_such_name"):
+        eomcheck.no_such_name  # noqa: B018
+
+
+@pytest.mark.parametrize("registry", ["SCENES", "FORMULATIONS", "ENGINES"])
+def test_everything_in_a_registry_is_found_under_its_own_key(registry: str):
+    entries = getattr(importlib.import_module("eomcheck"), registry)
+    assert entries
+    assert all(key == entry.key for key, entry in entries.items())

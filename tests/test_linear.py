@@ -1,0 +1,340 @@
+"""`solve` on doubles, on fractions and in compiled code: right, or an honest refusal."""
+
+from __future__ import annotations
+
+import inspect
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eomcheck.arithmetic import linear
+from eomcheck.arithmetic.float64 import SMALL, compiled
+from eomcheck.arithmetic.linear import column_scale, eliminate, singular_below, solve, watching
+from eomcheck.errors import RefusedError
+from eomcheck.tolerance import allowed_error
+
+SIZES = [1, 2, 3, SMALL, SMALL + 1, 20]
+sizes = pytest.mark.parametrize("size", SIZES)
+columns = pytest.mark.parametrize("columns", [None, 1, 3])
+
+
+def system(size: int, columns: int | None = None, seed: int = 0):
+    random = np.random.default_rng((size, columns or 0, seed))
+    shape = (size,) if columns is None else (size, columns)
+    return random.uniform(-1, 1, (size, size)), random.uniform(-1, 1, shape)
+
+
+def assert_solves(A, x, b):
+    """Assert a small backward error, row by row: what elimination with pivoting promises."""
+    size = np.abs(A).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
+    assert x.shape == b.shape
+    assert np.abs(A @ x - b).max() <= allowed_error(len(A) * size)
+
+
+# ---- Doubles -------------------------------------------------------------------------------------
+
+
+@sizes
+@columns
+def test_solve_on_doubles_solves_and_agrees_with_numpy(size, columns):
+    A, b = system(size, columns)
+    x = solve(A, b, "A")
+    assert_solves(A, x, b)
+    difference = np.abs(x - np.linalg.solve(A, b)).max()
+    assert difference <= allowed_error(np.linalg.cond(A) * np.abs(x).max())
+
+
+@pytest.mark.parametrize("dtype", [np.float64, object])
+@pytest.mark.parametrize("shape", [(0,), (0, 3), (0, 0)])
+def test_a_system_without_equations_has_the_empty_solution(dtype, shape):
+    x = solve(np.zeros((0, 0), dtype), np.zeros(shape, dtype), "A")
+    assert x.shape == shape
+    assert x.dtype == dtype
+
+
+@sizes
+def test_a_system_without_right_hand_sides_has_no_solutions(size):
+    A, _ = system(size)
+    assert solve(A, np.zeros((size, 0)), "A").shape == (size, 0)
+
+
+@sizes
+def test_solve_changes_neither_the_matrix_nor_the_right_hand_side(size):
+    A, b = system(size)
+    before = A.copy(), b.copy()
+    solve(A, b, "A")
+    solve(np.asfortranarray(A), b, "A")
+    assert np.array_equal(A, before[0])
+    assert np.array_equal(b, before[1])
+
+
+@sizes
+@columns
+def test_the_layout_in_memory_does_not_matter(size, columns):
+    A, b = system(size, columns)
+    x = solve(A, b, "A")
+    for view in (np.asfortranarray(A), np.repeat(A, 2, axis=1)[:, ::2], A.T.copy().T):
+        assert np.array_equal(solve(view, np.asfortranarray(b), "A"), x)
+
+
+SINGULAR = {
+    "zero": np.zeros((3, 3)),
+    "zero column": np.array([[1.0, 0.0], [2.0, 0.0]]),
+    "zero row": np.array([[1.0, 3.0], [0.0, 0.0]]),
+    "equal rows": np.array([[1.0, 2.0, 0.5], [1.0, 2.0, 0.5], [3.0, 1.0, 1.0]]),
+    "dependent to rounding": np.array([[0.1, 0.3], [0.7, 2.1 * (1 + 2e-16)]]),
+    "of order 1": np.zeros((1, 1)),
+    "not finite": np.array([[1.0, np.nan], [0.0, 1.0]]),
+    "infinite": np.array([[1.0, np.inf], [0.0, 1.0]]),
+}
+singular_matrices = pytest.mark.parametrize("A", SINGULAR.values(), ids=SINGULAR.keys())
+
+
+@singular_matrices
+@columns
+def test_a_singular_matrix_is_refused_with_name_rcond_and_threshold(A, columns):
+    b = np.ones(len(A) if columns is None else (len(A), columns))
+    with pytest.raises(RefusedError) as caught:
+        solve(A, b, "M_Name")
+    refusal = caught.value
+    assert refusal.what == "M_Name"
+    assert refusal.threshold == singular_below(len(A))
+    assert not refusal.rcond > refusal.threshold
+    assert refusal.matrix.shape == A.shape
+    for part in ("M_Name", f"{refusal.threshold:.2g}", f"{len(A)} x {len(A)}"):
+        assert part in str(refusal)
+
+
+def test_a_refusal_is_recorded_like_any_other_solve():
+    with watching() as watch, pytest.raises(RefusedError):
+        solve(np.zeros((2, 2)), np.ones(2), "A")
+    assert watch.rcond == {"A": 0.0}
+
+
+def test_the_threshold_grows_with_the_order_of_the_matrix():
+    assert [singular_below(size) for size in (1, 2, 10)] == [
+        size * np.finfo(float).eps for size in (1, 2, 10)
+    ]
+
+
+@pytest.mark.parametrize("exponent", range(-15, -2))
+def test_a_matrix_is_refused_exactly_where_its_rcond_is_not_above_the_threshold(exponent):
+    A = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0 ** (3 * exponent - 2)]])
+    true = 1 / np.linalg.cond(A, 1)
+    if 3 * exponent - 2 < -52:
+        true = 0.0
+    if true > singular_below(2):
+        assert_solves(A, solve(A, np.array([1.0, 2.0]), "A"), np.array([1.0, 2.0]))
+    else:
+        with pytest.raises(RefusedError):
+            solve(A, np.array([1.0, 2.0]), "A")
+
+
+# ---- The condition number ------------------------------------------------------------------------
+
+
+def rcond_of(A) -> float:
+    with watching() as watch:
+        solve(A, np.ones(len(A)), "A")
+    return watch.rcond["A"]
+
+
+def test_every_solve_inside_a_watch_is_recorded_by_name_and_order():
+    with watching() as watch:
+        for size in (2, 3):
+            solve(*system(size), f"A_{size}")
+    assert [(s.name, s.size) for s in watch.solves] == [("A_2", 2), ("A_3", 3)]
+    assert set(watch.rcond) == {"A_2", "A_3"}
+
+
+def test_solves_outside_a_watch_or_in_an_inner_one_are_not_recorded():
+    with watching() as outer:
+        with watching() as inner:
+            solve(*system(2), "inner")
+        solve(*system(2), "outer")
+    solve(*system(2), "outside")
+    assert set(inner.rcond) == {"inner"}
+    assert set(outer.rcond) == {"outer"}
+
+
+def test_diagonal_matrices_are_perfectly_conditioned_whatever_their_units():
+    assert rcond_of(np.diag([1.0, 2.0, 0.25])) == 1.0
+    assert rcond_of(np.diag([2.0**-300, 1.0, 2.0**300])) == 1.0
+
+
+@sizes
+def test_the_rcond_is_that_of_the_matrix_with_its_columns_scaled(size):
+    A, _ = system(size)
+    scaled = A * column_scale(A)
+    true = 1 / np.linalg.cond(scaled, 1)
+    # LAPACK estimates the norm of the inverse, from below.
+    assert true * (1 - allowed_error(1 / true)) <= rcond_of(A) <= len(A) * true
+
+
+@given(
+    st.integers(1, 12).flatmap(
+        lambda size: st.tuples(
+            st.just(size),
+            st.integers(0, 9),
+            st.lists(st.integers(-300, 300), min_size=size, max_size=size),
+        )
+    )
+)
+def test_scaling_columns_by_powers_of_two_changes_neither_rcond_nor_any_bit_of_the_result(case):
+    size, seed, exponents = case
+    A, b = system(size, seed=seed)
+    units = np.ldexp(1.0, exponents)
+    with watching() as watch:
+        x = solve(A, b, "A")
+        scaled = solve(A * units, b, "scaled")
+    assert np.array_equal(scaled * units, x)
+    assert watch.rcond["scaled"] == watch.rcond["A"]
+
+
+@given(st.lists(st.floats(-1e300, 1e300), min_size=1, max_size=6))
+def test_scaling_brings_the_largest_entry_of_each_column_near_1(row):
+    scale = column_scale(np.array([row]))
+    assert (np.frexp(scale)[0] == 0.5).all()
+    for entry, factor in zip(row, scale, strict=True):
+        tiny = abs(entry) < 2.0**-1000
+        assert tiny or 0.5 <= abs(entry) * factor < 1
+
+
+# ---- Fractions -----------------------------------------------------------------------------------
+
+
+def fractions(rows) -> np.ndarray:
+    return np.array([[Fraction(x) for x in row] for row in rows], object)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6])
+@columns
+def test_elimination_of_fractions_is_exact(size, columns):
+    random = np.random.default_rng(size)
+    shape = (size,) if columns is None else (size, columns)
+    A = fractions(random.integers(-9, 9, (size, size)).tolist()) + np.eye(size, dtype=int) * 20
+    x = np.vectorize(Fraction, otypes=[object])(random.integers(-9, 9, shape))
+    assert ((solve(A, A @ x, "A") - x) == 0).all()
+    assert solve(A, A @ x, "A").shape == shape
+
+
+def test_elimination_of_fractions_swaps_rows_where_a_pivot_is_zero():
+    A = fractions([[0, 2, 1], [0, 0, 3], [5, 1, 1]])
+    x = np.array([Fraction(1, 3), Fraction(-2), Fraction(5, 7)], object)
+    assert solve(A, A @ x, "A").tolist() == x.tolist()
+
+
+def test_elimination_changes_neither_the_matrix_nor_the_right_hand_side():
+    A, b = fractions([[0, 2], [3, 1]]), np.array([Fraction(1), Fraction(2)], object)
+    solve(A, b, "A")
+    assert A.tolist() == [[0, 2], [3, 1]]
+    assert b.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    "rows", [[[0]], [[1, 2], [2, 4]], [[0, 1], [0, 3]], [[1, 1, 0], [0, 1, 1], [1, 2, 1]]]
+)
+def test_a_singular_matrix_of_fractions_is_refused_by_its_name(rows):
+    A = fractions(rows)
+    with pytest.raises(RefusedError, match="M_Name is singular") as caught:
+        solve(A, A[:, 0], "M_Name")
+    assert (caught.value.what, caught.value.rcond, caught.value.threshold) == ("M_Name", 0.0, 0.0)
+
+
+def test_elimination_stays_exact_where_whole_numbers_stand_among_the_fractions():
+    """Generic functions write literal zeros and ones into their matrices."""
+    A = np.array([[2, 1, 0], [1, 3, 0], [0, Fraction(1, 3), 1]], object)
+    x = solve(A, np.array([1, 2, Fraction(1, 7)], object), "A")
+    assert all(isinstance(y, Fraction | int) for y in x)
+    assert x.tolist() == [Fraction(1, 5), Fraction(3, 5), Fraction(1, 7) - Fraction(1, 5)]
+
+
+class Residue:
+    """An integer modulo 7, for which somebody registers a solver."""
+
+
+def test_a_kind_of_number_that_brings_its_own_solver_gets_it(monkeypatch):
+    calls = []
+    monkeypatch.setitem(linear.SOLVERS, Residue, lambda A, b, name: calls.append(name) or b)
+    A = np.array([[Residue()]], object)
+    b = np.array([Residue()], object)
+    assert solve(A, b, "A") is b
+    assert calls == ["A"]
+
+
+def test_a_solver_of_its_own_is_found_although_the_first_entry_is_a_literal(monkeypatch):
+    """As in M_IM, whose first entry is the literal 1."""
+    monkeypatch.setitem(linear.SOLVERS, Residue, lambda A, b, name: b)
+    A = np.array([[1, 0], [0, Residue()]], object)
+    b = np.array([Residue(), Residue()], object)
+    assert solve(A, b, "A") is b
+
+
+def test_fractions_need_no_solver_of_their_own():
+    assert Fraction not in linear.SOLVERS
+    A, b = fractions([[2]]), np.array([Fraction(1)], object)
+    assert solve(A, b, "A").tolist() == eliminate(A, b, "A").tolist() == [Fraction(1, 2)]
+
+
+# ---- Compiled code -------------------------------------------------------------------------------
+
+
+def solved(A, b):
+    return solve(A, b, "A")
+
+
+@sizes
+@columns
+def test_compiled_solve_solves(size, columns):
+    A, b = system(size, columns)
+    x = compiled(solved)(A, b)
+    assert_solves(A, x, b)
+    difference = np.abs(x - solve(A, b, "A")).max()
+    assert difference <= 2 * allowed_error(np.linalg.cond(A) * np.abs(x).max())
+
+
+@sizes
+@columns
+@pytest.mark.parametrize("kind", ["zero", "equal rows", "zero column"])
+def test_compiled_solve_answers_a_singular_matrix_with_nan_and_does_not_raise(size, columns, kind):
+    A, b = system(size, columns)
+    match kind:
+        case "zero":
+            A[:] = 0
+        case "equal rows" if size > 1:
+            A[0] = A[-1] = np.round(4 * A[-1])
+            A[0, 0] = A[-1, 0] = 4.0
+            A[1:-1, 0] = 0.0
+        case _:
+            A[:, size // 2] = 0
+    assert np.isnan(compiled(solved)(A, b)).all()
+
+
+@sizes
+def test_compiled_solve_answers_a_matrix_of_nan_with_nan(size):
+    A, b = system(size)
+    assert np.isnan(compiled(solved)(np.full_like(A, np.nan), b)).all()
+
+
+@sizes
+@columns
+def test_compiled_solve_changes_neither_the_matrix_nor_the_right_hand_side(size, columns):
+    A, b = system(size, columns)
+    before = A.copy(), b.copy()
+    compiled(solved)(A, b)
+    assert np.array_equal(A, before[0])
+    assert np.array_equal(b, before[1])
+
+
+@pytest.mark.parametrize("size", [2, SMALL, SMALL + 1])
+def test_compiled_solve_swaps_rows_where_a_pivot_is_zero(size):
+    A = np.roll(np.diag(np.arange(1.0, size + 1)), 1, axis=0)
+    x = np.arange(1.0, size + 1)
+    assert np.array_equal(compiled(solved)(A, A @ x), x)
+
+
+def test_both_solves_have_the_same_signature():
+    assert list(inspect.signature(solve).parameters) == ["A", "b", "name"]

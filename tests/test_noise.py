@@ -1,0 +1,247 @@
+"""Measured condition numbers: noise of a known size, and what it measures where that is known."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eomcheck import acceleration, velocity
+from eomcheck.arithmetic.linear import EPS, solve, watching
+from eomcheck.arithmetic.noise import SAMPLES, STEP, Noise
+from eomcheck.errors import RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.scenes import Snake
+from eomcheck.tolerance import INCONCLUSIVE, C, allowed_error, largest
+
+seeds = pytest.mark.parametrize("seed", range(5))
+ROUNDING = 8 * EPS
+"""Of 1 + change and the product, far below the step."""
+
+# ---- The noise -----------------------------------------------------------------------------------
+
+
+def relative_steps(x, moved) -> np.ndarray:
+    return np.abs(moved - x) / np.abs(x) / STEP
+
+
+@seeds
+def test_every_entry_moves_by_half_to_a_whole_step_of_its_own_size(seed):
+    x = np.random.default_rng(seed).uniform(-1, 1, (7, 9)) * 10.0 ** np.arange(-4, 5)
+    steps = relative_steps(x, Noise(seed).entries(x))
+    assert (steps >= 0.5 - ROUNDING / STEP).all()
+    assert (steps <= 1.0 + ROUNDING / STEP).all()
+
+
+@seeds
+def test_every_entry_of_a_matrix_moves_by_half_to_a_whole_step_of_the_largest_in_its_column(seed):
+    A = np.random.default_rng(seed).uniform(-1, 1, (6, 5)) * 10.0 ** np.arange(-2, 3)
+    A[0] = 0.0
+    column = np.abs(A).max(axis=0)
+    steps = np.abs(Noise(seed).by_column(A) - A) / column / STEP
+    assert (steps >= 0.5 - ROUNDING / STEP).all()
+    assert (steps <= 1.0 + ROUNDING / STEP).all()
+
+
+@seeds
+def test_noise_goes_both_ways(seed):
+    changes = Noise(seed).changes(200)
+    assert (changes > 0).any()
+    assert (changes < 0).any()
+
+
+def test_the_step_of_the_noise_can_be_chosen():
+    changes = np.abs(Noise(0, step=0.25).changes(100))
+    assert (changes >= 0.125).all()
+    assert (changes <= 0.25).all()
+
+
+@seeds
+def test_the_same_seed_makes_the_same_noise_and_another_seed_another(seed):
+    x = np.ones(20)
+    assert np.array_equal(Noise(seed).entries(x), Noise(seed).entries(x))
+    assert not np.array_equal(Noise(seed).entries(x), Noise(seed + 1).entries(x))
+
+
+def test_noise_that_is_drawn_twice_is_not_the_same():
+    noise = Noise(0)
+    assert not np.array_equal(noise.entries(np.ones(20)), noise.entries(np.ones(20)))
+
+
+def test_zeros_stay_zeros_as_entries_but_not_in_a_matrix_that_is_solved():
+    assert not Noise(0).entries(np.zeros(5)).any()
+    assert Noise(0).by_column(np.eye(3)).all()
+    assert not Noise(0).by_column(np.zeros((3, 3))).any()
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 0), (0, 3)])
+def test_noise_leaves_empty_arrays_empty(shape):
+    assert Noise(0).entries(np.zeros(shape)).shape == shape
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 3)])
+def test_noise_leaves_empty_matrices_empty(shape):
+    assert Noise(0).by_column(np.zeros(shape)).shape == shape
+
+
+def test_what_is_handed_in_does_not_move():
+    x, A = np.ones(4), np.ones((3, 3))
+    Noise(0).entries(x)
+    Noise(0).by_column(A)
+    assert (x == 1).all()
+    assert (A == 1).all()
+
+
+def test_a_watch_with_noise_moves_the_matrices_that_are_solved():
+    A, b = np.diag([1.0, 2.0, 4.0]), np.ones(3)
+    exact = solve(A, b, "A")
+    with watching(Noise(0)):
+        moved = solve(A, b, "A")
+    assert 0 < np.abs(moved - exact).max() <= 3 * 2 * STEP
+    assert np.array_equal(solve(A, b, "A"), exact)
+
+
+def test_a_watch_with_noise_refuses_nothing():
+    with watching(Noise(0)):
+        x = solve(np.zeros((2, 2)), np.ones(2), "A")
+    assert x.shape == (2,)
+
+
+# ---- What it measures ----------------------------------------------------------------------------
+
+SNAKE = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [4.0], [0.125, -0.5])
+Q = np.array([0.4, -0.2, 0.3, 1.1])
+
+
+@pytest.fixture
+def at() -> Evaluation:
+    return Evaluation(SNAKE, Q, velocity(SNAKE, Q, [1.5, -0.75]))
+
+
+def test_the_spread_of_a_number_read_is_between_its_size_and_twice_that(at):
+    spread = at.spread(lambda e: e.parameters.mass)
+    assert spread * (1 + ROUNDING / STEP) >= 1.5 * 2.0
+    assert spread <= 2 * 2.0 * (1 + ROUNDING / STEP)
+
+
+def test_the_spread_of_a_constant_is_its_size(at):
+    assert at.spread(lambda e: np.array([3.0, -5.0])) == 5.0
+
+
+def test_the_spread_of_a_product_adds_the_steps_of_its_factors(at):
+    spread = at.spread(lambda e: e.parameters.mass[0] ** 3)
+    assert spread * (1 + 10 * STEP) >= 1 + 3 * 0.5
+    assert spread <= (1 + 3) * (1 + 10 * STEP)
+
+
+@pytest.mark.parametrize("exponent", range(1, 30, 4))
+def test_the_spread_of_a_difference_is_that_of_its_terms_however_little_is_left(at, exponent):
+    def cancellation(e: Evaluation):
+        first, second = e.parameters.mass
+        return first - second * (0.5 - 2.0**-exponent)
+
+    left = 2.0 * 2.0**-exponent
+    assert cancellation(at) == left
+    # Each of two terms of size 1 moves by half a step to a whole one.
+    spread = at.spread(cancellation)
+    assert spread <= left + 2 * (1 + ROUNDING / STEP)
+    assert spread >= 1e-3
+
+
+def test_the_spread_does_not_depend_on_what_was_asked_before(at):
+    fresh = Evaluation(at.scene, at.q, at.v)
+    at.spread(lambda e: e.F)
+    at.spread(lambda e: e.u)
+    assert at.spread(lambda e: e.terms.M) == fresh.spread(lambda e: e.terms.M)
+
+
+def test_the_spread_is_the_same_every_time(at):
+    again = Evaluation(at.scene, at.q, at.v)
+    for formulation in FORMULATIONS.values():
+        assert at.acceleration_spread(formulation) == again.acceleration_spread(formulation)
+
+
+def test_coordinates_move_only_on_request(at):
+    assert at.spread(lambda e: e.q) == largest(Q)
+    assert at.spread(lambda e: e.q, coordinates=True) >= 1.5 * largest(Q) * (1 - ROUNDING / STEP)
+    assert len(at.moved()) == len(at.moved(coordinates=True)) == SAMPLES
+
+
+def test_a_quantity_that_a_moved_evaluation_refuses_has_an_infinite_spread(at):
+    def refuses(e: Evaluation):
+        if e is not at:
+            raise RefusedError("A", 0.0, 0.0, "no")
+        return np.ones(1)
+
+    assert at.spread(refuses) == float("inf")
+
+
+@pytest.mark.parametrize("exponent", range(2, 24, 3))
+def test_the_spread_of_a_solution_grows_with_the_condition_number(at, exponent):
+    """Two unknowns, two rows that are almost parallel: κ = 4 · 2^exponent, about."""
+    A = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-exponent]])
+    kappa = np.linalg.cond(A, np.inf)
+
+    def solution(e: Evaluation):
+        with watching(e._noise):
+            return solve(A, np.array([1.0, 2.0]), "A")
+
+    x = solution(at)
+    spread = at.spread(solution)
+    # |δx| / |x| <= κ h / (1 - κ h) from the matrix alone, by the largest entry of each column.
+    assert spread <= largest(x) * (1 + kappa / (1 - 4 * kappa * STEP))
+    # Each δA moves det A, which is all that is left of two products, by h/2 or more as a rule.
+    assert spread >= largest(x) * kappa * 1e-2
+
+
+def near_parallel(exponent: int) -> tuple[Snake, np.ndarray, np.ndarray]:
+    snake = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], [3.0], [0.25, 0.0])
+    q = np.array([0.0, 0.0, 0.5, 0.75 + 10.0**-exponent])
+    return snake, q, velocity(snake, q, [1.0, 0.5])
+
+
+def error_bound(key: str, exponent: int) -> float:
+    snake, q, v = near_parallel(exponent)
+    return acceleration(snake, key, q, v).error_bound
+
+
+def test_the_error_bound_of_elimination_grows_as_the_wheels_of_two_links_become_parallel():
+    bounds = [error_bound("el", exponent) for exponent in (1, 3, 5, 7)]
+    assert all(10 * first < second for first, second in pairwise(bounds))
+    assert max(error_bound("au", exponent) for exponent in (1, 3, 5, 7)) < bounds[1]
+
+
+def test_a_result_without_a_certain_digit_has_an_infinite_error_bound():
+    for exponent in range(8, 16):
+        snake, q, v = near_parallel(exponent)
+        try:
+            result = acceleration(snake, "el", q, v)
+        except RefusedError:
+            continue
+        if allowed_error(1 / min(result.rcond.values())) > INCONCLUSIVE:
+            assert result.error_bound == float("inf")
+            return
+    pytest.fail("no such state")
+
+
+# ---- The tolerance -------------------------------------------------------------------------------
+
+
+def test_what_is_allowed_is_proportional_to_the_spread():
+    assert allowed_error(1.0) == C * EPS
+    assert allowed_error(0.0) == 0.0
+    assert allowed_error(float("inf")) == float("inf")
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False)))
+def test_largest_is_the_largest_magnitude(x):
+    assert largest(x) == max((abs(y) for y in x), default=0.0)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
+def test_largest_is_infinite_where_anything_is_not_finite(bad):
+    assert largest([1.0, bad, 2.0]) == float("inf")

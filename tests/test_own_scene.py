@@ -1,0 +1,343 @@
+"""Scenes of a user's own: without constraints, and with constraints that do not vanish at rest."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from eomcheck import acceleration, check, speeds_of, strategies, validate, velocity
+from eomcheck.arithmetic.float64 import FLOAT64
+from eomcheck.arithmetic.generic import generic
+from eomcheck.engines import ENGINES, EngineAcceleration
+from eomcheck.errors import EngineError, InconsistentVelocityError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.model import Bodies, Scene, Speeds, Terms
+from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.tolerance import allowed_error
+
+
+class Masses(NamedTuple):
+    mass: Any
+    inertia: Any
+    stiffness: Any
+    belt: Any
+
+
+class Pulled(NamedTuple):
+    force: Any
+
+
+def spring_force(parameters, x):
+    return -parameters.stiffness * x
+
+
+class Point(Scene):
+    """Two coordinates of one point mass on springs; whatever differs is below."""
+
+    conserves_energy = False
+    compiled = False
+    angle_coordinates = slice(0, 0)
+    n = 2
+    coordinate_names = ("x", "y")
+
+    def __init__(self, mass: float = 2.0, stiffness: tuple = (3.0, 5.0), belt: float = 0.75):
+        self._values = ([mass], np.zeros(0), stiffness, [belt])
+
+    def parameters(self, arithmetic):
+        return Masses(*(arithmetic.numbers(np.asarray(x)) for x in self._values))
+
+    @staticmethod
+    def velocities(parameters, angles, q, v):
+        return v.reshape(1, 2), v[:0].reshape(1, 0)
+
+    @staticmethod
+    def energies(parameters, angles, q, v):
+        k = parameters.stiffness
+        T = parameters.mass[0] * (v[0] * v[0] + v[1] * v[1]) / 2
+        return T, (k[0] * q[0] * q[0] + k[1] * q[1] * q[1]) / 2
+
+
+class Free(Point):
+    """On springs in both directions, without a constraint."""
+
+    key = "free"
+    name = "free point"
+    conserves_energy = True
+    r = 0
+    constraint_names = ()
+
+    def initial_state(self):
+        return np.array([1.0, 2.0]), np.array([0.5, 0.0])
+
+    @staticmethod
+    def terms(parameters, angles, q, v):
+        M = parameters.mass[0] * np.eye(2)
+        return Terms(M, spring_force(parameters, q), None, None, None, None)
+
+    @staticmethod
+    def kinematics(parameters, angles, q, u):
+        return Pulled(spring_force(parameters, q))
+
+    @staticmethod
+    def speeds(parameters, angles, kinematics):
+        return Speeds(np.eye(2), np.zeros(2), None)
+
+    @staticmethod
+    def bodies(parameters, angles, kinematics):
+        return Bodies(
+            np.eye(2).reshape(1, 2, 2),
+            np.zeros((1, 0, 2)),
+            np.zeros((1, 2)),
+            np.zeros((1, 0)),
+            parameters.mass,
+            np.zeros((1, 0, 0)),
+            None,
+            kinematics.force,
+        )
+
+    @staticmethod
+    def speeds_of(parameters, angles, q, v):
+        return v.copy()
+
+    @staticmethod
+    def constraint(parameters, angles, q, v):
+        return None
+
+
+class OnBelt(Point):
+    """On a spring in x, while a belt takes it along in y at a given velocity."""
+
+    key = "on-belt"
+    name = "point on a belt"
+    r = 1
+    constraint_names = ("belt",)
+
+    def initial_state(self):
+        return np.array([1.0, 2.0]), np.array([0.5, self._values[3][0]])
+
+    @staticmethod
+    def terms(parameters, angles, q, v):
+        M = parameters.mass[0] * np.eye(2)
+        a = np.array([[0.0, 1.0]])
+        return Terms(M, spring_force(parameters, q), None, a, np.zeros(1), -parameters.belt)
+
+    @staticmethod
+    def kinematics(parameters, angles, q, u):
+        return Pulled(spring_force(parameters, q)[:1])
+
+    @staticmethod
+    def speeds(parameters, angles, kinematics):
+        offset = np.array([0.0, parameters.belt[0]])
+        return Speeds(np.array([[1.0], [0.0]]), np.zeros(2), offset)
+
+    @staticmethod
+    def bodies(parameters, angles, kinematics):
+        return Bodies(
+            np.array([[[1.0], [0.0]]]),
+            np.zeros((1, 0, 1)),
+            np.zeros((1, 2)),
+            np.zeros((1, 0)),
+            parameters.mass,
+            np.zeros((1, 0, 0)),
+            None,
+            kinematics.force,
+        )
+
+    @staticmethod
+    def speeds_of(parameters, angles, q, v):
+        return v[:1]
+
+    @staticmethod
+    def constraint(parameters, angles, q, v):
+        return v[1:] - parameters.belt
+
+
+@generic
+def free_terms(parameters, angles, q, v):
+    """Return the terms of the free point."""
+    M = np.zeros((2, 2), q.dtype)
+    M[0, 0] = M[1, 1] = parameters.mass[0]
+    return Terms(M, -parameters.stiffness * q, None, None, None, None)
+
+
+@generic
+def free_kinematics(parameters, angles, q, u):
+    """Return the force."""
+    return Pulled(-parameters.stiffness * q)
+
+
+@generic
+def free_speeds(parameters, angles, kinematics):
+    """Return u = v."""
+    W = np.zeros((2, 2), kinematics.force.dtype)
+    W[0, 0] = W[1, 1] = 1
+    return Speeds(W, np.zeros(2, W.dtype), None)
+
+
+@generic
+def free_bodies(parameters, angles, kinematics):
+    """Return one body that does not turn."""
+    partial = np.zeros((1, 2, 2), kinematics.force.dtype)
+    partial[0, 0, 0] = partial[0, 1, 1] = 1
+    none = np.zeros((1, 0, 2), partial.dtype)
+    rest = np.zeros((1, 2), partial.dtype)
+    inertia = np.zeros((1, 1, 1), partial.dtype)
+    return Bodies(
+        partial,
+        none,
+        rest,
+        rest[:, :0],
+        parameters.mass,
+        inertia[:, :0, :0],
+        None,
+        kinematics.force,
+    )
+
+
+@generic
+def free_speeds_of(parameters, angles, q, v):
+    """Return u = v."""
+    return v + 0
+
+
+class CompiledFree(Free):
+    """The free point, compiled."""
+
+    key = "compiled-free"
+    compiled = True
+    angle_coordinates = slice(0, 0)
+    terms = staticmethod(free_terms)
+    kinematics = staticmethod(free_kinematics)
+    speeds = staticmethod(free_speeds)
+    bodies = staticmethod(free_bodies)
+    speeds_of = staticmethod(free_speeds_of)
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_a_compiled_scene_without_constraints_moves_freely(key):
+    scene, formulation = CompiledFree(), FORMULATIONS[key]
+    q, v = np.array([1.0, 2.0]), np.array([0.5, -0.5])
+    result = acceleration(scene, key, q, v)
+    assert result.vdot.tolist() == [-1.5, -5.0]
+    assert result.multipliers is None
+    partition = Evaluation(scene, q, v).partition()
+    rates = right_hand_side(scene, formulation)(scene.parameters(FLOAT64), q, v, partition)
+    assert [rate.tolist() for rate in rates] == [[0.5, -0.5], [-1.5, -5.0]]
+
+
+SCENES = [Free(), OnBelt()]
+scenes = pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.key)
+every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
+every_engine = pytest.mark.parametrize("engine", ENGINES)
+
+
+def test_every_formulation_finds_the_free_motion_and_no_multipliers():
+    for key in FORMULATIONS:
+        result = acceleration(Free(), key, [1.0, 2.0], [0.5, -0.5])
+        assert result.vdot.tolist() == [-1.5, -5.0], key
+        assert result.multipliers is None, key
+        assert 0 < result.error_bound < 1e-12, key
+
+
+@pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if not f.partitioned])
+def test_every_formulation_finds_the_motion_on_the_belt_and_the_force_that_it_takes(key):
+    result = acceleration(OnBelt(), key, [1.0, 2.0], [0.5, 0.75])
+    assert result.vdot.tolist() == [-1.5, 0.0]
+    # 2 kg · 0 m/s² = -5 N/m · 2 m + λ
+    assert result.multipliers is None or result.multipliers.tolist() == [10.0]
+
+
+@pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.partitioned])
+def test_a_pivoted_partition_finds_the_column_that_the_belt_constrains(key):
+    result = acceleration(OnBelt(), key, [1.0, 2.0], [0.5, 0.75], pivoted=True)
+    assert result.vdot.tolist() == [-1.5, 0.0]
+    assert acceleration(Free(), key, [1.0, 2.0], [0.0, 0.0], pivoted=True).multipliers is None
+
+
+@every_formulation
+def test_rest_is_inconsistent_on_a_belt_that_moves(key):
+    with pytest.raises(InconsistentVelocityError, match="belt"):
+        acceleration(OnBelt(), key, [1.0, 2.0], [0.5, 0.0])
+
+
+@every_formulation
+def test_without_constraints_every_velocity_is_consistent(key):
+    assert acceleration(Free(), key, [0.0, 0.0], [1e9, -1e-9]).vdot.tolist() == [0.0, 0.0]
+
+
+def test_velocities_and_speeds_of_scenes_with_and_without_an_offset_are_inverse():
+    assert velocity(Free(), [0.0, 0.0], [3.0, 4.0]).tolist() == [3.0, 4.0]
+    assert velocity(OnBelt(), [0.0, 0.0], [3.0]).tolist() == [3.0, 0.75]
+    assert speeds_of(Free(), [0.0, 0.0], [3.0, 4.0]).tolist() == [3.0, 4.0]
+    assert speeds_of(OnBelt(), [0.0, 0.0], [3.0, 0.75]).tolist() == [3.0]
+
+
+@scenes
+def test_states_of_a_scene_of_ones_own_can_be_drawn_and_are_consistent(scene):
+    @given(strategies.states(scene))
+    def solved(state):
+        results = [
+            acceleration(scene, f.key, state.q, state.v, pivoted=f.partitioned)
+            for f in FORMULATIONS.values()
+        ]
+        for first, second in combinations(results, 2):
+            allowed = first.error_bound + second.error_bound
+            assert np.abs(first.vdot - second.vdot).max() <= allowed
+
+    solved()
+
+
+@scenes
+@every_engine
+def test_engines_have_the_acceleration_of_a_scene_of_ones_own_or_say_that_they_cannot(
+    scene, engine
+):
+    q, v = scene.initial_state()
+    if not ENGINES[engine].represents(scene):
+        with pytest.raises(EngineError, match=scene.name):
+            ENGINES[engine](scene)
+        return
+    at = Evaluation(scene, q, v)
+    found: EngineAcceleration = ENGINES[engine](scene).acceleration(
+        q, v, at.terms.Q, at.terms.a, at.terms.gamma
+    )
+    expected = at.acceleration(FORMULATIONS["au"])
+    allowed = allowed_error(at.acceleration_spread(FORMULATIONS["au"], coordinates=True))
+    assert np.abs(found.vdot - expected.vdot).max() <= allowed
+    assert (found.multipliers is None) == (expected.multipliers is None)
+
+
+@scenes
+def test_a_right_scene_of_ones_own_passes_every_claim(scene):
+    findings = validate(scene, examples=10)
+    assert [str(f) for f in findings if f.verdict == "failed"] == []
+    passed = {f.claim for f in findings if f.verdict == "passed"}
+    assert {"mass-matrix", "equivalence", "engine-acceleration"} <= passed
+
+
+class WrongMass(Free):
+    """M is half of what the kinetic energy says."""
+
+    @staticmethod
+    def terms(parameters, angles, q, v):
+        terms = Free.terms(parameters, angles, q, v)
+        return terms._replace(M=terms.M / 2)
+
+
+def test_a_wrong_term_of_a_scene_of_ones_own_is_found_by_name():
+    q, v = WrongMass().initial_state()
+    failed = {f.claim for f in check(WrongMass(), q, v) if f.verdict == "failed"}
+    assert {"mass-matrix", "kinetic-energy"} <= failed
+
+
+def test_a_scene_that_lacks_a_part_of_the_contract_cannot_be_made():
+    class Half(Scene):
+        key = "half"
+
+    with pytest.raises(TypeError, match="abstract"):
+        Half()

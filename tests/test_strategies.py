@@ -1,0 +1,232 @@
+"""The public hypothesis strategies: valid cases only, within the bounds asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+
+from eomcheck import acceleration, strategies
+from eomcheck.checks.refusals import MAY_REFUSE
+from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
+from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.scenes import SCENES, Snake
+from eomcheck.tolerance import allowed_error
+
+every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
+
+# ---- Bad bounds ----------------------------------------------------------------------------------
+
+PARAMETERS = ["mass", "length", "inertia", "stiffness"]
+makers_of_snakes = pytest.mark.parametrize(
+    "maker", [strategies.snakes, strategies.hostile_snakes], ids=lambda m: m.__name__
+)
+
+
+@makers_of_snakes
+@pytest.mark.parametrize(
+    ("bounds", "says"),
+    [
+        ((0, 3), "min_links = 0"),
+        ((-1, 3), "min_links = -1"),
+        ((4, 3), "min_links, max_links = 4, 3"),
+        ((2.0, 3), "min_links = 2.0"),
+        ((1, 3.5), "max_links = 3.5"),
+        (("1", 2), "min_links = '1'"),
+    ],
+)
+def test_numbers_of_links_that_no_snake_has_are_refused_before_anything_is_drawn(
+    maker, bounds, says
+):
+    with pytest.raises(InputError) as caught:
+        maker(*bounds)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("bounds", [("light", "heavy"), 3.0, (1.0,), None])
+def test_bounds_that_are_no_pair_of_numbers_are_refused(bounds):
+    with pytest.raises(InputError, match="mass"):
+        strategies.snakes(mass=bounds)
+
+
+@makers_of_snakes
+def test_numbers_of_links_may_be_numpy_integers(maker):
+    assert drawn(maker(np.int64(2), np.int32(2)), 1)[0].links == 2
+
+
+@makers_of_snakes
+def test_a_truth_value_is_no_number_of_links(maker):
+    with pytest.raises(InputError, match="min_links"):
+        maker(True, 3)
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize(
+    "bounds", [(2.0, 1.0), (-1.0, 1.0), (1.0, math.inf), (math.nan, 1.0), (1.0, math.nan)]
+)
+def test_bounds_of_parameters_that_no_snake_has_are_refused_with_their_name(name, bounds):
+    with pytest.raises(InputError) as caught:
+        strategies.snakes(**{name: bounds})
+    assert f"{name} = {bounds}" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["mass", "length"])
+def test_a_mass_or_length_of_zero_is_refused(name):
+    with pytest.raises(InputError, match=name):
+        strategies.snakes(**{name: (0.0, 1.0)})
+
+
+@pytest.mark.parametrize("bound", [-1.0, math.inf, math.nan])
+def test_a_bound_of_the_wheel_angle_that_is_negative_or_not_finite_is_refused(bound):
+    with pytest.raises(InputError, match="wheel_angle"):
+        strategies.snakes(wheel_angle=bound)
+
+
+@pytest.mark.parametrize("name", ["position", "angle", "speed"])
+@pytest.mark.parametrize("bound", [-1.0, math.inf, math.nan])
+def test_a_bound_of_a_state_that_is_negative_or_not_finite_is_refused(name, bound):
+    with pytest.raises(InputError, match=name):
+        strategies.states(Snake.coil(2), **{name: bound})
+
+
+# ---- Ordinary cases ------------------------------------------------------------------------------
+
+BOUNDS = {
+    "mass": (1.0, 2.0),
+    "length": (0.5, 0.5),
+    "inertia": (0.0, 1.0),
+    "stiffness": (3.0, 4.0),
+}
+
+
+@given(strategies.snakes(2, 4, **BOUNDS, wheel_angle=0.5))
+def test_snakes_are_drawn_within_the_bounds(snake):
+    assert type(snake) is Snake
+    assert 2 <= snake.links <= 4
+    for name, (low, high) in BOUNDS.items():
+        value = getattr(snake, name)
+        assert value is None or ((low <= value) & (value <= high)).all()
+    assert (np.abs(snake.wheel_angle) <= 0.5).all()
+
+
+@given(strategies.snakes())
+def test_snakes_have_one_to_eight_links_unless_told_otherwise(snake):
+    assert 1 <= snake.links <= 8
+
+
+def drawn(strategy, count: int) -> list:
+    """Return what hypothesis draws from `strategy`, the same every time."""
+    found = []
+
+    @settings(max_examples=count, derandomize=True, database=None, phases=[Phase.generate])
+    @given(strategy)
+    def collect(case):
+        found.append(case)
+
+    collect()
+    return found
+
+
+def test_snakes_are_drawn_with_springs_and_without():
+    assert {snake.stiffness is None for snake in drawn(strategies.snakes(2), 30)} == {True, False}
+
+
+def from_curved(state) -> np.ndarray:
+    """Return how far each link of a snake is turned from the curved pose of `states`."""
+    return state.q[2:] - strategies.CURVATURE * np.arange(1, state.q.size - 1)
+
+
+@given(strategies.states(Snake.coil(3), position=2.0, angle=0.5, speed=1.5))
+def test_states_are_drawn_within_the_bounds(state):
+    assert (np.abs(state.q[:2]) <= 2.0).all()
+    # One heading is common to all links.
+    rounding = allowed_error(np.abs(state.q).max())
+    assert np.ptp(from_curved(state)) <= 2 * 0.5 + rounding
+    # Two components of 1.5 along orthonormal directions.
+    assert np.linalg.norm(state.v) <= (1.5 + allowed_error(1.5)) * math.sqrt(2)
+    assert state.t == 0.0
+
+
+@given(strategies.states(Snake.coil(2), position=0.0, angle=0.0, speed=0.0))
+def test_bounds_of_zero_leave_nothing_but_the_heading(state):
+    assert not state.q[:2].any()
+    assert np.ptp(from_curved(state)) <= allowed_error(np.abs(state.q).max())
+    assert not state.v.any()
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_every_scene_of_the_registry_can_be_drawn(scene):
+    assert scene is Snake, f"write a strategy for {scene.key} and test it here"
+
+
+@given(strategies.scene_states(strategies.snakes()))
+def test_states_that_are_drawn_are_consistent(case):
+    scene, state = case
+    at = Evaluation(scene, *state)
+    check_consistent(at)
+    assert state.q.shape == state.v.shape == (scene.n,)
+
+
+def refused_by(scene, state) -> list[str]:
+    at, refusing = Evaluation(scene, *state), []
+    for key, formulation in FORMULATIONS.items():
+        try:
+            at.acceleration(formulation)
+        except RefusedError:
+            refusing.append(key)
+    return refusing
+
+
+def test_ordinary_states_are_solved_by_every_formulation_but_for_a_few():
+    cases = drawn(strategies.scene_states(strategies.snakes()), 100)
+    assert sum(bool(refused_by(*case)) for case in cases) <= MAY_REFUSE * len(cases)
+
+
+def test_scene_states_draws_the_states_of_the_scene_drawn():
+    cases = drawn(strategies.scene_states(strategies.snakes()), 20)
+    assert all(state.q.size == scene.n for scene, state in cases)
+    assert len({scene.links for scene, _ in cases}) > 1
+
+
+# ---- Hostile cases -------------------------------------------------------------------------------
+
+
+@given(strategies.hostile_snakes(2, 3))
+def test_hostile_snakes_are_valid_and_within_the_bounds(snake):
+    assert 2 <= snake.links <= 3
+    assert (snake.mass > 0).all()
+    assert (snake.length > 0).all()
+    assert (snake.inertia >= 0).all()
+
+
+hostile = strategies.scene_states(strategies.hostile_snakes(), strategies.hostile_states)
+
+
+@every_formulation
+@given(hostile)
+def test_hostile_states_are_solved_or_refused_and_never_answered_with_nan(key, case):
+    scene, (q, v, t) = case
+    try:
+        result = acceleration(scene, key, q, v, t)
+    except (RefusedError, InconsistentVelocityError):
+        return
+    assert np.isfinite(result.vdot).all()
+    assert not np.isnan(result.error_bound)
+    assert result.multipliers is None or not np.isnan(result.multipliers).any()
+    assert all(np.isfinite(rcond) for rcond in result.rcond.values())
+
+
+@every_formulation
+@given(strategies.scene_states(strategies.snakes(max_links=3), strategies.hostile_states))
+def test_hostile_states_of_ordinary_snakes_are_solved_or_refused(key, case):
+    scene, (q, v, t) = case
+    try:
+        result = acceleration(scene, key, q, v, t, consistent=False)
+    except RefusedError:
+        return
+    assert np.isfinite(result.vdot).all()
+    assert not np.isnan(result.error_bound)
+    assert result.multipliers is None or not np.isnan(result.multipliers).any()
