@@ -244,3 +244,40 @@ def test_compiled_code_of_older_sources_is_not_used(tmp_path):
     (stamped,) = (path for path in tmp_path.iterdir() if path.is_dir())
     stamped.rename(tmp_path / "numba-of-older-sources")
     assert run_kernel(tmp_path) == "0 1"
+
+
+def test_code_compiled_for_a_scene_of_a_lost_module_does_not_stand_in_the_way(tmp_path):
+    """Its argument types cannot even be read from the index of the cache."""
+    module = tmp_path / "lost.py"
+    module.write_text(
+        "from typing import Any, NamedTuple\n\nclass Mine(NamedTuple):\n"
+        "    cos: Any\n    sin: Any\n    value: Any\n",
+        encoding="utf-8",
+    )
+    code = """
+import sys
+import numpy as np
+from eomcheck.arithmetic.float64 import compiled
+from eomcheck.model import Angles
+from eomcheck.scenes.snake import speeds_of, Parameters
+one = np.ones(2)
+snake = Parameters(one, one, one, None, one, 0 * one)
+if sys.argv[1] == "mine":
+    from lost import Mine as Angles
+call = compiled(speeds_of)
+print(call(snake, Angles(cos=one, sin=0 * one, value=one), np.ones(4), np.ones(4))[1])
+print(call.stats.cache_hits.total())
+"""
+
+    def run(which: str) -> list[str]:
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        if which == "mine":
+            environment |= {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-c", code, which]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    assert run("mine") == ["1.0", "0"]
+    assert run("theirs") == ["1.0", "0"]
+    assert run("theirs") == ["1.0", "1"]

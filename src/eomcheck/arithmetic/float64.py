@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
 from numba.extending import overload, register_jitable
 
 import eomcheck
@@ -110,8 +111,27 @@ def compiled(function: Callable) -> Callable:
     """
     _register_marked()
     entry = _entry(function) if function in _settled_when_called else function
-    with _cache_directory():
-        return numba.njit(cache=_has_source(function), error_model="numpy")(entry)
+    dispatcher = numba.njit(error_model="numpy")(entry)
+    if _has_source(function):
+        with _cache_directory():
+            dispatcher._cache = _Cache(entry)
+    return dispatcher
+
+
+class _Cache(FunctionCache):
+    """numba's cache on disk, forgetting what it cannot read.
+
+    Compiled code is kept by the types of its arguments. Those of somebody's own scene live in a
+    module that another process may not have, and reading their index would fail there.
+    """
+
+    def load_overload(self, sig, target_context):
+        """Return the compiled code for `sig`, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (ImportError, AttributeError):
+            self.flush()
+            return None
 
 
 def _entry(function: Callable) -> Callable:
