@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from hypothesis import example, given, settings
@@ -50,18 +52,16 @@ SPECIAL: tuple[tuple[Snake, State], ...] = (
     rolling(uniform([0.1, 0.2, 0.2]), [0.0, 0.4, 0.4 + math.pi]),
     # stretched, wheels along
     rolling(uniform([0.0] * 5), 0.0),
-    # found by the fuzz profile: B hardly more than nothing beside m ω V, which Pinocchio forms
-    (
-        Snake([1.0], [0.25], [1.0], None, [1.0]),
-        State(
-            np.array([0.0, 0.0, 0.4]),
-            np.array([0.16958082394687382, 0.9854994391239094, -0.005761912526184186]),
-        ),
-    ),
     # a wheel across its link: ml and kane refuse
     (ACROSS, State(np.array([0.0, 0.0, 0.1, 0.5, 0.9]), np.zeros(5))),
 )
 """States that a draw would hardly hit."""
+
+FOUND: tuple[tuple[Snake, State], ...] = tuple(
+    (Snake(**found["scene"]), State(np.array(found["q"]), np.array(found["v"])))
+    for found in json.loads(Path(__file__).with_name("found.json").read_text(encoding="utf-8"))
+)
+"""States on which the fuzz profile once found a claim to fail, and why it did."""
 
 
 def holds(
@@ -86,7 +86,7 @@ def holds(
 
         drawn = strategies.scene_states(strategies.snakes(*links, **ranges), of)
         search = given(drawn)(holds_here)
-        for case in SPECIAL:
+        for case in SPECIAL + FOUND:
             search = example(case)(search)
         search = settings(max_examples=examples or settings().max_examples)(search)
         search()

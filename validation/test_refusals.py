@@ -1,10 +1,21 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
+from eomcheck.model import State
+from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform
+
+# found by the fuzz profile: a wheel across its link, on a chain with one heavy link
+HEAVY_LINK = Snake(
+    [1.0, 1.0, 1.0, 1.0, 1e6, 1.0, 1.0, 1.0, 1.0, 1.0],
+    [1.0] * 10,
+    [0.0] * 10,
+    None,
+    [0.0] * 9 + [np.pi / 2],
+)
 
 test_a_formulation_refuses_special_states_only_where_it_must = holds("refusals")
 
@@ -13,6 +24,7 @@ def test_a_formulation_refuses_hostile_states_only_where_it_must(links, examples
     low, high = links
 
     @settings(max_examples=examples or settings().max_examples)
+    @example((HEAVY_LINK, State(np.zeros(HEAVY_LINK.n), np.zeros(HEAVY_LINK.n))))
     @given(strategies.scene_states(strategies.hostile_snakes(low, high), strategies.hostile_states))
     def refusals_are_justified(case):
         scene, state = case

@@ -223,10 +223,7 @@ class Evaluation:
         return qr(self.terms.a.T, mode="economic", check_finite=False)
 
     def _move(self, record: Any) -> Any:
-        if self._noise is None:
-            return record
-        moved = (None if x is None else self._noise.entries(x) for x in record)
-        return type(record)(*moved)
+        return record if self._noise is None else self._noise.record(record)
 
     def spread(self, quantity: Callable[[Evaluation], Any], coordinates: bool = False) -> float:
         """Return κ · scale of `quantity`: its largest entry, and how far that moves, per step.

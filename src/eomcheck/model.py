@@ -154,8 +154,8 @@ class Scene(ABC):
     """A mechanical system: parameters that check themselves, and its equations (rules 1-9).
 
     The equations are generic functions held as static attributes. All take first `parameters`, a
-    NamedTuple made by `parameters(arithmetic)`, and `prepared`, which
-    `prepare(arithmetic, q, t)` makes:
+    NamedTuple made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the
+    bodies that `velocities` lists, and `prepared`, which `prepare(arithmetic, q, t)` makes:
 
     - `terms(parameters, prepared, q, v) -> Terms`
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share

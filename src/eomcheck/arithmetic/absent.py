@@ -36,7 +36,8 @@ class _Settle(ast.NodeTransformer):
     def visit_If(self, node: ast.If) -> ast.If | list[ast.stmt]:
         self.generic_visit(node)
         if isinstance(node.test, ast.Constant):
-            return node.body if node.test.value else node.orelse
+            # The branch may be all that its block held.
+            return (node.body if node.test.value else node.orelse) or [ast.Pass()]
         return node
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-from collections.abc import Callable
+import shutil
+import time
+from collections.abc import Callable, Iterable
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -36,8 +38,8 @@ class Float64:
     """The arithmetic of machine doubles (`eomcheck.model.Arithmetic`)."""
 
     def numbers(self, x: np.ndarray) -> np.ndarray:
-        """Return x as doubles, contiguous."""
-        return np.ascontiguousarray(x, dtype=np.float64)
+        """Return x as doubles, a contiguous copy."""
+        return np.array(x, dtype=np.float64, order="C")
 
     def angles(self, x: np.ndarray) -> Angles:
         """Return the angles x (k,) with their cosines and sines."""
@@ -113,8 +115,8 @@ def compiled(function: Callable) -> Callable:
     entry = _entry(function) if function in _settled_when_called else function
     dispatcher = numba.njit(error_model="numpy")(entry)
     if _has_source(function):
-        with _cache_directory():
-            dispatcher._cache = _Cache(entry)
+        with _cache_directory(function):
+            dispatcher._cache = _Cache(entry)  # type: ignore[attr-defined]
     return dispatcher
 
 
@@ -167,28 +169,56 @@ def _has_source(function: Callable) -> bool:
 
 
 @contextmanager
-def _cache_directory():
+def _cache_directory(function: Callable):
     """Let numba cache below a directory named after the present state of the sources.
 
     numba itself only notices a change in the file of the outermost function, and would go on
     serving code compiled from an older version of the functions that it calls.
     """
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = _stamped_directory(before)  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(_stamped_directory(before, function))  # type: ignore[attr-defined]
     try:
         yield
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
-@cache
-def _stamped_directory(chosen: str) -> str:
-    package = Path(eomcheck.__file__).parent
-    digest = hashlib.sha256(str(package).encode())
-    for path in sorted(package.rglob("*.py")):
-        stat = path.stat()
-        digest.update(f"{path} {stat.st_mtime_ns} {stat.st_size}".encode())
-    base = Path(chosen) if chosen else package / "__pycache__"
+PACKAGE = Path(eomcheck.__file__).parent
+KEEP_DAYS = 7
+"""Compiled code of older sources is kept this long."""
+
+
+def _stamped_directory(chosen: str, function: Callable) -> Path:
+    base = Path(chosen) if chosen else PACKAGE / "__pycache__"
     if not os.access(base if base.exists() else base.parent, os.W_OK):
         base = Path.home() / ".cache" / "eomcheck"
-    return str(base / f"numba-{digest.hexdigest()[:16]}")
+    stamp = hashlib.sha256(f"{_package_stamp()} {_foreign_stamp(function)}".encode()).hexdigest()
+    directory = base / f"numba-{stamp[:16]}"
+    if not directory.exists():
+        for old in base.glob("numba-*"):
+            if time.time() - old.stat().st_mtime > 86400 * KEEP_DAYS:
+                shutil.rmtree(old, ignore_errors=True)
+    return directory
+
+
+@cache
+def _package_stamp() -> str:
+    return _stamp(sorted(PACKAGE.rglob("*.py")))
+
+
+def _foreign_stamp(function: Callable) -> str:
+    """Return the state of the sources outside the package, if `function` reaches any of them."""
+    cells = (cell.cell_contents for cell in function.__closure__ or ())
+    if not _foreign_files((function, *filter(callable, cells))):
+        return ""
+    return _stamp(_foreign_files(tuple(GENERIC)) | _foreign_files((function,)))
+
+
+def _foreign_files(functions: tuple[Callable, ...]) -> set[Path]:
+    files = {Path(inspect.getfile(function)) for function in functions}
+    return {file for file in files if PACKAGE not in file.parents and file.is_file()}
+
+
+def _stamp(files: Iterable[Path]) -> str:
+    lines = (f"{file} {file.stat().st_mtime_ns} {file.stat().st_size}" for file in sorted(files))
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -124,7 +124,9 @@ def _lapack_solve(A, b, name):
                 A,
             )
     x = _getrs(lu, pivots, b)[0] if np.diagonal(lu).all() else np.full(b.shape, np.nan)
-    return x * (scale if b.ndim == 1 else scale[:, None])
+    x = x * (scale if b.ndim == 1 else scale[:, None])
+    # Each right-hand side is rounded by itself: where results are summed and cancel, it shows.
+    return x if noise is None else noise.entries(x)
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:

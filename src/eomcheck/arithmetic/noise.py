@@ -8,6 +8,8 @@ changes. Rounding then moves the result by about eps times that.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 STEP = 2.0**-46
@@ -34,6 +36,15 @@ class Noise:
     def entries(self, x: np.ndarray) -> np.ndarray:
         """Change each entry of x relative to itself: numbers that were read or rounded."""
         return x * (1.0 + self.changes(x.shape))
+
+    def record(self, x: Any) -> Any:
+        """Change each entry of every array in a record; what is absent stays absent."""
+        if x is None:
+            return None
+        if isinstance(x, tuple):
+            parts = [self.record(part) for part in x]
+            return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
+        return self.entries(np.asarray(x))
 
     def by_column(self, A: np.ndarray) -> np.ndarray:
         """Change each entry of A relative to the largest of its column.

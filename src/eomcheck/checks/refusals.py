@@ -33,10 +33,14 @@ def independent_rcond(refusal: RefusedError, case: Case) -> float:
     unit = np.eye(at.scene.n)
     speeds = at.scene.speeds_of
     u_of_v = np.array([at.call(speeds, at.parameters, at.prepared, at.q, e) for e in unit]).T
-    both = u_of_v if at.terms.a is None else np.vstack((at.terms.a, u_of_v))
-    # Velocities are measured by the energy in them, which has no preferred units.
-    both = both / np.sqrt(np.diagonal(at.terms.M))
-    return _rcond(both / np.abs(both).max(axis=1, keepdims=True))
+    # Velocities are measured by the energy in them, and so have no units of their own.
+    energy = np.sqrt(np.diagonal(at.terms.M))
+    u_of_v = u_of_v / energy
+    u_of_v = u_of_v / np.abs(u_of_v).max(axis=1, keepdims=True)
+    if at.terms.a is None:
+        return _rcond(u_of_v)
+    a = at.terms.a / energy
+    return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
 
 
 def _rcond(matrix: Array) -> float:

@@ -19,7 +19,7 @@ def engine_of(key: str) -> type[Engine]:
     Raises:
         UnknownNameError: there is none.
     """
-    if key not in ENGINES:
+    if not isinstance(key, str) or key not in ENGINES:
         raise UnknownNameError("engine", key, ENGINES)
     return ENGINES[key]
 

@@ -27,7 +27,7 @@ def formulation_of(key: str) -> Formulation:
     Raises:
         UnknownNameError: there is none.
     """
-    if key not in FORMULATIONS:
+    if not isinstance(key, str) or key not in FORMULATIONS:
         raise UnknownNameError("formulation", key, FORMULATIONS)
     return FORMULATIONS[key]
 

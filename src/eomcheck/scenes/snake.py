@@ -442,6 +442,8 @@ class Snake(Scene):
                 value = finite_array(field.name, value, (links,))
             elif value is not None:
                 value = finite_array(field.name, value, (links - 1,))
+            if value is not None:
+                value.setflags(write=False)
             object.__setattr__(self, field.name, value)
         for name, positive in (("mass", True), ("length", True), ("inertia", False)):
             bad = getattr(self, name) <= 0 if positive else getattr(self, name) < 0
