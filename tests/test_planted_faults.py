@@ -153,6 +153,24 @@ FAULTS = [
         "generalized-forces",
         "0.5 times",
     ),
+    # not a number, and nothing at all
+    Fault(SNAKE, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
+    Fault(SNAKE, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
+    Fault(SNAKE, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
+    Fault(SNAKE, "    return a\n", "    return a * np.nan\n", "finite-terms", "[a]"),
+    Fault(SNAKE, "    return a\n", "    return 0 * a\n", "constraint-jacobian", "missing"),
+    Fault(
+        "formulations/au.py", "M_Au[n:, :n] = -a", "pass", "refusals", "au, M_Au: refused in vain"
+    ),
+    Fault(
+        "formulations/au.py", "M_Au[:n, :n] = M", "pass", "refusals", "au, M_Au: refused in vain"
+    ),
+    Fault(
+        "formulations/el.py", "M_El[n - r :] = a", "pass", "refusals", "el, M_El: refused in vain"
+    ),
+    Fault("formulations/im.py", "M_IM[i, i] = 1", "pass", "refusals", "im, M_IM: refused in vain"),
+    Fault("formulations/gw.py", "columns[:, :r] = a.T", "pass", "refusals", "refused in vain"),
+    Fault("formulations/gw.py", '"M_GW"), lambda_', '"M_GW"), None', "multipliers", "[gw]"),
     # formulations
     Fault("formulations/im.py", "(v, F_Au)", "(v, -F_Au)", "equations-residual", "[im]"),
     Fault("formulations/im.py", "[v.size :]", "[: -v.size]", "equations-residual", "[im]"),
@@ -267,15 +285,17 @@ def first_failure(scene: type[Snake], formulations: dict, links: int = 4) -> Fin
     )
     for seed in range(3):
         random = np.random.default_rng(seed)
-        made = scene(
+        parameters = (
             random.uniform(0.5, 2, links),
             random.uniform(0.5, 2, links),
             random.uniform(0.1, 1, links),
             random.uniform(10, 100, links - 1),
             random.uniform(-1, 1, links),
         )
+        made = scene(*parameters)
         q = random.uniform(-2, 2, links + 2)
-        at = Evaluation(made, q, np.zeros(made.n))
+        # The velocity is right even where the fault is in a.
+        at = Evaluation(Snake(*parameters), q, np.zeros(made.n))
         v = consistent_velocity(at, null_space(at.terms.a) @ random.uniform(1, 3, 2))
         for finding in Run().look_at(made, State(q, v), selection):
             if finding.verdict == "failed":

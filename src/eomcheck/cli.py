@@ -147,6 +147,12 @@ def validate(
 def _check_writable(path: Path | None) -> None:
     if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
         raise InputError(f"{str(path)!r} is not a file in a folder that exists")
+    if path is not None:
+        try:
+            with path.open("a", encoding="utf-8"):
+                pass
+        except OSError as error:
+            raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
 @app.command("list")

@@ -16,11 +16,14 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
-from eomcheck.arithmetic.noise import SAMPLES, STEP, Noise
+from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition, formulation_of
 from eomcheck.model import Array, Bodies, Scene, Speeds, Terms, finite_array
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+
+LOST = 2.0**-12
+"""A change by this share of the quantity, at so small a noise, asks whether it is lost."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class Evaluation:
     """
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
+        if not isinstance(scene, Scene):
+            raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
         self.scene, self.t = scene, t
         self.q, self.v = scene.check_state(q, v, t)
         self._noise: Noise | None = None
@@ -187,6 +192,8 @@ class Evaluation:
     def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
         """Return siblings in which every number is moved, on request the coordinates as well.
 
+        There are `SAMPLES` by `STEP`, and the first once more by `STRETCH` times as much.
+
         Our own formulations read one and the same q, so that its rounding is no error of theirs;
         an outside engine forms its own angles from q and rounds them again.
         """
@@ -194,14 +201,19 @@ class Evaluation:
 
     @cached_property
     def _moved_numbers(self) -> tuple[Evaluation, ...]:
-        return tuple(self._sibling(seed, coordinates=False) for seed in range(SAMPLES))
+        return self._siblings(coordinates=False)
 
     @cached_property
     def _moved_everywhere(self) -> tuple[Evaluation, ...]:
-        return tuple(self._sibling(seed, coordinates=True) for seed in range(SAMPLES))
+        return self._siblings(coordinates=True)
 
-    def _sibling(self, seed: int, coordinates: bool) -> Evaluation:
-        noise = Noise(seed)
+    def _siblings(self, coordinates: bool) -> tuple[Evaluation, ...]:
+        noises = [Noise(seed) for seed in range(SAMPLES)]
+        return tuple(
+            self._sibling(noise, coordinates) for noise in (*noises, Noise(0, STRETCH * STEP))
+        )
+
+    def _sibling(self, noise: Noise, coordinates: bool) -> Evaluation:
         q = noise.entries(self.q) if coordinates else self.q
         sibling = Evaluation(self.scene, q, self.v + self._velocity_noise(noise), self.t)
         sibling._noise, sibling._origin = noise, self
@@ -215,7 +227,10 @@ class Evaluation:
         residual = _violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
-            return change + Q @ solve_triangular(R, residual, trans=1, check_finite=False)
+            try:
+                return change + Q @ solve_triangular(R, residual, trans=1, check_finite=False)
+            except np.linalg.LinAlgError:  # dependent constraints
+                return change
 
     @cached_property
     def _constraint_factors(self) -> tuple[Any, ...]:
@@ -225,21 +240,29 @@ class Evaluation:
     def _move(self, record: Any) -> Any:
         return record if self._noise is None else self._noise.record(record)
 
-    def spread(self, quantity: Callable[[Evaluation], Any], coordinates: bool = False) -> float:
+    def spread(
+        self,
+        quantity: Callable[[Evaluation], Any],
+        coordinates: bool = False,
+        can_be_lost: bool = False,
+    ) -> float:
         """Return κ · scale of `quantity`: its largest entry, and how far that moves, per step.
 
-        Infinite where a moved evaluation cannot be finished.
+        Infinite where a moved evaluation cannot be finished. For a quantity that `can_be_lost`, the
+        result of a solve, also where the change does not grow with the noise: it is lost already.
         """
         here = np.asarray(quantity(self))
-        change = 0.0
-        for sibling in self.moved(coordinates):
+        size = largest(here)
+        changes = []
+        with np.errstate(all="ignore"):
             try:
-                there = np.asarray(quantity(sibling))
+                changes = [largest(quantity(e) - here) for e in self.moved(coordinates)]
             except (RefusedError, np.linalg.LinAlgError):
                 return float("inf")
-            with np.errstate(all="ignore"):
-                change = max(change, largest(there - here) / STEP)
-        return largest(here) + change
+        *changes, stretched = changes
+        if can_be_lost and changes[0] > LOST * size and stretched < STRETCH / 2 * changes[0]:
+            return float("inf")
+        return size + max(changes) / STEP
 
     def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
         """Return the result of a formulation in terms, found in other coordinates x = T q.
@@ -282,7 +305,9 @@ class Evaluation:
         if rcond and allowed_error(1.0 / min(rcond.values())) > INCONCLUSIVE:
             return float("inf")
         return self.spread(
-            lambda e: getattr(e.acceleration(formulation, pivoted), part), coordinates
+            lambda e: getattr(e.acceleration(formulation, pivoted), part),
+            coordinates,
+            can_be_lost=True,
         )
 
 
@@ -385,9 +410,7 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
     at = Evaluation(scene, q, np.zeros(scene.n), t)
     at.u = u
     v = at.velocity
-    if not np.isfinite(v).all():
-        raise RefusedError("v", float("nan"), 0.0, "the velocity W u overflows")
-    return consistent_velocity(at, v)
+    return _finite("v", consistent_velocity(at, v) if np.isfinite(v).all() else v)
 
 
 def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
@@ -395,5 +418,12 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
 
     Raises:
         InputError: wrong shapes or values that are not finite.
+        RefusedError: u overflows.
     """
-    return Evaluation(scene, q, v, t).u
+    return _finite("u", Evaluation(scene, q, v, t).u)
+
+
+def _finite(name: str, x: Array) -> Array:
+    if not np.isfinite(x).all():
+        raise RefusedError(name, float("nan"), 0.0, f"{name} overflows: doubles cannot hold it")
+    return x

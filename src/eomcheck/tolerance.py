@@ -19,6 +19,9 @@ C = 32.0
 `eomcheck bench tolerance` measures observed / (κ ε scale) over random states.
 """
 
+HUGE = 1e100
+"""Inputs above this can overflow in the products that terms are made of."""
+
 INCONCLUSIVE = 1e-3
 """Where allowed / |reference| exceeds this, nothing was checked."""
 

@@ -65,7 +65,7 @@ def watching(noise: Noise | None = None) -> Iterator[Watch]:
 
 
 def singular_below(size: int) -> float:
-    """Return the reciprocal condition number at and below which a matrix counts as singular.
+    """Return the reciprocal condition number at and below which a scaled matrix is singular.
 
     LU with partial pivoting solves (A + E) x = b exactly, where each column of E is at most about
     size * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
@@ -104,10 +104,13 @@ def _lapack_solve(A, b, name):
         return b.copy()
     watch = _watch.get()
     noise = watch.noise if watch is not None else None
-    if noise is not None:
-        A = noise.by_column(A)
+    # First columns, then rows: neither the units of the unknowns nor those of the equations matter.
     scale = column_scale(A)
     A = A * scale
+    row_scale = column_scale(A.T)
+    A, b = A * row_scale[:, None], b * (row_scale if b.ndim == 1 else row_scale[:, None])
+    if noise is not None:
+        A = noise.by_column(A)
     lu, pivots, _ = _getrf(A)
     rcond = _gecon(lu, np.abs(A).sum(axis=0).max())[0] if np.isfinite(lu).all() else 0.0
     if noise is None:
@@ -132,9 +135,8 @@ def _lapack_solve(A, b, name):
 def column_scale(A: np.ndarray) -> np.ndarray:
     """Return powers of two, shape (k,), that bring the largest entry of each column near 1.
 
-    Elimination with partial pivoting does not notice such a scaling: pivots and digits are the
-    same. The condition number does, so it is taken after it and does not depend on the units in
-    which unknowns are measured.
+    Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
+    the same. It does notice one of rows, for which the same function is used on Aᵀ.
     """
     largest = np.abs(A).max(axis=0)
     usable = (largest > 0) & np.isfinite(largest)

@@ -19,6 +19,10 @@ its own size whatever the step, measures as 1/h: its error bound is then as larg
 SAMPLES = 4
 """Independent noises per measurement; the largest change counts."""
 
+STRETCH = 8.0
+"""The first noise is also tried this many times larger: a change that does not grow is saturated,
+and says nothing about smaller noise."""
+
 
 class Noise:
     """A seeded source of relative changes of size between h/2 and h, either sign."""

@@ -61,7 +61,7 @@ def constraint_acceleration(case: Case) -> Iterator[Finding]:
             a @ vdot + gamma,
             np.zeros(gamma.size),
             spread,
-            scale=max(scale, spread),
+            scale=scale,
         )
 
 
@@ -80,7 +80,14 @@ def equivalence(case: Case) -> Iterator[Finding]:
 @claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
 def multipliers(case: Case) -> Iterator[Finding]:
     """All formulations that have multipliers have the same, pair by pair."""
-    having = tuple(f for f in case.solved if case.at.acceleration(f).multipliers is not None)
+    results = {f: case.at.acceleration(f).multipliers for f in case.solved}
+    if case.at.terms.a is not None:
+        for f, found in results.items():
+            declared = np.asarray(float(f.multipliers))
+            yield case.compare(
+                f.key, np.asarray(float(found is not None)), declared, 1.0, scale=1.0
+            )
+    having = tuple(f for f, found in results.items() if found is not None)
     for f, g in pairs(having):
         expected = np.asarray(case.at.acceleration(g).multipliers)
         yield case.compare(

@@ -73,9 +73,11 @@ class Finding:
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""
+        kind = type(self.scene)
+        home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
         return (
             "import eomcheck\n"
-            f"from eomcheck.scenes import {type(self.scene).__name__}\n\n"
+            f"from {home} import {kind.__name__}\n\n"
             f"scene = {self.scene!r}\n"
             f"q = {self.state.q.tolist()}\n"
             f"v = {self.state.v.tolist()}\n"
@@ -94,10 +96,10 @@ def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]
         scale: size of what was compared; for a sum that should vanish, of its terms.
     """
     allowed = allowed_error(spread)
-    if not np.isfinite(allowed):
-        return allowed, "inconclusive"
     if not np.isfinite(observed):
         return allowed, "failed"
+    if not np.isfinite(allowed):
+        return allowed, "inconclusive"
     if allowed > INCONCLUSIVE * scale and not observed == allowed == 0.0:
         return allowed, "inconclusive"
     return allowed, "passed" if observed <= allowed else "failed"

@@ -67,7 +67,7 @@ def speeds_remainder(case: Case) -> Iterator[Finding]:
     size = np.abs(at.terms.a) @ np.abs(at.speeds.rest)
     scale = largest(size) + largest(at.terms.gamma)
     spread = at.spread(left) + scale
-    yield case.compare("ml, kane", left(at), np.zeros(at.scene.r), spread, scale=max(scale, spread))
+    yield case.compare("ml, kane", left(at), np.zeros(at.scene.r), spread, scale=scale)
 
 
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
@@ -123,7 +123,8 @@ def kane_ml_force(case: Case) -> Iterator[Finding]:
         at = case.at
         spread = at.spread(_kane_force) + at.spread(lambda e: _ml_system(e)[1])
         found, expected = _kane_force(at), _ml_system(at)[1]
-        scale = max(largest(found), spread)
+        force = at.bodies.force
+        scale = largest(_kane_remainder(at)) + (0.0 if force is None else largest(force))
         names = (case.speed_names,)
         yield case.compare("kane ~ ml", found, expected, spread, scale=scale, names=names)
 

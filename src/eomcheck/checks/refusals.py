@@ -2,43 +2,68 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 
 from eomcheck.arithmetic.linear import column_scale
 from eomcheck.checks.claim import CLAIMS, Case, Claim, claim
 from eomcheck.checks.finding import Finding, Verdict
 from eomcheck.errors import RefusedError
-from eomcheck.model import Array, State
-from eomcheck.tolerance import largest
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import Formulation
+from eomcheck.model import Array, Scene, State
+from eomcheck.tolerance import HUGE, largest
 
-HUGE = 1e140
-"""Terms above this can overflow in a product of two."""
 
+def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
+    """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
 
-def independent_rcond(refusal: RefusedError, case: Case) -> float:
-    """Return the reciprocal condition number of what was refused, computed in another way.
-
-    A matrix is measured by its singular values; they and the 1-norm of the refusal agree to a
-    factor of the order, which is taken off. Generalized speeds exist where a v and u(v) together
-    determine v, so the matrix of that linear map stands for a divisor. An overflow counts as
-    justified where terms are large enough for it.
+    Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
+    first r columns of a, or the map that gives v from the constraints and u, by their singular
+    values. Those and the 1-norm of a refusal agree to a factor of the order, which is taken off. An
+    overflow is justified by inputs large enough for it.
     """
-    if refusal.matrix is not None:
-        return _rcond(refusal.matrix * column_scale(refusal.matrix))
     at = case.at
+    M, _, _, a, _, _ = at.terms
     if np.isnan(refusal.rcond):
-        return 0.0 if max(largest(x) for x in (at.v, at.F, at.terms.M)) > HUGE else 1.0
-    unit = np.eye(at.scene.n)
-    speeds = at.scene.speeds_of
-    u_of_v = np.array([at.call(speeds, at.parameters, at.prepared, at.q, e) for e in unit]).T
+        return 0.0 if max(largest(x) for x in (at.v, at.F, M)) > HUGE else 1.0
+    needed = [M]
+    if a is not None:
+        needed.append(np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]]))
+        if formulation.partitioned:
+            needed.append(a[:, at.partition().dependent])
+    rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
+    if a is not None and (formulation.partitioned or formulation.uses != "terms"):
+        # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
+        Z = null_space(a)
+        R = Z[at.partition().independent]
+        if formulation.uses != "terms":
+            R = _speeds_map(at) @ Z
+            rcond.append(_rcond_of_speeds(at))
+        rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
+    return min(rcond)
+
+
+def _balanced(matrix: Array) -> Array:
+    return matrix * column_scale(matrix.T)[:, None]
+
+
+def _speeds_map(at: Evaluation) -> Array:
+    """Return the matrix (p, n) of the linear map from v to u."""
+    speeds, unit = at.scene.speeds_of, np.eye(at.scene.n)
+    return np.array([at.call(speeds, at.parameters, at.prepared, at.q, e) for e in unit]).T
+
+
+def _rcond_of_speeds(at: Evaluation) -> float:
+    """Return the reciprocal condition number of the linear map from v to (a v, u)."""
     # Velocities are measured by the energy in them, and so have no units of their own.
     energy = np.sqrt(np.diagonal(at.terms.M))
-    u_of_v = u_of_v / energy
+    u_of_v = _speeds_map(at) / energy
     u_of_v = u_of_v / np.abs(u_of_v).max(axis=1, keepdims=True)
-    if at.terms.a is None:
-        return _rcond(u_of_v)
     a = at.terms.a / energy
     return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
 
@@ -58,7 +83,7 @@ def refusals(case: Case) -> Iterator[Finding]:
         try:
             case.at.acceleration(formulation)
         except RefusedError as refusal:
-            rcond = independent_rcond(refusal, case)
+            rcond = independent_rcond(formulation, refusal, case)
             justified = rcond <= refusal.threshold
             yield Finding(
                 case.claim.id,
@@ -91,17 +116,22 @@ ENOUGH = 20
 """Fewer states than this say nothing about a share of 5 %."""
 
 
-def coverage(drawn: list[Finding], states: int) -> Finding:
-    """Return the Finding on the share of drawn states that some formulation refused.
+class Drawn(NamedTuple):
+    """A state that was drawn, and the formulations that refused it."""
 
-    Args:
-        drawn: the Findings on those states, at least one.
-        states: how many states were drawn.
-    """
-    refused = {id(finding.state.q): finding for finding in drawn if finding.claim == "refusals"}
-    example = next(iter(refused.values()), drawn[0])
-    share = len(refused) / states
+    scene: Scene
+    state: State
+    refused: tuple[str, ...]
+
+
+def coverage(drawn: list[Drawn]) -> Finding:
+    """Return the Finding on the share of drawn states that some formulation refused."""
+    refused = [one for one in drawn if one.refused]
+    example = (refused or drawn)[0]
+    share = len(refused) / len(drawn)
     verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
+    by_key = Counter(key for one in refused for key in one.refused)
+    named = "".join(f"; {key} refused {count}" for key, count in by_key.items())
     return Finding(
         "coverage",
         "all",
@@ -109,7 +139,8 @@ def coverage(drawn: list[Finding], states: int) -> Finding:
         example.state,
         share,
         MAY_REFUSE,
-        verdict if states >= ENOUGH else "inconclusive",
-        f"property-tested: {states} states",
-        f"{states - len(refused)} of {states} ordinary states solved by all formulations",
+        verdict if len(drawn) >= ENOUGH else "inconclusive",
+        f"property-tested: {len(drawn)} states",
+        f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
+        + named,
     )

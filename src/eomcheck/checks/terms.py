@@ -11,6 +11,7 @@ from eomcheck.checks.finding import Finding
 from eomcheck.engines import DerivingEngine, Engine
 from eomcheck.evaluate import Evaluation
 from eomcheck.model import Array
+from eomcheck.tolerance import HUGE, largest
 
 
 def _against_engines(
@@ -37,6 +38,19 @@ def _against_engines(
             scale=spread + size(engine),
             evidence=f"compared: {engine.version()}",
         )
+
+
+@claim("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
+def finite_terms(case: Case) -> Iterator[Finding]:
+    """Every term is a finite number, unless the state itself is so large that it overflows."""
+    at = case.at
+    with_inputs = [x for x in at.parameters if x is not None] + [at.q, at.v]
+    overflow = max(largest(x) for x in with_inputs) > HUGE
+    for name, term in at.terms._asdict().items():
+        if term is not None and not (overflow and not np.isfinite(term).all()):
+            zero = np.zeros(np.shape(term))
+            bad = np.where(np.isfinite(term), 0.0, np.inf)
+            yield case.compare(name, bad, zero, 0.0)
 
 
 @claim("mass-matrix", "M = M of the engine", "(5), (25)", "mass matrix")

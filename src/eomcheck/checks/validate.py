@@ -18,7 +18,7 @@ from hypothesis.strategies import SearchStrategy
 from eomcheck import strategies
 from eomcheck.checks import CLAIMS, Case, Finding, State
 from eomcheck.checks.claim import look
-from eomcheck.checks.refusals import coverage
+from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluate import Evaluation, check_consistent
@@ -63,16 +63,16 @@ class Run:
         findings: every Finding, in the order made.
         seconds: time spent per claim.
         cases: number of states looked at.
-        drawn: the Findings on states that hypothesis drew.
-        states_drawn: how many those were.
+        drawn: the states that hypothesis drew, and who refused them.
+        refused: keys of the formulations that refused the last state looked at.
         minimal: the smallest failing case, if a claim failed.
     """
 
     findings: list[Finding] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     cases: int = 0
-    drawn: list[Finding] = field(default_factory=list)
-    states_drawn: int = 0
+    drawn: list[Drawn] = field(default_factory=list)
+    refused: tuple[str, ...] = ()
     minimal: Finding | None = None
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
@@ -81,10 +81,11 @@ class Run:
         new: list[Finding] = []
         for one in selection.claims:
             start = time.perf_counter()
-            new += look(case, CLAIMS[one])
+            new += look(case, CLAIMS[one]) if case.finite or one == "finite-terms" else []
             self.seconds[one] += time.perf_counter() - start
         self.findings += new
         self.cases += 1
+        self.refused = case.refused if case.finite else ()
         return new
 
     def explore(
@@ -100,16 +101,17 @@ class Run:
         Raises:
             InputError: `examples` is less than 1.
         """
-        if examples < 1:
-            raise InputError(f"examples = {examples}, expected at least 1")
+        if not isinstance(examples, int) or examples < 1:
+            raise InputError(f"examples = {examples!r}, expected a whole number of at least 1")
         failing: str | None = None
 
         def examine(drawn: tuple[Scene, State]) -> None:
             nonlocal failing
             if failing is None:
                 new = self.look_at(*drawn, selection)
-                self.drawn += new
-                self.states_drawn += 1
+                scene, state = drawn
+                state = new[0].state if new else state
+                self.drawn.append(Drawn(scene, state, self.refused))
                 on_case()
             else:
                 new = look(_case(*drawn, selection), CLAIMS[failing])
@@ -136,7 +138,7 @@ class Run:
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
         if "coverage" in selection.claims and self.drawn:
-            self.findings.append(coverage(self.drawn, self.states_drawn))
+            self.findings.append(coverage(self.drawn))
         if self.minimal is not None:
             self.findings.append(self.minimal)
         return self.findings

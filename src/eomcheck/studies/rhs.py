@@ -28,7 +28,7 @@ from eomcheck.scenes import Snake
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200
-"""Largest N by default for what costs O(N³)."""
+"""Largest N for what costs O(N³), unless a formulation is named."""
 BATCH_SECONDS = 0.02
 """A timed batch repeats the call until it takes about this long."""
 
@@ -116,7 +116,8 @@ def _pinocchio_call(links: int) -> Callable[[int], object]:
     engine = PinocchioEngine(scene)
     T = engine.coordinates
     back = np.linalg.inv(T)
-    x, xd, force = T @ at.q, T @ at.v, back.T @ at.terms.Q
+    Q = np.zeros(scene.n) if at.terms.Q is None else at.terms.Q
+    x, xd, force = T @ at.q, T @ at.v, back.T @ Q
     jacobian, drift = at.terms.a @ back, at.terms.gamma
     model, data = engine.model, engine.data
 
@@ -134,8 +135,8 @@ def measure_all(
     """Time everything and return the Records.
 
     Args:
-        links: numbers of links, by default `LINKS`, where what costs O(N³) stops at `DENSE_LIMIT`.
-        keys: formulations, all by default.
+        links: numbers of links, by default `LINKS`.
+        keys: formulations, all by default; those named are timed beyond `DENSE_LIMIT` too.
         repeats: timed batches per median.
 
     Raises:
@@ -149,18 +150,15 @@ def measure_all(
             if value < 1:
                 raise InputError(f"{name} = {value}, expected at least 1")
 
-    def dense(n: int) -> bool:
-        return links is not None or n <= DENSE_LIMIT
-
     jobs: list[tuple[str, int, Callable[[int], Callable[[int], object]]]] = []
     for n in chosen:
         jobs.append((TRIGONOMETRY, n, _trigonometry_call))
         jobs += [
             (f.key, n, partial(_formulation_call, f))
             for f in formulations
-            if f.uses == "bodies" or dense(n)
+            if f.uses == "bodies" or keys is not None or n <= DENSE_LIMIT
         ]
-        if dense(n):
+        if n <= DENSE_LIMIT:
             jobs.append((PINOCCHIO, n, _pinocchio_call))
     records = []
     with progress("timing", len(jobs)) as advance:
