@@ -36,8 +36,6 @@ class Fault:
     new: str
     claim: str
     says: str
-    which: int = 0
-    """Which occurrence of `old` is changed."""
 
     @property
     def id(self) -> str:

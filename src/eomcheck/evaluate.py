@@ -253,7 +253,6 @@ class Evaluation:
         """
         here = np.asarray(quantity(self))
         size = largest(here)
-        changes = []
         with np.errstate(all="ignore"):
             try:
                 changes = [largest(quantity(e) - here) for e in self.moved(coordinates)]
