@@ -59,7 +59,7 @@ def rate(snake: Snake, key: str, q, v):
     speeds = v if formulation.uses == "terms" else speeds_of(snake, q, v)
     at = Evaluation(snake, q, v)
     function = right_hand_side(snake, formulation)
-    return function(snake.parameters(FLOAT64), at.q, np.asarray(speeds), at.partition())
+    return function(snake.parameters(FLOAT64), at.q, np.asarray(speeds), at.partition)
 
 
 def state(snake: Snake):
@@ -110,7 +110,7 @@ def test_the_compiled_right_hand_side_does_not_raise_on_nan(key):
     q[2] = np.nan
     formulation = FORMULATIONS[key]
     speeds = v if formulation.uses == "terms" else np.ones(2)
-    partition = Evaluation(snake, np.zeros(snake.n), v).partition()
+    partition = Evaluation(snake, np.zeros(snake.n), v).partition
     rates = right_hand_side(snake, formulation)(snake.parameters(FLOAT64), q, speeds, partition)
     assert np.isnan(rates[1]).all()
 

@@ -245,6 +245,7 @@ LAYERS = (
     "arithmetic model",
     "scenes",
     "formulations",
+    "quantities",
     "tolerance",
     "evaluate",
     "engines",

@@ -19,7 +19,8 @@ from eomcheck.arithmetic.linear import watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Bodies, Scene, Speeds, Terms, finite_array
+from eomcheck.model import Array, Scene, finite_array
+from eomcheck.quantities import Quantities
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
 LOST = 2.0**-12
@@ -44,7 +45,7 @@ class Acceleration:
     error_bound: float
 
 
-class Evaluation:
+class Evaluation(Quantities):
     """The quantities of `scene` at (q, v, t), each computed on first use.
 
     Args:
@@ -60,8 +61,9 @@ class Evaluation:
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
         if not isinstance(scene, Scene):
             raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
-        self.scene, self.t = scene, t
-        self.q, self.v = scene.check_state(q, v, t)
+        q, v = scene.check_state(q, v, t)
+        super().__init__(scene, FLOAT64, q, t)
+        self.v = v
         self._noise: Noise | None = None
         self._origin = self
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
@@ -71,34 +73,9 @@ class Evaluation:
         with np.errstate(all="ignore"):
             return (compiled(function) if self.scene.compiled else function)(*arguments)
 
-    @cached_property
-    def parameters(self) -> Any:
-        """The scene's parameters in doubles."""
-        return self._move(self.scene.parameters(FLOAT64))
-
-    @cached_property
-    def prepared(self) -> Any:
-        """What is not rational in q, in doubles."""
-        return self._move(self.scene.prepare(FLOAT64, self.q, self.t))
-
-    @cached_property
-    def terms(self) -> Terms:
-        """M, Q, B, a, gamma, b."""
-        arguments = self.parameters, self.prepared, self.q, self.v
-        return self._move(self.call(self.scene.terms, *arguments))
-
-    @cached_property
-    def F(self) -> Array:
-        """F = Q - B (n,)."""
-        Q, B = self.terms.Q, self.terms.B
-        if Q is None:
-            return np.zeros(self.scene.n) if B is None else -B
-        return Q if B is None else Q - B
-
-    @cached_property
-    def u(self) -> Array:
-        """Generalized speeds (p,) of v."""
-        return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
+    def keep(self, record: Any) -> Any:
+        """Return `record`, moved in a sibling."""
+        return record if self._noise is None else self._noise.record(record)
 
     @cached_property
     def kinematics(self) -> Any:
@@ -108,41 +85,13 @@ class Evaluation:
             RefusedError: the scene has no generalized speeds here.
         """
         self.scene.refuse_speeds()
-        arguments = self.parameters, self.prepared, self.q, self.u
-        return self._move(self.call(self.scene.kinematics, *arguments))
+        return super().kinematics
 
     @cached_property
-    def speeds(self) -> Speeds:
-        """W, rest, offset."""
-        arguments = self.parameters, self.prepared, self.kinematics
-        return self._move(self.call(self.scene.speeds, *arguments))
-
-    @cached_property
-    def bodies(self) -> Bodies:
-        """Partial velocities and what goes with them."""
-        arguments = self.parameters, self.prepared, self.kinematics
-        return self._move(self.call(self.scene.bodies, *arguments))
-
-    @cached_property
-    def velocity(self) -> Array:
-        """W u + offset (n,): v again, if v is consistent."""
-        with np.errstate(all="ignore"):
-            v = self.speeds.W @ self.u
-            return v if self.speeds.offset is None else v + self.speeds.offset
-
-    def partition(self, pivoted: bool = False) -> Partition:
-        """Return the paper's partition, the first r columns, or one by pivoted QR of a."""
-        return self._origin._pivoted_partition if pivoted else self._plain_partition
-
-    @cached_property
-    def _plain_partition(self) -> Partition:
-        columns = np.arange(self.scene.n)
-        return Partition(columns[: self.scene.r], columns[self.scene.r :])
-
-    @cached_property
-    def _pivoted_partition(self) -> Partition:
+    def pivoted_partition(self) -> Partition:
+        """The partition by pivoted QR of a."""
         if self.terms.a is None:
-            return self._plain_partition
+            return self.partition
         order: Any = qr(self.terms.a, mode="r", pivoting=True)[-1]
         r = self.scene.r
         return Partition(np.sort(order[:r]), np.sort(order[r:]))
@@ -166,20 +115,9 @@ class Evaluation:
         return result
 
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
-        multipliers = None
+        partition = self._origin.pivoted_partition if pivoted else self.partition
         with watching(self._noise) as watch, np.errstate(all="ignore"):
-            if formulation.uses == "terms":
-                M, _, _, a, gamma, _ = self.terms
-                vdot, multipliers = formulation.solution(
-                    M, self.F, a, gamma, self.v, self.partition(pivoted)
-                )
-            else:
-                if formulation.uses == "speeds":
-                    W, rest, _ = self.speeds
-                    udot = formulation.solution(self.terms.M, self.F, W, rest)
-                else:
-                    udot = formulation.solution(*self.bodies)
-                vdot = self.speeds.W @ udot + self.speeds.rest
+            vdot, multipliers = self.solution(formulation, partition)
         if self._noise is None and not np.isfinite(vdot).all():
             raise RefusedError(
                 "v̇",
@@ -237,9 +175,6 @@ class Evaluation:
         """Q (n, r) and R (r, r) with aᵀ = Q R."""
         return qr(self.terms.a.T, mode="economic", check_finite=False)
 
-    def _move(self, record: Any) -> Any:
-        return record if self._noise is None else self._noise.record(record)
-
     def spread(
         self,
         quantity: Callable[[Evaluation], Any],
@@ -280,7 +215,7 @@ class Evaluation:
                 None if a is None else a @ back,
                 gamma,
                 T @ self.v,
-                self.partition(),
+                self.partition,
             )
         return Acceleration(back @ xdd, multipliers, watch.rcond, float("inf"))
 

@@ -31,8 +31,9 @@ def null_space_embedding(case: Case) -> Iterator[Finding]:
     if a is None:
         return
     for pivoted in (False, True):
+        partition = case.at.pivoted_partition if pivoted else case.at.partition
         try:
-            w, _ = em.embedding(a, gamma, case.at.partition(pivoted))
+            w, _ = em.embedding(a, gamma, partition)
         except RefusedError:
             continue
         yield _vanishes(case, "em, pivoted" if pivoted else "em", a, w)

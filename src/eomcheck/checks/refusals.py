@@ -35,12 +35,12 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     if a is not None:
         needed.append(np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]]))
         if formulation.partitioned:
-            needed.append(a[:, at.partition().dependent])
+            needed.append(a[:, at.partition.dependent])
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
     if a is not None and (formulation.partitioned or formulation.uses != "terms"):
         # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
         Z = null_space(a)
-        R = Z[at.partition().independent]
+        R = Z[at.partition.independent]
         if formulation.uses != "terms":
             R = _speeds_map(at) @ Z
             rcond.append(_rcond_of_speeds(at))

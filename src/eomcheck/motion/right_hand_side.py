@@ -12,27 +12,9 @@ from collections.abc import Callable
 from functools import cache
 
 from eomcheck.arithmetic.float64 import angles, compiled
-from eomcheck.arithmetic.generic import generic
 from eomcheck.formulations import Formulation
 from eomcheck.model import Scene
-
-
-@generic
-def net_force(Q, B):
-    """Return F = Q - B (n,); at most one of them is None."""
-    if Q is None:
-        return -B
-    if B is None:
-        return Q
-    return Q - B
-
-
-@generic
-def velocity(u, W, offset):
-    """Return v = W u + offset (n,)."""
-    if offset is None:
-        return W @ u
-    return W @ u + offset
+from eomcheck.quantities import net_force, velocity
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:

@@ -63,7 +63,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
     except RefusedError:
         return []
     M, _, _, a, gamma, _ = at.terms
-    flipped = reference.solution(M, at.F, a, -gamma, at.v, at.partition())[0]
+    flipped = reference.solution(M, at.F, a, -gamma, at.v, at.partition)[0]
     scale = largest(vdot)
     if scale == 0.0:
         return []

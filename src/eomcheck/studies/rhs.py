@@ -100,7 +100,7 @@ def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], o
     rate = right_hand_side(scene, formulation)
     speeds = velocity(scene, q, u) if formulation.uses == "terms" else u
     at = Evaluation(scene, q, np.zeros(scene.n))
-    arguments = (at.parameters, at.q, speeds, at.partition())
+    arguments = (at.parameters, at.q, speeds, at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 
 

@@ -1,0 +1,146 @@
+"""What a scene and its formulations say at one point, in any kind of number, each on first use.
+
+`Quantities` is the one place where the functions of a scene and those of the formulations meet: the
+scene's terms, speeds and bodies go in, accelerations come out. Doubles, balls, elements of a finite
+field, bounds and counters all pass through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.arithmetic.generic import generic
+from eomcheck.formulations import Formulation, Partition
+from eomcheck.model import Arithmetic, Array, Bodies, Scene, Speeds, Terms
+
+
+class Solution(NamedTuple):
+    """What a formulation says: v̇ (n,), and λ (r,) or None."""
+
+    vdot: Any
+    multipliers: Any
+
+
+@generic
+def net_force(Q, B):
+    """Return F = Q - B (n,); at most one of them is None."""
+    if Q is None:
+        return -B
+    if B is None:
+        return Q
+    return Q - B
+
+
+@generic
+def velocity(u, W, offset):
+    """Return v = W u + offset (n,)."""
+    if offset is None:
+        return W @ u
+    return W @ u + offset
+
+
+class Quantities:
+    """The quantities of `scene` at one point, in the numbers of `arithmetic`.
+
+    Either `v` or `u` is to be set from outside; the other one then follows from it.
+
+    Args:
+        scene: the scene.
+        arithmetic: the kind of number.
+        q: coordinates (n,), in doubles.
+        t: time, s.
+    """
+
+    def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: float = 0.0):
+        self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function."""
+        return function(*arguments)
+
+    def keep(self, record: Any) -> Any:
+        """Return `record` as it is used from here on."""
+        return record
+
+    @cached_property
+    def parameters(self) -> Any:
+        """The scene's parameters."""
+        return self.keep(self.scene.parameters(self.arithmetic))
+
+    @cached_property
+    def prepared(self) -> Any:
+        """What is not rational in q and t."""
+        return self.keep(self.scene.prepare(self.arithmetic, self.q, self.t))
+
+    @cached_property
+    def v(self) -> Array:
+        """Velocities (n,): those of u."""
+        return self.velocity
+
+    @cached_property
+    def u(self) -> Array:
+        """Generalized speeds (p,): those of v."""
+        return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
+
+    @cached_property
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.terms, *arguments))
+
+    @cached_property
+    def F(self) -> Array:
+        """F = Q - B (n,)."""
+        M, Q, B, *_ = self.terms
+        return np.zeros(self.scene.n, M.dtype) if Q is None and B is None else net_force(Q, B)
+
+    @cached_property
+    def kinematics(self) -> Any:
+        """What speeds and bodies share."""
+        arguments = self.parameters, self.prepared, self.q, self.u
+        return self.keep(self.call(self.scene.kinematics, *arguments))
+
+    @cached_property
+    def speeds(self) -> Speeds:
+        """W, rest, offset."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self.keep(self.call(self.scene.speeds, *arguments))
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Partial velocities and what goes with them."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self.keep(self.call(self.scene.bodies, *arguments))
+
+    @cached_property
+    def velocity(self) -> Array:
+        """W u + offset (n,): v again, if v is consistent."""
+        with np.errstate(all="ignore"):
+            return velocity(self.u, self.speeds.W, self.speeds.offset)
+
+    @cached_property
+    def partition(self) -> Partition:
+        """The paper's partition: the first r columns of a are dependent."""
+        columns = np.arange(self.scene.n)
+        return Partition(columns[: self.scene.r], columns[self.scene.r :])
+
+    def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
+        """Return what `formulation` says, by the paper's partition unless another is given.
+
+        Raises:
+            RefusedError: a matrix is singular, or the generalized speeds do not exist.
+        """
+        if formulation.uses == "terms":
+            M, _, _, a, gamma, _ = self.terms
+            partition = self.partition if partition is None else partition
+            return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
+        W, rest, _ = self.speeds
+        if formulation.uses == "speeds":
+            udot = formulation.solution(self.terms.M, self.F, W, rest)
+        else:
+            udot = formulation.solution(*self.bodies)
+        return Solution(W @ udot + rest, None)
