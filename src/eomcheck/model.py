@@ -139,7 +139,10 @@ class Symmetry(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """How a kind of number takes over the doubles that a scene was given."""
+    """How a kind of number takes over the doubles that a scene was given.
+
+    `angles` also takes numbers of this kind, and keeps them as the `value` of the angles.
+    """
 
     def numbers(self, x: Array) -> Array:
         """Return x in this kind of number, same shape."""
@@ -204,6 +207,21 @@ class Scene(ABC):
         """What reports call this scene with these parameters."""
 
     @property
+    def structure(self) -> str:
+        """The name, and what is absent: what decides which functions run, apart from numbers."""
+        absent = [f"no {name}" for name, value in vars(self).items() if value is None]
+        return ", ".join((self.name, *absent))
+
+    @classmethod
+    def structures(cls, links: int) -> Iterator[Scene]:
+        """Yield one scene of `links` links for each choice of terms that can be absent.
+
+        Raises:
+            InputError: a scene of this kind has no such number of links.
+        """
+        raise InputError(f"{cls.key} has no number of links to choose")
+
+    @property
     @abstractmethod
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the n coordinates, for naming rows."""
@@ -218,7 +236,10 @@ class Scene(ABC):
         """Return the parameters in the numbers of `arithmetic`."""
 
     def prepare(self, arithmetic: Arithmetic, q: Array, t: float = 0.0) -> Any:
-        """Return what is not rational in (q, t): by default the `Angles` among the coordinates."""
+        """Return what is not rational in (q, t), by default the `Angles` among the coordinates.
+
+        q and the result are numbers of `arithmetic`.
+        """
         return arithmetic.angles(q[self.angle_coordinates])
 
     @abstractmethod

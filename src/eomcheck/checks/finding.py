@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,31 +15,53 @@ Verdict = Literal["passed", "failed", "inconclusive"]
 
 
 @dataclass(frozen=True)
+class Proof:
+    """What a proof by random points rests on; the bounds are derived in docs/proof.md.
+
+    Attributes:
+        degree: bound on the total degree of the numerator of left - right.
+        height: bound on the sum of its coefficients' magnitudes, as a power of two (bits).
+        primes: the primes, one per point.
+        draws: points drawn, those included at which a division failed.
+        failure_probability: bound on the probability that all points agree by chance.
+    """
+
+    degree: int
+    height: float
+    primes: tuple[int, ...]
+    draws: int
+    failure_probability: float
+
+
+@dataclass(frozen=True)
 class Finding:
-    """One claim at one state.
+    """One claim at one state, or for all states at once.
 
     Attributes:
         claim: id of the claim, a key of `eomcheck.checks.CLAIMS`.
         subject: what it is about there, such as "au ~ kane" or "pinocchio".
         scene: the scene.
-        state: (q, v, t).
-        observed: largest error seen, in the units of the quantity.
+        state: (q, v, t), or None where it holds for all states of all scenes of this structure.
+        observed: largest error seen, in the units of the quantity; for a proof, the number of
+            points at which the sides differ.
         allowed: largest error that rounding explains.
         verdict: "passed", "failed", or "inconclusive" where `allowed` is so large that nothing was
             checked.
         evidence: level of the evidence and what it rests on.
         detail: for a failure, the term, the row and what is wrong with it.
+        proof: what a proof rests on, or None.
     """
 
     claim: str
     subject: str
     scene: Scene
-    state: State
+    state: State | None
     observed: float
     allowed: float
     verdict: Verdict
     evidence: str
     detail: str = ""
+    proof: Proof | None = None
 
     @property
     def ratio(self) -> float:
@@ -49,6 +71,9 @@ class Finding:
         return 0.0 if self.observed == 0 else float("inf")
 
     def __str__(self) -> str:
+        if self.state is None:
+            text = f"{self.claim} [{self.subject}] {self.evidence} on {self.scene.structure}"
+            return f"{text} ({self.detail})" if self.detail else text
         text = (
             f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}: observed "
             f"{self.observed:.3g}, allowed {self.allowed:.3g}"
@@ -57,34 +82,38 @@ class Finding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as plain data, numbers in full precision."""
+        if self.state is None:
+            where = {"structure": self.scene.structure}
+        else:
+            where = {"q": self.state.q.tolist(), "v": self.state.v.tolist(), "t": self.state.t}
         return {
             "claim": self.claim,
             "subject": self.subject,
             "scene": repr(self.scene),
-            "q": self.state.q.tolist(),
-            "v": self.state.v.tolist(),
-            "t": self.state.t,
+            **where,
             "observed": self.observed if np.isfinite(self.observed) else None,
             "allowed": self.allowed if np.isfinite(self.allowed) else None,
             "verdict": self.verdict,
             "evidence": self.evidence,
             "detail": self.detail,
+            **({} if self.proof is None else {"proof": asdict(self.proof)}),
         }
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""
         kind = type(self.scene)
         home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
-        return (
-            "import eomcheck\n"
-            f"from {home} import {kind.__name__}\n\n"
-            f"scene = {self.scene!r}\n"
-            f"q = {self.state.q.tolist()}\n"
-            f"v = {self.state.v.tolist()}\n"
-            f"for finding in eomcheck.check(scene, q, v, t={self.state.t!r}, consistent=False):\n"
-            '    if finding.verdict == "failed":\n'
-            "        print(finding)\n"
-        )
+        head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {self.scene!r}\n"
+        if self.state is None:
+            loop = "for finding in eomcheck.prove(scene):\n"
+        else:
+            loop = (
+                f"q = {self.state.q.tolist()}\n"
+                f"v = {self.state.v.tolist()}\n"
+                "for finding in eomcheck.check("
+                f"scene, q, v, t={self.state.t!r}, consistent=False):\n"
+            )
+        return head + loop + ('    if finding.verdict == "failed":\n        print(finding)\n')
 
 
 def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]:

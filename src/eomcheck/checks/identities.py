@@ -11,9 +11,10 @@ from eomcheck.checks.finding import Finding
 from eomcheck.engines import DerivingEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import em, kane
+from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.model import Array
+from eomcheck.quantities import Quantities
 from eomcheck.tolerance import largest
 
 
@@ -24,16 +25,21 @@ def _vanishes(case: Case, subject: str, a: Array, w: Array) -> Finding:
     return case.compare(subject, a @ w, zero, terms, scale=terms, names=names)
 
 
+def embedding(e: Quantities, partition: Partition) -> Array:
+    """Return the w (n, n-r) of the embedding method."""
+    return em.embedding(e.terms.a, e.terms.gamma, partition)[0]
+
+
 @claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
 def null_space_embedding(case: Case) -> Iterator[Finding]:
     """The w of the embedding method spans the null space of a, for both partitions."""
-    _, _, _, a, gamma, _ = case.at.terms
+    a = case.at.terms.a
     if a is None:
         return
     for pivoted in (False, True):
         partition = case.at.pivoted_partition if pivoted else case.at.partition
         try:
-            w, _ = em.embedding(a, gamma, partition)
+            w = embedding(case.at, partition)
         except RefusedError:
             continue
         yield _vanishes(case, "em, pivoted" if pivoted else "em", a, w)
@@ -71,6 +77,11 @@ def speeds_remainder(case: Case) -> Iterator[Finding]:
     yield case.compare("ml, kane", left(at), np.zeros(at.scene.r), spread, scale=scale)
 
 
+def projected_forces(e: Quantities) -> Array:
+    """Return w′ᵀ Q (p,)."""
+    return e.speeds.W.T @ e.terms.Q
+
+
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
 def active_forces(case: Case) -> Iterator[Finding]:
     """Kane's active forces, from the bodies, are Lagrange's, projected."""
@@ -78,33 +89,34 @@ def active_forces(case: Case) -> Iterator[Finding]:
     if not case.has_speeds or at.terms.Q is None or at.bodies.force is None:
         return
 
-    def projected(e: Evaluation) -> Array:
-        return e.speeds.W.T @ e.terms.Q
-
-    spread = at.spread(projected) + at.spread(lambda e: e.bodies.force)
+    spread = at.spread(projected_forces) + at.spread(lambda e: e.bodies.force)
     size = largest(np.abs(at.speeds.W.T) @ np.abs(at.terms.Q))
     names = (case.speed_names,)
-    found, expected = at.bodies.force, projected(at)
+    found, expected = at.bodies.force, projected_forces(at)
     yield case.compare("kane", found, expected, spread + size, scale=size, names=names)
 
 
-def _ml_system(e: Evaluation) -> tuple[Array, Array]:
+def ml_system(e: Quantities) -> tuple[Array, Array]:
+    """Return (M_ML (p, p), F_ML (p,))."""
     return project(e.terms.M, e.F, e.speeds.W, e.speeds.rest)
 
 
-def _kane_mass(e: Evaluation) -> Array:
+def kane_mass(e: Quantities) -> Array:
+    """Return M_Kane (p, p)."""
     b = e.bodies
     return e.call(
         kane.mass_matrix, b.partial_velocity, b.partial_angular_velocity, b.mass, b.inertia
     )
 
 
-def _kane_remainder(e: Evaluation) -> Array:
+def kane_remainder(e: Quantities) -> Array:
+    """Return N_Kane q̇ + G_Kane (p,)."""
     return e.call(kane.inertia_remainder, *e.bodies[:-1])
 
 
-def _kane_force(e: Evaluation) -> Array:
-    return kane.right_hand_side(e.bodies.force, _kane_remainder(e))
+def kane_force(e: Quantities) -> Array:
+    """Return F_Kane - (N_Kane q̇ + G_Kane) (p,)."""
+    return kane.right_hand_side(e.bodies.force, kane_remainder(e))
 
 
 @claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
@@ -112,9 +124,9 @@ def kane_ml_mass(case: Case) -> Iterator[Finding]:
     """Both methods have the same mass matrix, element by element."""
     if case.has_speeds:
         at = case.at
-        spread = at.spread(_kane_mass) + at.spread(lambda e: _ml_system(e)[0])
+        spread = at.spread(kane_mass) + at.spread(lambda e: ml_system(e)[0])
         names = (case.speed_names, case.speed_names)
-        yield case.compare("kane ~ ml", _kane_mass(at), _ml_system(at)[0], spread, names=names)
+        yield case.compare("kane ~ ml", kane_mass(at), ml_system(at)[0], spread, names=names)
 
 
 @claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
@@ -122,10 +134,10 @@ def kane_ml_force(case: Case) -> Iterator[Finding]:
     """Both methods have the same right-hand side, element by element."""
     if case.has_speeds:
         at = case.at
-        spread = at.spread(_kane_force) + at.spread(lambda e: _ml_system(e)[1])
-        found, expected = _kane_force(at), _ml_system(at)[1]
+        spread = at.spread(kane_force) + at.spread(lambda e: ml_system(e)[1])
+        found, expected = kane_force(at), ml_system(at)[1]
         force = at.bodies.force
-        scale = largest(_kane_remainder(at)) + (0.0 if force is None else largest(force))
+        scale = largest(kane_remainder(at)) + (0.0 if force is None else largest(force))
         names = (case.speed_names,)
         yield case.compare("kane ~ ml", found, expected, spread, scale=scale, names=names)
 
@@ -145,8 +157,8 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
         if not isinstance(engine, DerivingEngine):
             continue
         expected, size, condition = engine.kane_inertia_remainder(at.q, at.v)
-        found = _kane_remainder(at)
-        scale = at.spread(_kane_remainder, coordinates=True) + size
+        found = kane_remainder(at)
+        scale = at.spread(kane_remainder, coordinates=True) + size
         yield case.compare(
             f"kane ~ {engine.key}",
             found,

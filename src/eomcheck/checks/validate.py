@@ -110,7 +110,7 @@ class Run:
             if failing is None:
                 new = self.look_at(*drawn, selection)
                 scene, state = drawn
-                state = new[0].state if new else state
+                state = (new[0].state if new else None) or state
                 self.drawn.append(Drawn(scene, state, self.refused))
                 on_case()
             else:

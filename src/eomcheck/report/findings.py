@@ -119,11 +119,12 @@ def write_json(path: Path, findings: list[Finding], run: Run, selection: Selecti
     rows = []
     for finding in findings:
         row = finding.as_dict()
-        case = {key: row.pop(key) for key in ("scene", "q", "v", "t")}
-        if id(finding.state.q) not in index:
-            index[id(finding.state.q)] = len(cases)
+        case = {key: row.pop(key) for key in ("scene", "q", "v", "t") if key in row}
+        state = id(finding.state.q if finding.state is not None else finding.scene)
+        if state not in index:
+            index[state] = len(cases)
             cases.append(case)
-        rows.append(row | {"case": index[id(finding.state.q)]})
+        rows.append(row | {"case": index[state]})
     document = {
         "eomcheck": __version__,
         "engines": [engine.version() for engine in selection.engines],

@@ -483,6 +483,14 @@ class Snake(Scene):
         alpha = np.radians(degrees) * np.arange(1, links + 1)
         return cls(one, one, 0.0833 * one, 5000.0 * one[1:], alpha, 44.0 * alpha)
 
+    @classmethod
+    def structures(cls, links: int) -> Iterator[Snake]:
+        """Yield a coiled snake with springs, and one without if it has joints."""
+        coil = cls.coil(links)
+        yield coil
+        if links > 1:
+            yield replace(coil, stiffness=None)
+
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
         return np.concatenate(([0.0, 0.0], self.pose)), np.zeros(self.n)

@@ -1,0 +1,92 @@
+"""Numbers that carry a derivative: x + ε x′ with ε² = 0, over any kind of number.
+
+Rational functions are differentiated exactly. A `Dual` of a `Dual` carries a mixed second
+derivative.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from eomcheck.model import Angles, Array
+
+
+class Dual:
+    """x + ε x′.
+
+    Attributes:
+        x: the value.
+        rate: its derivative x′.
+    """
+
+    __slots__ = ("rate", "x")
+
+    def __init__(self, x: Any, rate: Any = 0):
+        self.x, self.rate = x, rate
+
+    def __add__(self, other):
+        if isinstance(other, Dual):
+            return Dual(self.x + other.x, self.rate + other.rate)
+        return Dual(self.x + other, self.rate)
+
+    def __neg__(self):
+        return Dual(-self.x, -self.rate)
+
+    def __sub__(self, other):
+        return self + (-other)
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def __mul__(self, other):
+        if isinstance(other, Dual):
+            return Dual(self.x * other.x, self.x * other.rate + self.rate * other.x)
+        return Dual(self.x * other, self.rate * other)
+
+    def __truediv__(self, other):
+        if isinstance(other, Dual):
+            x = _quotient(self.x, other.x)
+            return Dual(x, _quotient(self.rate - x * other.rate, other.x))
+        return Dual(_quotient(self.x, other), _quotient(self.rate, other))
+
+    def __rtruediv__(self, other):
+        return Dual(other) / self
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _quotient(x, y):
+    """Return x / y; a quotient of two literals would be a double."""
+    if isinstance(x, int) and isinstance(y, int):
+        return x // y if x % y == 0 else Fraction(x, y)
+    return x / y
+
+
+def duals(x: Array, rates: Array) -> Array:
+    """Return x + ε rates, both of one shape, as an array of `Dual`."""
+    out = np.empty(np.shape(x), object)
+    out.ravel()[:] = [Dual(a, b) for a, b in zip(np.ravel(x), np.ravel(rates), strict=True)]
+    return out
+
+
+def dual_angles(angles: Angles, rates: Array) -> Angles:
+    """Return the angles (k,) while they turn at `rates` (k,)."""
+    return Angles(
+        duals(angles.value, rates),
+        duals(angles.cos, -angles.sin * rates),
+        duals(angles.sin, angles.cos * rates),
+    )
+
+
+def rate(x) -> Any:
+    """Return the derivatives in x, same shape; 0 where x does not depend on ε."""
+    if isinstance(x, Dual):
+        return x.rate
+    if np.ndim(x) == 0:
+        return 0
+    out = np.empty(np.shape(x), object)
+    out.ravel()[:] = [rate(y) for y in np.ravel(x)]
+    return out

@@ -1,0 +1,150 @@
+"""Random points of finite fields, and what every identity comes to at them."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+import numpy as np
+
+from eomcheck.arithmetic.finite_field import FiniteField, random_prime
+from eomcheck.checks.claim import CLAIMS
+from eomcheck.checks.identities import embedding
+from eomcheck.checks.point import Point
+from eomcheck.checks.rational import IDENTITIES, Formulations, Key, Sides, look_at
+from eomcheck.errors import RefusedError
+from eomcheck.formulations import Partition
+from eomcheck.model import Array, Scene
+
+REDRAWS = 3
+"""What refuses so many random points in a row refuses all points."""
+
+
+@dataclass
+class Outcome:
+    """How one identity came out.
+
+    Attributes:
+        differs: number of points at which its sides differ.
+        detail: the term, the row and what is wrong with it, at the first of them.
+    """
+
+    differs: int = 0
+    detail: str = ""
+
+
+class Draws:
+    """Random points of one structure.
+
+    Attributes:
+        count: points drawn, those not used included.
+        outcomes: what every identity came to.
+        refused: the formulations that refuse every point, and the matrix that is singular.
+        partition: a choice of dependent coordinates drawn at random, beside the paper's.
+    """
+
+    def __init__(self, scene: Scene, formulations: Formulations, source: random.Random):
+        self.scene, self.formulations, self._source = scene, formulations, source
+        self.count = 0
+        self.outcomes: dict[Key, Outcome] = {}
+        self.refused: dict[str, str] = {}
+        self.partition: Partition | None = None
+
+    def look(self) -> int:
+        """Look at one more point and return its prime.
+
+        Raises:
+            RefusedError, ZeroDivisionError: the generalized speeds do not exist at any point.
+            TypeError: a function of the scene or of a formulation does more than rational
+                operations.
+        """
+        at, prime = self._point()
+        for key, sides in look_at(at, self.formulations):
+            outcome = self.outcomes.setdefault(key, Outcome())
+            if not _equal(sides):
+                outcome.differs += 1
+                outcome.detail = outcome.detail or self._detail(at, key, sides)
+        return prime
+
+    def _point(self) -> tuple[Point, int]:
+        """Draw until no formulation refuses, but for those that refuse every point."""
+        for attempt in range(REDRAWS):
+            last = attempt == REDRAWS - 1
+            self.count += 1
+            prime = random_prime(self._source)
+            at = Point(self.scene, FiniteField(prime, self._source), self.partition)
+            try:
+                if self.partition is None:
+                    self.partition = at.other_partition = self._drawn_partition(at)
+                refusals = {f.key: at.refusal(f) for f in self.formulations}
+            except (RefusedError, ZeroDivisionError):
+                if last:
+                    raise
+                continue
+            refused = {key: refusal.what for key, refusal in refusals.items() if refusal}
+            if last:
+                self.refused |= refused
+            if refused.keys() <= self.refused.keys():
+                return at, prime
+        raise AssertionError("the last attempt returns or raises")
+
+    def _drawn_partition(self, at: Point) -> Partition | None:
+        n, r = self.scene.n, self.scene.r
+        for _ in range(n if r > 0 else 0):
+            order = self._source.sample(range(n), n)
+            drawn = Partition(np.sort(order[:r]), np.sort(order[r:]))
+            try:
+                embedding(at, drawn)
+            except RefusedError:
+                continue
+            return drawn
+        return None
+
+    def _detail(self, at: Point, key: Key, sides: Sides) -> str:
+        claim, subject = key
+        if sides.names == (at.direction_names,):
+            at.look_along_axes()
+            along_axes = IDENTITIES[claim](at, self.formulations)
+            sides = next(x for x in along_axes if x.subject == subject)
+        return f"{CLAIMS[claim].term}, {describe(sides)}"
+
+
+def _both(sides: Sides) -> tuple[Array, Array]:
+    return np.asarray(sides.found, object), np.asarray(sides.expected, object)
+
+
+def _equal(sides: Sides) -> bool:
+    found, expected = _both(sides)
+    return found.shape == expected.shape and bool((found == expected).all())
+
+
+def describe(sides: Sides) -> str:
+    """Return where two sides differ first, and what the left one looks like beside the right."""
+    found, expected = _both(sides)
+    if found.shape != expected.shape:
+        return f"shape {found.shape}, expected {expected.shape}"
+    where = tuple(int(i) for i in np.argwhere(found != expected)[0])
+    named = [names[i] for names, i in zip(sides.names, where, strict=True)]
+    place = "value" if not named else f"row {named[0]}" if len(named) == 1 else None
+    place = place or f"entry ({', '.join(named)})"
+    what = _looks_like(found, expected, where)
+    return f"{place}: {what}" if what else place
+
+
+def _looks_like(found: Array, expected: Array, where: tuple[int, ...]) -> str:
+    x, y = found[where], expected[where]
+    square = found.ndim == 2 and found.shape[0] == found.shape[1]
+    if square and bool((found == expected.T).all()):
+        return "transposed"
+    if x == -y:
+        return "sign"
+    if x == 0:
+        return "missing"
+    if y == 0:
+        return "should vanish"
+    for factor in (2, 4):
+        if x == factor * y:
+            return f"{factor} times too large"
+        if factor * x == y:
+            return f"1/{factor} of what it should be"
+    return ""

@@ -1,0 +1,152 @@
+"""`prove`: claims as identities of rational functions, tested at random points of finite fields.
+
+An identity that holds at a random point modulo a random prime holds as an identity, but for a
+probability that the degree and the coefficients of its two sides bound. Nothing is rounded: one
+point at which the sides differ disproves it. See docs/proof.md for the reasoning.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from eomcheck.arithmetic.degree import Bound, Degrees
+from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES
+from eomcheck.checks.draws import Draws
+from eomcheck.checks.finding import Finding, Proof
+from eomcheck.checks.point import Point
+from eomcheck.checks.rational import Formulations, Key, look_at
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.model import Scene
+
+
+def prove(
+    scene: Scene | type[Scene],
+    links: int | Iterable[int] | None = None,
+    points: int = 4,
+    *,
+    seed: int | None = None,
+    formulations: Iterable[str] | None = None,
+) -> list[Finding]:
+    """Prove the algebraic claims for all parameters, angles and speeds of a scene at once.
+
+    Args:
+        scene: a scene, which stands for all that have its size and its absent terms; or a kind of
+            scene, of which all `links` are proved, with and without the terms that can be absent.
+        links: numbers of links, for a kind of scene.
+        points: random points per identity, each modulo a prime of its own.
+        seed: of the draws; by default from the operating system, as the probabilities assume.
+        formulations: keys of the formulations to look at, all by default.
+
+    Returns:
+        One Finding per identity, each with its `proof`: the bounds, the primes and the probability
+        that all points agree by chance.
+
+    Raises:
+        InputError: `points` or a number of links below 1; a kind of scene without `links`.
+        UnknownNameError: no such formulation.
+    """
+    keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
+    chosen = tuple(map(formulation_of, keys))
+    check_points(points)
+    seed = random.SystemRandom().getrandbits(64) if seed is None else seed
+    findings: list[Finding] = []
+    for structure in structures(scene, links):
+        findings += prove_structure(structure, chosen, points, seed)
+    return findings
+
+
+def check_points(points: int) -> None:
+    """Check the number of points.
+
+    Raises:
+        InputError: it is no whole number of at least 1.
+    """
+    if isinstance(points, bool) or not isinstance(points, int) or points < 1:
+        raise InputError(f"points = {points!r}, expected a whole number of at least 1")
+
+
+def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) -> Iterator[Scene]:
+    """Yield the scenes that `prove` is about.
+
+    Raises:
+        InputError: see `prove`.
+    """
+    if links is None:
+        if not isinstance(scene, Scene):
+            raise InputError(f"links = None: {scene!r} is no scene, so its links must be given")
+        yield scene
+        return
+    kind = type(scene) if isinstance(scene, Scene) else scene
+    if not (isinstance(kind, type) and issubclass(kind, Scene)):
+        raise InputError(f"scene = {scene!r}, expected a scene or a kind of scene such as Snake")
+    for count in links if isinstance(links, Iterable) else (links,):
+        yield from kind.structures(count)
+
+
+def prove_structure(
+    scene: Scene, formulations: Formulations, points: int, seed: int
+) -> list[Finding]:
+    """Return the Findings about all scenes of the structure of `scene`."""
+    draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
+    try:
+        primes = tuple(draws.look() for _ in range(points))
+    except TypeError as error:
+        return [_failed(scene, ("finite-terms", "terms"), points, f"not rational: {error}")]
+    except (RefusedError, ZeroDivisionError) as error:
+        return [_failed(scene, ("finite-terms", "speeds"), points, f"defined nowhere: {error}")]
+    findings = [
+        _failed(scene, ("equivalence", key), points, f"{what} is singular at every state")
+        for key, what in draws.refused.items()
+    ]
+    bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
+    for key, outcome in draws.outcomes.items():
+        degree, height = bounds[key]
+        chance = failure_probability(degree, height, primes, draws.count)
+        if outcome.differs:
+            findings.append(_failed(scene, key, outcome.differs, outcome.detail))
+            continue
+        evidence = f"proved: {points} points, failure probability below {chance:.1e}"
+        proof = Proof(degree, height, primes, draws.count, chance)
+        findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
+    return findings
+
+
+def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
+    evidence = f"disproved: {points} points"
+    return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
+
+
+def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int, float]]:
+    """Return, per identity, bounds of the numerator of left - right.
+
+    Returns:
+        (degree, height): the total degree, and log2 of the sum of the coefficients' magnitudes; the
+        largest over all entries.
+    """
+    bounds: dict[Key, tuple[int, float]] = {}
+    for key, sides in look_at(at, formulations):
+        left_right = np.asarray(sides.found, object) - np.asarray(sides.expected, object)
+        entries = [x for x in np.ravel(left_right) if isinstance(x, Bound)]
+        degree = max((x.degree for x in entries), default=0)
+        bounds[key] = degree, max((x.height for x in entries), default=0.0)
+    return bounds
+
+
+def failure_probability(degree: int, height: float, primes: tuple[int, ...], draws: int) -> float:
+    """Bound the probability that a false identity holds at all points (docs/proof.md).
+
+    Args:
+        degree: bound on the total degree of the numerator of left - right.
+        height: bound on log2 of the sum of its coefficients' magnitudes.
+        primes: one per point that was kept.
+        draws: points drawn; any of them might have been kept.
+    """
+    # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
+    bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
+    chance = math.prod(2 * degree / (p - 2) + bad_primes / PRIME_COUNT for p in primes)
+    return min(1.0, math.comb(draws, len(primes)) * chance)

@@ -1,0 +1,269 @@
+"""The claims that are identities of rational functions: both sides of each, at a `Point`.
+
+Every function yields the two sides of what a claim says, in whatever numbers the point has: random
+elements of a field prove the identity, bounds tell its degree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.arithmetic.dual import duals, rate
+from eomcheck.checks import identities
+from eomcheck.checks.claim import CLAIMS, numbered, pairs
+from eomcheck.checks.point import Point
+from eomcheck.formulations import Formulation
+from eomcheck.model import Angles, Array
+from eomcheck.quantities import Solution
+
+Names = tuple[tuple[str, ...], ...]
+Formulations = tuple[Formulation, ...]
+
+
+class Sides(NamedTuple):
+    """found = expected, about `subject`; `names` along each axis."""
+
+    subject: str
+    found: Any
+    expected: Any
+    names: Names
+
+
+Identity = Callable[[Point, Formulations], Iterator[Sides]]
+
+IDENTITIES: dict[str, Identity] = {}
+"""Id of a claim -> its sides."""
+
+
+def identity(claim: str) -> Callable[[Identity], Identity]:
+    """Register the decorated function as the two sides of `claim`."""
+
+    def register(sides: Identity) -> Identity:
+        IDENTITIES[claim] = sides
+        return sides
+
+    return register
+
+
+Key = tuple[str, str]
+"""Claim and subject."""
+
+
+def look_at(at: Point, formulations: Formulations) -> Iterator[tuple[Key, Sides]]:
+    """Yield the sides of every identity at a point, in the order of `CLAIMS`."""
+    for claim in CLAIMS:
+        if claim in IDENTITIES:
+            for sides in IDENTITIES[claim](at, formulations):
+                yield (claim, sides.subject), sides
+
+
+def _zeros(size: int) -> Array:
+    return np.zeros(size, object)
+
+
+def _speed_names(at: Point) -> tuple[str, ...]:
+    return numbered("u_", at.scene.p)
+
+
+# ---- Terms against energies and constraints ------------------------------------------------------
+
+
+@identity("kinetic-energy")
+def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides]:
+    """M is symmetric, and vᵀ M v = 2 T for every v: together they leave no other M."""
+    names = (at.scene.coordinate_names,)
+    yield Sides("M", at.terms.M, at.terms.M.T, names * 2)
+    v = at.free.v
+    T, _ = at.scene.energies(at.parameters, at.prepared, at.q, v)
+    yield Sides("T", v @ at.terms.M @ v, 2 * T, ())
+
+
+@identity("bias")
+def bias(at: Point, _: Formulations) -> Iterator[Sides]:
+    """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
+    if not at.can_move:
+        return
+    v, B = at.free.v, at.free.terms.B
+    prepared, q = at.moving(v)
+    steady = Angles(*(duals(x, _zeros(x.size)) for x in prepared)), duals(q, _zeros(q.size))
+    found, expected = [], []
+    for direction in at.directions:
+        T, _ = at.scene.energies(at.parameters, *steady, duals(v, direction))
+        T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction), v)
+        found.append(0 if B is None else direction @ B)
+        expected.append(rate(rate(T)) - rate(T_aside))
+    yield Sides("B", np.array(found, object), np.array(expected, object), (at.direction_names,))
+
+
+@identity("generalized-forces")
+def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides]:
+    """Q is minus the rate of the potential energy along any virtual displacement."""
+    if not at.can_move:
+        return
+    Q = at.terms.Q
+    found, expected = [], []
+    for direction in at.directions:
+        _, U = at.scene.energies(at.parameters, *at.moving(direction), at.v)
+        if U is None and Q is None:
+            return
+        found.append(0 if Q is None else direction @ Q)
+        expected.append(0 if U is None else -rate(U))
+    yield Sides("Q", np.array(found, object), np.array(expected, object), (at.direction_names,))
+
+
+@identity("constraint-jacobian")
+def constraint_jacobian(at: Point, _: Formulations) -> Iterator[Sides]:
+    """The constraints are a v + b for every v."""
+    if at.terms.a is None:
+        return
+    v, b = at.free.v, at.free.terms.b
+    found = at.terms.a @ v if b is None else at.terms.a @ v + b
+    expected = at.scene.constraint(at.parameters, at.prepared, at.q, v)
+    yield Sides("a", found, expected, (at.scene.constraint_names,))
+
+
+@identity("constraint-drift")
+def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides]:
+    """gamma is the rate of the constraints at v̇ = 0, for every v."""
+    if at.terms.a is None or not at.can_move:
+        return
+    free = at.free
+    moved = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
+    yield Sides("gamma", free.terms.gamma, rate(moved), (at.scene.constraint_names,))
+
+
+# ---- Generalized speeds --------------------------------------------------------------------------
+
+
+@identity("null-space-embedding")
+def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides]:
+    """The w of the embedding method spans the null space of a, for both partitions."""
+    a = at.terms.a
+    if a is None:
+        return
+    names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
+    for subject, partition in (("em", at.partition), ("em, drawn", at.other_partition)):
+        if partition is not None:
+            w = identities.embedding(at, partition)
+            yield Sides(subject, a @ w, np.zeros((len(a), w.shape[1]), object), names)
+
+
+@identity("null-space-speeds")
+def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides]:
+    """The w′ of the generalized speeds spans the null space of a."""
+    a, W = at.terms.a, at.speeds.W
+    if a is not None:
+        names = (at.scene.constraint_names, _speed_names(at))
+        yield Sides("ml, kane", a @ W, np.zeros((len(a), W.shape[1]), object), names)
+
+
+@identity("speeds-velocity")
+def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides]:
+    """The generalized speeds of v = w′ u + x′ are u."""
+    found = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
+    yield Sides("ml, kane", found, at.u, (_speed_names(at),))
+
+
+@identity("speeds-remainder")
+def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides]:
+    """The part of q̈ that is left at u̇ = 0 satisfies the constraints differentiated."""
+    if at.terms.a is not None:
+        names = (at.scene.constraint_names,)
+        yield Sides("ml, kane", at.terms.a @ at.speeds.rest, -at.terms.gamma, names)
+
+
+@identity("active-forces")
+def active_forces(at: Point, _: Formulations) -> Iterator[Sides]:
+    """Kane's active forces, from the bodies, are Lagrange's, projected."""
+    if at.terms.Q is not None and at.bodies.force is not None:
+        expected = identities.projected_forces(at)
+        yield Sides("kane", at.bodies.force, expected, (_speed_names(at),))
+
+
+@identity("kane-ml-mass")
+def kane_ml_mass(at: Point, _: Formulations) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same mass matrix."""
+    found, expected = identities.kane_mass(at), identities.ml_system(at)[0]
+    yield Sides("kane ~ ml", found, expected, (_speed_names(at),) * 2)
+
+
+@identity("kane-ml-force")
+def kane_ml_force(at: Point, _: Formulations) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same right-hand side."""
+    found, expected = identities.kane_force(at), identities.ml_system(at)[1]
+    yield Sides("kane ~ ml", found, expected, (_speed_names(at),))
+
+
+# ---- Whole accelerations -------------------------------------------------------------------------
+
+
+def _solutions(at: Point, formulations: Formulations) -> Iterator[tuple[Formulation, Solution]]:
+    for formulation in formulations:
+        solution = at.solved(formulation)
+        if solution is not None:
+            yield formulation, solution
+
+
+@identity("equations-residual")
+def equations_residual(at: Point, formulations: Formulations) -> Iterator[Sides]:
+    """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
+    M, a = at.terms.M, at.terms.a
+    for f, (vdot, multipliers) in _solutions(at, formulations):
+        inertia, names = M @ vdot, at.scene.coordinate_names
+        if a is None:
+            yield Sides(f.key, inertia, at.F, (names,))
+        elif multipliers is not None:
+            yield Sides(f.key, inertia, at.F + a.T @ multipliers, (names,))
+        else:
+            W = at.speeds.W
+            yield Sides(f.key, W.T @ inertia, W.T @ at.F, (_speed_names(at),))
+
+
+@identity("constraint-acceleration")
+def constraint_acceleration(at: Point, formulations: Formulations) -> Iterator[Sides]:
+    """Each q̈ satisfies the constraints differentiated."""
+    if at.terms.a is not None:
+        for f, (vdot, _) in _solutions(at, formulations):
+            names = (at.scene.constraint_names,)
+            yield Sides(f.key, at.terms.a @ vdot, -at.terms.gamma, names)
+
+
+@identity("equivalence")
+def equivalence(at: Point, formulations: Formulations) -> Iterator[Sides]:
+    """All formulations give the same acceleration, pair by pair, whatever the partition."""
+    names = (at.scene.coordinate_names,)
+    solutions = tuple(_solutions(at, formulations))
+    for (f, x), (g, y) in pairs(solutions):
+        yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names)
+    for f, x in solutions:
+        other = at.solved(f, other=True) if f.partitioned and at.other_partition else None
+        if other is not None:
+            yield Sides(f"{f.key} ~ {f.key}, drawn", x.vdot, other.vdot, names)
+
+
+@identity("multipliers")
+def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides]:
+    """All formulations that have multipliers have the same, pair by pair."""
+    if at.terms.a is None:
+        return
+    solutions = tuple(_solutions(at, formulations))
+    for f, x in solutions:
+        yield Sides(f.key, int(x.multipliers is not None), int(f.multipliers), ())
+    having = tuple((f, x) for f, x in solutions if x.multipliers is not None)
+    for (f, x), (g, y) in pairs(having):
+        names = (at.scene.constraint_names,)
+        yield Sides(f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names)
+
+
+@identity("power-balance")
+def power_balance(at: Point, formulations: Formulations) -> Iterator[Sides]:
+    """Ideal constraints do no work: the energy keeps its value along each q̈."""
+    if not at.scene.conserves_energy or not at.can_move:
+        return
+    prepared, q = at.moving(at.v)
+    for f, (vdot, _) in _solutions(at, formulations):
+        T, U = at.scene.energies(at.parameters, prepared, q, duals(at.v, vdot))
+        yield Sides(f.key, rate(T), 0 if U is None else -rate(U), ())
