@@ -13,7 +13,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from eomcheck import scenes, strategies
-    from eomcheck.checks import CLAIMS, Claim, Finding
+    from eomcheck.checks import CLAIMS, Claim, Finding, Proof
+    from eomcheck.checks.proof import prove
     from eomcheck.checks.validate import check, validate
     from eomcheck.engines import ENGINES
     from eomcheck.errors import (
@@ -35,6 +36,8 @@ _HOME = {
     "speeds_of": "evaluate",
     "check": "checks.validate",
     "validate": "checks.validate",
+    "prove": "checks.proof",
+    "Proof": "checks",
     "Finding": "checks",
     "Claim": "checks",
     "CLAIMS": "checks",
@@ -77,10 +80,12 @@ __all__ = [
     "Formulation",
     "InconsistentVelocityError",
     "InputError",
+    "Proof",
     "RefusedError",
     "UnknownNameError",
     "acceleration",
     "check",
+    "prove",
     "scenes",
     "speeds_of",
     "strategies",

@@ -71,6 +71,19 @@ def _options(
     pass
 
 
+def whole_numbers(text: str) -> list[int]:
+    """Return the numbers of "3", "1..12" or "1..12,20,50".
+
+    Raises:
+        InputError: none of these.
+    """
+    numbers: set[int] = set()
+    for part in text.split(","):
+        low, high = interval(part)
+        numbers |= set(range(low, high + 1))
+    return sorted(numbers)
+
+
 def interval(text: str) -> tuple[int, int]:
     """Return (low, high) of "3" or "1..12".
 
@@ -141,6 +154,42 @@ def validate(
         console.print("interrupted: the table holds what was checked until then")
         raise typer.Exit(130)
     if any(finding.verdict == "failed" for finding in findings):
+        raise typer.Exit(1)
+
+
+@app.command()
+def prove(
+    links: Annotated[
+        str, typer.Option(help="Numbers of links to prove for, such as 2..100 or 1..12,20,50.")
+    ] = "1..12,20,50,100",
+    points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="Kind of scene.")] = "snake",
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to prove; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Prove the claims that are identities, for all parameters and states of N links at once."""
+    numbers = whole_numbers(links)
+    _check_writable(json)
+
+    from eomcheck.report.proofs import print_proofs
+    from eomcheck.studies.proofs import Proofs, proof_jobs
+
+    proofs = Proofs(proof_jobs(scene, numbers, points, seed, formulation), json)
+    try:
+        proofs.run()
+    except KeyboardInterrupt:
+        print_proofs(proofs)
+        raise typer.Exit(130) from None
+    print_proofs(proofs)
+    if json is not None:
+        proofs.write()
+        typer.echo(f"written: {json}")
+    if proofs.failed:
         raise typer.Exit(1)
 
 

@@ -6,13 +6,14 @@ from __future__ import annotations
 # them, then whole accelerations.
 from eomcheck.checks import terms, identities, equivalence, physics, refusals  # isort: skip
 from eomcheck.checks.claim import CLAIMS, Case, Claim
-from eomcheck.checks.finding import Finding, State
+from eomcheck.checks.finding import Finding, Proof, State
 
 __all__ = [
     "CLAIMS",
     "Case",
     "Claim",
     "Finding",
+    "Proof",
     "State",
     "equivalence",
     "identities",

@@ -83,13 +83,17 @@ class Finding:
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as plain data, numbers in full precision."""
         if self.state is None:
-            where = {"structure": self.scene.structure}
+            where: dict[str, Any] = {"structure": self.scene.structure}
         else:
-            where = {"q": self.state.q.tolist(), "v": self.state.v.tolist(), "t": self.state.t}
+            where = {
+                "scene": repr(self.scene),
+                "q": self.state.q.tolist(),
+                "v": self.state.v.tolist(),
+                "t": self.state.t,
+            }
         return {
             "claim": self.claim,
             "subject": self.subject,
-            "scene": repr(self.scene),
             **where,
             "observed": self.observed if np.isfinite(self.observed) else None,
             "allowed": self.allowed if np.isfinite(self.allowed) else None,

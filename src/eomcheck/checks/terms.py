@@ -53,7 +53,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
             yield case.compare(name, bad, zero, 0.0)
 
 
-@claim("mass-matrix", "M = M of the engine", "(5), (25)", "mass matrix")
+@claim("mass-matrix", "M = ∂²T/∂q̇²", "(5), (25)", "mass matrix")
 def mass_matrix(case: Case) -> Iterator[Finding]:
     """Compare the mass matrix."""
     return _against_engines(
@@ -65,7 +65,7 @@ def mass_matrix(case: Case) -> Iterator[Finding]:
     )
 
 
-@claim("bias", "B = B of the engine", "(5), (25)", "bias")
+@claim("bias", "B = d/dt ∂T/∂q̇ - ∂T/∂q at q̈ = 0", "(5), (25)", "bias")
 def bias(case: Case) -> Iterator[Finding]:
     """Compare the bias, zeros where the scene has none."""
     zero = np.zeros(case.at.scene.n)

@@ -1,0 +1,73 @@
+"""Proofs as a table of claims: what was proved, for what, with which probability of a mistake."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from eomcheck.checks import CLAIMS
+from eomcheck.console import console
+from eomcheck.studies.proofs import Proofs
+
+
+def print_proofs(proofs: Proofs) -> None:
+    """Print the table, the total failure probability, and every disproof."""
+    rows = [row for found in proofs.findings.values() for row in found]
+    if not rows:
+        console.print("nothing was proved")
+        return
+    console.print(_table(rows))
+    failed = [row for row in rows if row["verdict"] == "failed"]
+    for row in _first_of_each(failed):
+        console.print(
+            f"{row['claim']} \\[{escape(row['subject'])}] disproved on {escape(row['structure'])}: "
+            f"{escape(row['detail'])}",
+            style="red",
+            highlight=False,
+            soft_wrap=True,
+        )
+    proved = [row for row in rows if "proof" in row]
+    total = sum(row["proof"]["failure_probability"] for row in proved)
+    done, asked = len(proofs.findings), len(proofs.jobs.scenes)
+    console.print(
+        f"[bold {'red' if failed else 'green'}]{len(proved)} identities proved, "
+        f"{len(failed)} disproved[/] on {done} of {asked} structures"
+        + (f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else "")
+    )
+    console.print(
+        f"Probability that any of the proofs is wrong: below {total:.1e} "
+        f"({proofs.jobs.points} random points and primes each, seed {proofs.seed})."
+    )
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    table = Table(header_style="bold")
+    table.add_column("claim", no_wrap=True)
+    table.add_column("statement")
+    for name in ("proved", "disproved", "degree ≤", "height ≤", "failure probability <"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for id in CLAIMS:
+        found = [row for row in rows if row["claim"] == id]
+        if not found:
+            continue
+        proved = [row["proof"] for row in found if "proof" in row]
+        table.add_row(
+            id,
+            CLAIMS[id].statement,
+            str(len(proved)),
+            str(len(found) - len(proved)) if len(found) > len(proved) else "",
+            str(max((p["degree"] for p in proved), default="")),
+            f"{max(p['height'] for p in proved):.0f} bits" if proved else "",
+            f"{max(p['failure_probability'] for p in proved):.1e}" if proved else "",
+        )
+    return table
+
+
+def _first_of_each(failed: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the first of each claim and subject."""
+    first: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in failed:
+        first.setdefault((row["claim"], row["subject"]), row)
+    return list(first.values())

@@ -1,0 +1,176 @@
+"""Proofs for many numbers of links: spread over processes, saved as they are made, resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import random
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import eomcheck
+from eomcheck.checks.proof import check_points, prove_structure
+from eomcheck.console import progress
+from eomcheck.errors import UnknownNameError
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.model import Scene
+from eomcheck.scenes import SCENES
+
+WORTH_A_PROCESS = 40
+"""Below this number of coordinates a proof takes less time than a process to start."""
+
+
+@dataclass(frozen=True)
+class ProofJobs:
+    """What is to be proved, and how.
+
+    Attributes:
+        scenes: one per structure.
+        formulations: keys.
+        points: random points per identity.
+        seed: of the draws, or None for one by the operating system.
+    """
+
+    scenes: tuple[Scene, ...]
+    formulations: tuple[str, ...]
+    points: int
+    seed: int | None
+
+
+def proof_jobs(
+    scene: str,
+    links: Iterable[int],
+    points: int,
+    seed: int | None,
+    formulations: Iterable[str] | None,
+) -> ProofJobs:
+    """Return the jobs for a kind of scene.
+
+    Raises:
+        InputError: `points` below 1, or no such number of links.
+        UnknownNameError: no such scene or formulation.
+    """
+    if scene not in SCENES:
+        raise UnknownNameError("scene", scene, SCENES)
+    check_points(points)
+    keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
+    chosen = tuple(formulation_of(key).key for key in keys)
+    scenes = tuple(one for count in links for one in SCENES[scene].structures(count))
+    return ProofJobs(scenes, chosen, points, seed)
+
+
+def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[dict]:
+    chosen = tuple(map(formulation_of, formulations))
+    return [finding.as_dict() for finding in prove_structure(scene, chosen, points, seed)]
+
+
+class Proofs:
+    """A run of proofs.
+
+    While it runs, each structure is appended to `path` + ".part" as it is proved; a run of the same
+    jobs that finds this file, made by the same sources, goes on from there.
+
+    Attributes:
+        findings: structure -> its Findings as plain data.
+        taken_over: number of structures found in the file.
+    """
+
+    def __init__(self, jobs: ProofJobs, path: Path | None = None):
+        self.jobs, self.path = jobs, path
+        self.seed = random.SystemRandom().getrandbits(64) if jobs.seed is None else jobs.seed
+        self.findings: dict[str, list[dict[str, Any]]] = {}
+        self.taken_over = 0
+
+    @property
+    def failed(self) -> bool:
+        """Whether anything was disproved."""
+        return any(row["verdict"] == "failed" for rows in self.findings.values() for row in rows)
+
+    def run(self) -> None:
+        """Prove everything that is not proved yet."""
+        self._resume()
+        self.taken_over = len(self.findings)
+        left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
+        with progress("proving", len(left)) as advance:
+            for structure, rows in self._proved(left):
+                self.findings[structure] = rows
+                self._save(json.dumps([structure, rows], ensure_ascii=False))
+                advance()
+
+    def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+        how = self.jobs.formulations, self.jobs.points, self.seed
+        large = [scene for scene in scenes if scene.n >= WORTH_A_PROCESS]
+        for scene in scenes:
+            if scene not in large or len(large) == 1:
+                yield scene.structure, _prove(scene, *how)
+        if len(large) < 2:
+            return
+        workers = min(len(large), os.cpu_count() or 1)
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=context) as executor:
+            try:
+                waiting = {executor.submit(_prove, scene, *how): scene for scene in large}
+                for done in as_completed(waiting):
+                    yield waiting[done].structure, done.result()
+            finally:
+                executor.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def _part(self) -> Path | None:
+        return None if self.path is None else self.path.with_name(self.path.name + ".part")
+
+    def _header(self) -> dict[str, Any]:
+        return {
+            "eomcheck": eomcheck.__version__,
+            "sources": sources(),
+            "formulations": list(self.jobs.formulations),
+            "points": self.jobs.points,
+            "seed": self.seed,
+        }
+
+    def _resume(self) -> None:
+        if self._part is None:
+            return
+        try:
+            head, *lines = self._part.read_text(encoding="utf-8").splitlines()
+            header = json.loads(head)
+            if self.jobs.seed is None:
+                self.seed = header["seed"]
+            if header != self._header():
+                raise ValueError
+        except (OSError, ValueError, KeyError, TypeError):
+            self._part.write_text(json.dumps(self._header()) + "\n", encoding="utf-8")
+            return
+        wanted = {scene.structure for scene in self.jobs.scenes}
+        for line in lines:
+            try:
+                structure, rows = json.loads(line)
+            except ValueError:  # the line at which a run was killed
+                continue
+            if structure in wanted:
+                self.findings[structure] = rows
+
+    def _save(self, line: str) -> None:
+        if self._part is not None:
+            with self._part.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+
+    def write(self) -> None:
+        """Write everything to `path` and drop the unfinished file."""
+        assert self.path is not None and self._part is not None
+        document = self._header() | {"findings": self.findings}
+        self.path.write_text(json.dumps(document, indent=1, ensure_ascii=False), encoding="utf-8")
+        self._part.unlink(missing_ok=True)
+
+
+def sources() -> str:
+    """Return a digest of the package's sources: a proof is one of this very code."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(eomcheck.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
