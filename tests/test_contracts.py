@@ -248,6 +248,8 @@ LAYERS = (
     "quantities",
     "tolerance",
     "evaluate",
+    "enclosure",
+    "accuracy",
     "engines",
     "strategies",
     "checks",

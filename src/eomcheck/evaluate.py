@@ -96,6 +96,16 @@ class Evaluation(Quantities):
         r = self.scene.r
         return Partition(np.sort(order[:r]), np.sort(order[r:]))
 
+    def partition_for(self, formulation: Formulation, pivoted: bool) -> Partition:
+        """Return the partition that `formulation` is to use.
+
+        Raises:
+            InputError: `pivoted`, and the formulation has none.
+        """
+        if pivoted and not formulation.partitioned:
+            raise InputError(f"pivoted = True: {formulation.key} has no partition to choose")
+        return self._origin.pivoted_partition if pivoted else self.partition
+
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
         """Return the result of `formulation`, without an error bound (it is infinite).
 
@@ -115,7 +125,7 @@ class Evaluation(Quantities):
         return result
 
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
-        partition = self._origin.pivoted_partition if pivoted else self.partition
+        partition = self.partition_for(formulation, pivoted)
         with watching(self._noise) as watch, np.errstate(all="ignore"):
             vdot, multipliers = self.solution(formulation, partition)
         if self._noise is None and not np.isfinite(vdot).all():
@@ -276,9 +286,8 @@ def acceleration(
         RefusedError: the formulation cannot handle this state.
     """
     formulation = formulation_of(key)
-    if pivoted and not formulation.partitioned:
-        raise InputError(f"pivoted = True: {key} has no partition to choose")
     at = Evaluation(scene, q, v, t)
+    at.partition_for(formulation, pivoted)
     if consistent:
         check_consistent(at)
     result = at.acceleration(formulation, pivoted)

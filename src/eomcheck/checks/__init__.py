@@ -4,7 +4,7 @@ from __future__ import annotations
 
 # In the order in which a failure is closest to its cause: single terms, then identities between
 # them, then whole accelerations.
-from eomcheck.checks import terms, identities, equivalence, physics, refusals  # isort: skip
+from eomcheck.checks import terms, identities, equivalence, physics, truth, refusals  # isort: skip
 from eomcheck.checks.claim import CLAIMS, Case, Claim
 from eomcheck.checks.finding import Finding, Proof, State
 
@@ -20,4 +20,5 @@ __all__ = [
     "physics",
     "refusals",
     "terms",
+    "truth",
 ]

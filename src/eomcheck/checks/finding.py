@@ -50,6 +50,7 @@ class Finding:
         evidence: level of the evidence and what it rests on.
         detail: for a failure, the term, the row and what is wrong with it.
         proof: what a proof rests on, or None.
+        digits: decimal digits of a result in doubles that are certainly right, or None.
     """
 
     claim: str
@@ -62,6 +63,7 @@ class Finding:
     evidence: str
     detail: str = ""
     proof: Proof | None = None
+    digits: float | None = None
 
     @property
     def ratio(self) -> float:
@@ -101,6 +103,7 @@ class Finding:
             "evidence": self.evidence,
             "detail": self.detail,
             **({} if self.proof is None else {"proof": asdict(self.proof)}),
+            **({} if self.digits is None else {"digits": self.digits}),
         }
 
     def as_python(self) -> str:

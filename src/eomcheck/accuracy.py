@@ -1,0 +1,122 @@
+"""How many digits of a result in doubles are right: measured against the enclosed truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eomcheck.arithmetic.ball import ball, midpoints
+from eomcheck.arithmetic.linear import EPS
+from eomcheck.enclosure import Enclosure, enclose, enclosure
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.model import Array, Scene
+from eomcheck.tolerance import largest
+
+TRUTH = FORMULATIONS["kane"]
+"""The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
+
+TRUE_DIGITS = 30
+"""Digits of the truth; twice those of doubles would do."""
+
+DIGITS_OF_DOUBLES = -math.log10(EPS / 2)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What a formulation delivers in doubles at one state.
+
+    Attributes:
+        key: the formulation.
+        vdot: its v̇ (n,) in doubles.
+        truth: the enclosed v̇.
+        error: |v̇ - true v̇| (n,), rounded up: nowhere is the error larger.
+        ulps: the error of each entry (n,) in units in the last place of its true value; infinite
+            where that is 0 and the result is not.
+        relative: largest error over largest true entry.
+        condition: condition number of each matrix solved, by name.
+        kappa: how strongly this computation amplifies relative changes (docs/tolerance.md).
+        ratio: observed error / (κ ε scale): what the constant C of the tolerances must exceed.
+    """
+
+    key: str
+    vdot: Array
+    truth: Enclosure
+    error: Array
+    ulps: Array
+    relative: float
+    condition: dict[str, float]
+    kappa: float
+    ratio: float
+
+    @property
+    def digits(self) -> float:
+        """Decimal digits of v̇ that are right, relative to its largest entry."""
+        return certified_digits(self.relative)
+
+
+def certified_digits(relative: float) -> float:
+    """Return the decimal digits that a relative error leaves, at most those that doubles have."""
+    if not relative > 0:
+        return DIGITS_OF_DOUBLES if relative == 0 else 0.0
+    return min(max(-math.log10(relative), 0.0), DIGITS_OF_DOUBLES)
+
+
+def true_acceleration(scene: Scene, q: Array, u: Array, t: float = 0.0) -> Enclosure:
+    """Return the true v̇ at (q, u, t), of checked arguments.
+
+    Raises:
+        RefusedError: the scene has no generalized speeds here.
+    """
+    partition = Evaluation(scene, q, np.zeros(scene.n), t).partition
+    return enclosure(scene, TRUTH, q, u, t, TRUE_DIGITS, partition)
+
+
+def true_error(vdot: Array, truth: Enclosure) -> Array:
+    """Return |v̇ - true v̇| (n,), rounded up."""
+    errors = [abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True)]
+    nearest = midpoints(np.array(errors, object))
+    return np.where([error == 0 for error in errors], 0.0, np.nextafter(nearest, np.inf))
+
+
+def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = False) -> Accuracy:
+    """Return the true error of one formulation in doubles, with what it solved on the way.
+
+    Formulations in Lagrange's terms are given the true velocity W u + offset, rounded to doubles;
+    those in generalized speeds are given u.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        u: generalized speeds (p,).
+        t: time, s.
+        pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
+
+    Raises:
+        InputError, UnknownNameError: as `eomcheck.enclose`.
+        RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
+    """
+    formulation = formulation_of(key)
+    truth = enclose(scene, TRUTH.key, q, u, t, TRUE_DIGITS)
+    at = Evaluation(scene, q, midpoints(truth.v), t)
+    at.u = np.array(u, dtype=np.float64)
+    result = at.acceleration(formulation, pivoted)
+    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    exact, error = truth.doubles(), true_error(result.vdot, truth)
+    scale = largest(exact)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ulps = np.where(error > 0, error / np.spacing(np.abs(exact)), 0.0)
+    return Accuracy(
+        key,
+        result.vdot,
+        truth,
+        error,
+        ulps,
+        largest(error) / scale if scale > 0 else (0.0 if largest(error) == 0 else math.inf),
+        {name: 1.0 / rcond for name, rcond in result.rcond.items()},
+        spread / scale if scale > 0 else math.inf,
+        largest(error) / (EPS * spread) if spread > 0 else 0.0,
+    )

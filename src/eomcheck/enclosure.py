@@ -1,0 +1,148 @@
+"""The true acceleration, with a radius that is proved: formulations in ball arithmetic."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import flint
+import numpy as np
+
+from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import Formulation, Partition, formulation_of
+from eomcheck.model import Array, Scene, finite_array
+from eomcheck.quantities import Quantities
+
+GUARD_BITS = 64
+"""Bits beyond the digits asked for with which the search for the precision starts."""
+
+MOST_BITS = 4096
+"""Precision at which the search gives up, unless the digits asked for need more than a quarter."""
+
+
+ZERO = 2.0**-400
+"""An entry below this share of the larger of |v̇| and |v|² passes for zero, which has no digits."""
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """What a formulation says about one state, in balls that contain the true values.
+
+    Attributes:
+        vdot: v̇ (n,) of `flint.arb`, m/s² and rad/s².
+        multipliers: λ (r,) of `flint.arb`, or None where the formulation has none.
+        v: the velocity W u + offset (n,) of `flint.arb`.
+        bits: working precision that it took.
+        digits: decimal digits that are certain of every entry of v̇; one that vanishes needs none.
+    """
+
+    vdot: Array
+    multipliers: Array | None
+    v: Array
+    bits: int
+    digits: float
+
+    def doubles(self) -> Array:
+        """Return v̇ (n,), the midpoints rounded to doubles."""
+        return midpoints(self.vdot)
+
+    def overlaps(self, other: Enclosure) -> Array:
+        """Return (n,), whether the balls of v̇ have a point in common, entry by entry."""
+        return np.array([x.overlaps(y) for x, y in zip(self.vdot, other.vdot, strict=True)])
+
+
+def enclose(
+    scene: Scene, key: str, q, u, t: float = 0.0, digits: int = 30, *, pivoted: bool = False
+) -> Enclosure:
+    """Return the acceleration of `scene` by one formulation, enclosed.
+
+    The velocity v = W u + offset is formed in balls: one in doubles would never satisfy the
+    constraints exactly, and formulations would be asked different questions.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        u: generalized speeds (p,).
+        t: time, s.
+        digits: decimal digits that must be certain of every entry of v̇.
+        pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, `digits` below 1, `pivoted` without a
+            partition.
+        UnknownNameError: no such formulation.
+        RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
+    """
+    formulation = formulation_of(key)
+    q, _ = scene.check_state(q, np.zeros(scene.n), t)
+    u = finite_array("u", u, (scene.p,))
+    if isinstance(digits, bool) or not isinstance(digits, int) or digits < 1:
+        raise InputError(f"digits = {digits!r}, expected a whole number of at least 1")
+    partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
+    return enclosure(scene, formulation, q, u, t, digits, partition)
+
+
+def enclosure(
+    scene: Scene,
+    formulation: Formulation,
+    q: Array,
+    u: Array,
+    t: float,
+    digits: int,
+    partition: Partition,
+) -> Enclosure:
+    """Return what `enclose` returns, of arguments that were checked."""
+    bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
+    most = max(MOST_BITS, 4 * bits)
+    while True:
+        try:
+            found = _with_bits(scene, formulation, q, u, t, bits, partition)
+        except RefusedError:
+            if bits >= most:
+                raise
+        else:
+            if found.digits >= digits:
+                return found
+            if bits >= most:
+                raise RefusedError(
+                    "v̇",
+                    0.0,
+                    0.0,
+                    f"{formulation.key}: with {bits} bits {max(found.digits, 0.0):.0f} digits of "
+                    f"every entry of v̇ are certain, asked for are {digits}",
+                )
+        bits *= 2
+
+
+def _with_bits(
+    scene: Scene,
+    formulation: Formulation,
+    q: Array,
+    u: Array,
+    t: float,
+    bits: int,
+    partition: Partition,
+) -> Enclosure:
+    balls = Balls()
+    with precision(bits):
+        at = Quantities(scene, balls, balls.numbers(q), t)
+        at.u = balls.numbers(u)
+        vdot, multipliers = at.solution(formulation, partition)
+        vdot, v = (np.array([ball(x) for x in y], object) for y in (vdot, at.v))
+        return Enclosure(vdot, multipliers, v, bits, _certain_digits(vdot, v))
+
+
+def _certain_digits(vdot: Array, v: Array) -> float:
+    if not all(x.is_finite() for x in (*vdot, *v)):
+        return -math.inf
+    speed = max(x.abs_lower() for x in v)
+    floor = max(max(x.abs_lower() for x in vdot), speed * speed) * flint.arb(ZERO)
+    certain = math.inf
+    for x in vdot:
+        if x.rad() > 0:
+            size = max(x.abs_lower(), floor)
+            certain = min(certain, float((size / x.rad()).log_base(10))) if size > 0 else -math.inf
+    return certain
