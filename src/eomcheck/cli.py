@@ -29,6 +29,8 @@ app = typer.Typer(
 )
 bench = typer.Typer(help="Measure run times and tolerances.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
+study = typer.Typer(help="Study what formulations deliver and cost.", no_args_is_help=True)
+app.add_typer(study, name="study")
 draw = typer.Typer(help="Draw figures.", no_args_is_help=True)
 app.add_typer(draw, name="draw")
 
@@ -233,7 +235,7 @@ def bench_rhs(
     records = measure_all(links, formulation, repeats)
     print_rhs(records)
     if json is not None:
-        write_records(json, records)
+        write_records(json, "timings", records)
 
 
 @bench.command("tolerance")
@@ -248,6 +250,28 @@ def bench_tolerance(
     from eomcheck.studies.tolerance import measure_constant
 
     print_tolerance(measure_constant(low, high, examples, seed))
+
+
+@study.command("accuracy")
+def study_accuracy(
+    links: Links = "1..30",
+    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    json: Json = None,
+) -> None:
+    """Certify how many digits each formulation delivers in doubles, against ball arithmetic."""
+    low, high = interval(links)
+    if examples < 1:
+        raise InputError(f"examples = {examples}, expected at least 1")
+    _check_writable(json)
+    from eomcheck.report.accuracy import print_accuracy
+    from eomcheck.report.benchmarks import write_records
+    from eomcheck.studies.accuracy import measure_accuracy
+
+    records = measure_accuracy(low, high, examples, seed)
+    print_accuracy(records)
+    if json is not None:
+        write_records(json, "accuracy", records)
 
 
 @draw.command("agreement")

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from rich.table import Table
 
@@ -65,9 +66,13 @@ def print_rhs(records: list[Timing]) -> None:
     )
 
 
-def write_records(path: Path, records: list[Timing]) -> None:
-    """Write timings to `path` as JSON."""
-    document = {"eomcheck": __version__, "timings": [asdict(record) for record in records]}
+def write_records(path: Path, what: str, records: Iterable[Any]) -> None:
+    """Write the Records of a study to `path` as JSON; what is not finite becomes null."""
+    rows = [
+        {name: None if value in (math.inf, -math.inf) else value for name, value in row.items()}
+        for row in map(asdict, records)
+    ]
+    document = {"eomcheck": __version__, what: rows}
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

@@ -15,6 +15,7 @@ from eomcheck import __version__
 from eomcheck.checks import CLAIMS, Finding
 from eomcheck.checks.validate import Run, Selection
 from eomcheck.console import console
+from eomcheck.report.accuracy import digits_table
 
 
 def worst(findings: Iterable[Finding]) -> Finding | None:
@@ -93,6 +94,12 @@ def print_run(run: Run, selection: Selection) -> None:
         "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
         "checked, ·: not concerned)."
     )
+    certified = [f for f in run.findings if f.digits is not None]
+    if certified:
+        found = group(certified, lambda f: f.subject)
+        digits = {key: [f.digits or 0.0 for f in mine] for key, mine in found.items()}
+        console.print("q̈ in doubles against its true value, enclosed:")
+        console.print(digits_table(digits))
     for finding in run.findings:
         if finding.claim == "coverage":
             console.print(f"coverage: {finding.detail}")

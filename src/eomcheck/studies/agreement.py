@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import hypothesis
-from hypothesis import HealthCheck, Phase
-
 from eomcheck import strategies
 from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.studies.draws import draw
 from eomcheck.tolerance import allowed_error, largest
 
 REFERENCE = "au"
@@ -37,21 +35,10 @@ def measure_agreement(max_links: int = 40, per_size: int = 3, seed: int = 0) -> 
     records: list[Agreement] = []
     with progress("comparing", max_links * per_size) as advance:
         for links in range(1, max_links + 1):
-
-            @hypothesis.seed(seed)
-            @hypothesis.settings(
-                max_examples=per_size,
-                database=None,
-                deadline=None,
-                phases=[Phase.generate],
-                suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-            )
-            @hypothesis.given(strategies.scene_states(strategies.snakes(links, links)))
-            def measure(case):
-                records.extend(_compare(Evaluation(case[0], *case[1])))
+            snakes = strategies.scene_states(strategies.snakes(links, links))
+            for scene, state in draw(snakes, per_size, seed):
+                records.extend(_compare(Evaluation(scene, *state)))
                 advance()
-
-            measure()
     return records
 
 

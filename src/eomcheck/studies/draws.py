@@ -1,0 +1,32 @@
+"""Cases of a hypothesis strategy as a list, for studies that measure rather than falsify."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import hypothesis
+from hypothesis import HealthCheck, Phase
+from hypothesis.strategies import SearchStrategy
+
+T = TypeVar("T")
+
+
+def draw(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
+    """Return `count` draws from `cases`, the same for the same seed."""
+    drawn: list[T] = []
+    settings = hypothesis.settings(
+        max_examples=count,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    )
+
+    @hypothesis.seed(seed)
+    @settings
+    @hypothesis.given(cases)
+    def take(case: T) -> None:
+        drawn.append(case)
+
+    take()
+    return drawn
