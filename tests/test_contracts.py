@@ -249,7 +249,7 @@ LAYERS = (
     "tolerance",
     "evaluate",
     "enclosure",
-    "accuracy",
+    "certified",
     "engines",
     "strategies",
     "checks",

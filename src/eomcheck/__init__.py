@@ -13,9 +13,11 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from eomcheck import scenes, strategies
+    from eomcheck.certified import Accuracy, accuracy
     from eomcheck.checks import CLAIMS, Claim, Finding, Proof
     from eomcheck.checks.proof import prove
     from eomcheck.checks.validate import check, validate
+    from eomcheck.enclosure import Enclosure, enclose
     from eomcheck.engines import ENGINES
     from eomcheck.errors import (
         EngineError,
@@ -34,6 +36,10 @@ _HOME = {
     "Acceleration": "evaluate",
     "velocity": "evaluate",
     "speeds_of": "evaluate",
+    "enclose": "enclosure",
+    "Enclosure": "enclosure",
+    "accuracy": "certified",
+    "Accuracy": "certified",
     "check": "checks.validate",
     "validate": "checks.validate",
     "prove": "checks.proof",
@@ -73,7 +79,9 @@ __all__ = [
     "FORMULATIONS",
     "SCENES",
     "Acceleration",
+    "Accuracy",
     "Claim",
+    "Enclosure",
     "EngineError",
     "EomcheckError",
     "Finding",
@@ -84,7 +92,9 @@ __all__ = [
     "RefusedError",
     "UnknownNameError",
     "acceleration",
+    "accuracy",
     "check",
+    "enclose",
     "prove",
     "scenes",
     "speeds_of",

@@ -7,26 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from eomcheck.accuracy import TRUE_DIGITS, certified_digits, true_acceleration, true_error
+from eomcheck.certified import TRUE_DIGITS, certify, true_state
 from eomcheck.checks.claim import Case, claim, pairs
 from eomcheck.checks.finding import Finding, State, Verdict
 from eomcheck.enclosure import Enclosure, enclosure
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
-from eomcheck.tolerance import largest
 
 EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
-
-
-def _truth(case: Case) -> Enclosure | None:
-    """Return the true v̇ at the u of the state, None where there is none."""
-    at = case.at
-    if not case.has_speeds or not np.isfinite(at.u).all():
-        return None
-    try:
-        return true_acceleration(at.scene, at.q, at.u, at.t)
-    except RefusedError:
-        return None
 
 
 def _enclosed(case: Case, formulation: Formulation) -> Enclosure | None:
@@ -65,16 +53,18 @@ def enclosures(case: Case) -> Iterator[Finding]:
 @claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
-    truth = _truth(case)
-    if truth is None:
+    at = case.at
+    if not case.has_speeds or not np.isfinite(at.u).all():
         return
-    exact = truth.doubles()
-    scale = largest(exact)
-    for formulation in case.solved:
-        vdot = case.at.acceleration(formulation).vdot
-        error = largest(true_error(vdot, truth))
-        finding = case.compare(
-            formulation.key, vdot, exact, case.vdot_spread(formulation), evidence=EVIDENCE
+    try:
+        truth, at = true_state(at.scene, at.q, at.u, at.t)
+    except RefusedError:
+        return
+    true = Case(at, case.formulations, case.engines, case.claim)
+    for formulation in true.solved:
+        found = certify(formulation, truth, at)
+        spread = true.vdot_spread(formulation)
+        yield replace(
+            true.compare(formulation.key, found.vdot, truth.doubles(), spread, evidence=EVIDENCE),
+            digits=found.digits,
         )
-        relative = error / scale if scale > 0 else float(error > 0)
-        yield replace(finding, digits=certified_digits(relative))

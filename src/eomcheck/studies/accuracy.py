@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eomcheck import strategies
-from eomcheck.accuracy import accuracy
+from eomcheck.certified import accuracy
 from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import speeds_of

@@ -9,13 +9,13 @@ import numpy as np
 
 from eomcheck.arithmetic.ball import ball, midpoints
 from eomcheck.arithmetic.linear import EPS
-from eomcheck.enclosure import Enclosure, enclose, enclosure
+from eomcheck.enclosure import Enclosure, enclose
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import Formulation, formulation_of
 from eomcheck.model import Array, Scene
 from eomcheck.tolerance import largest
 
-TRUTH = FORMULATIONS["kane"]
+TRUTH = "kane"
 """The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
 
 TRUE_DIGITS = 30
@@ -64,14 +64,20 @@ def certified_digits(relative: float) -> float:
     return min(max(-math.log10(relative), 0.0), DIGITS_OF_DOUBLES)
 
 
-def true_acceleration(scene: Scene, q: Array, u: Array, t: float = 0.0) -> Enclosure:
-    """Return the true v̇ at (q, u, t), of checked arguments.
+def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
+    """Return the true v̇ at (q, u, t), and the evaluation in doubles of the same state.
+
+    Its velocity is the true one, W u + offset, rounded. One that was found in doubles would be that
+    of other speeds, by rounding times the largest entry of W.
 
     Raises:
-        RefusedError: the scene has no generalized speeds here.
+        InputError: wrong shapes or values that are not finite.
+        RefusedError: the truth has no digits here.
     """
-    partition = Evaluation(scene, q, np.zeros(scene.n), t).partition
-    return enclosure(scene, TRUTH, q, u, t, TRUE_DIGITS, partition)
+    truth = enclose(scene, TRUTH, q, u, t, TRUE_DIGITS)
+    at = Evaluation(scene, q, midpoints(truth.v), t)
+    at.u = np.array(u, dtype=np.float64)
+    return truth, at
 
 
 def true_error(vdot: Array, truth: Enclosure) -> Array:
@@ -100,9 +106,18 @@ def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = Fa
         RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
     """
     formulation = formulation_of(key)
-    truth = enclose(scene, TRUTH.key, q, u, t, TRUE_DIGITS)
-    at = Evaluation(scene, q, midpoints(truth.v), t)
-    at.u = np.array(u, dtype=np.float64)
+    return certify(formulation, *true_state(scene, q, u, t), pivoted)
+
+
+def certify(
+    formulation: Formulation, truth: Enclosure, at: Evaluation, pivoted: bool = False
+) -> Accuracy:
+    """Return the `Accuracy` of `formulation` at what `true_state` returned.
+
+    Raises:
+        InputError: `pivoted`, and the formulation has no partition.
+        RefusedError: the formulation refuses the state in doubles.
+    """
     result = at.acceleration(formulation, pivoted)
     spread = at.acceleration_spread(formulation, pivoted=pivoted)
     exact, error = truth.doubles(), true_error(result.vdot, truth)
@@ -110,7 +125,7 @@ def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = Fa
     with np.errstate(divide="ignore", invalid="ignore"):
         ulps = np.where(error > 0, error / np.spacing(np.abs(exact)), 0.0)
     return Accuracy(
-        key,
+        formulation.key,
         result.vdot,
         truth,
         error,
