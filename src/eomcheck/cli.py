@@ -206,6 +206,12 @@ def _check_writable(path: Path | None) -> None:
             raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
+def _check_figure(path: Path) -> None:
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+    _check_writable(path)
+
+
 @app.command("list")
 def list_registry(
     registry: Annotated[Registry, typer.Argument(help="What to list.")],
@@ -282,14 +288,31 @@ def draw_agreement(
     seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
 ) -> None:
     """Draw how far the formulations are apart on random snakes."""
-    _check_writable(path)
     for name, value in (("links", links), ("per-size", per_size)):
         if value < 1:
             raise InputError(f"{name} = {value}, expected at least 1")
-    if path.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+    _check_figure(path)
     from eomcheck.report import figures
     from eomcheck.studies.agreement import measure_agreement
 
     figures.draw_agreement(measure_agreement(links, per_size, seed), path)
+    typer.echo(f"written: {path}")
+
+
+@draw.command("accuracy")
+def draw_accuracy(
+    path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],
+    links: Links = "1..30",
+    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+) -> None:
+    """Draw how many digits each formulation delivers in doubles."""
+    _check_figure(path)
+    low, high = interval(links)
+    if examples < 1:
+        raise InputError(f"examples = {examples}, expected at least 1")
+    from eomcheck.report import figures
+    from eomcheck.studies.accuracy import measure_accuracy
+
+    figures.draw_accuracy(measure_accuracy(low, high, examples, seed), path)
     typer.echo(f"written: {path}")

@@ -14,7 +14,9 @@ from matplotlib.axes import Axes
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
+from eomcheck.studies.accuracy import Delivered
 from eomcheck.studies.agreement import REFERENCE, Agreement
+from eomcheck.tolerance import C
 
 COLORS = dict(
     zip(
@@ -25,6 +27,8 @@ COLORS = dict(
     )
 )
 MARKERS = dict(zip(FORMULATIONS, "osD^vP*", strict=False))
+RATIO_FLOOR = 1e-3
+"""Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
 """Exact agreement is drawn here: a logarithm has no zero."""
 
@@ -102,5 +106,51 @@ def draw_agreement(records: list[Agreement], path: Path) -> None:
     )
     right.grid(alpha=0.25)
     right.legend(ncols=1, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def draw_accuracy(records: list[Delivered], path: Path) -> None:
+    """Draw certified digits over the number of links, and what the constant C rests on."""
+    solved = [r for r in records if r.refused is None]
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(12, 4.6), layout="constrained", sharey=False, width_ratios=(3, 2)
+    )
+    shift = dict(zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True))
+    for key in FORMULATIONS:
+        mine = [r for r in solved if r.key == key]
+        style = {"color": COLORS[key], "label": key}
+        left.scatter(
+            [r.links + shift[key] for r in mine],
+            [r.digits for r in mine],
+            marker=MARKERS[key],
+            s=16,
+            alpha=0.7,
+            lw=0,
+            **style,
+        )
+        ratios = np.sort([max(r.ratio, RATIO_FLOOR) for r in mine])
+        right.step(ratios, np.arange(1, ratios.size + 1) / max(ratios.size, 1), lw=1.6, **style)
+    left.set_xlabel("number of links N")
+    left.set_ylabel("decimal digits of q̈ that are right")
+    left.set_ylim(bottom=0)
+    left.set_title("What doubles deliver, against the enclosed truth", fontsize=11)
+    left.grid(alpha=0.25)
+    left.legend(ncols=len(FORMULATIONS), fontsize=9, loc="lower center", frameon=False)
+    right.axvline(C, color="#B00020", lw=1.2, ls="--")
+    right.annotate(
+        f"C = {C:g}",
+        (C, 0.04),
+        xytext=(-4, 0),
+        textcoords="offset points",
+        ha="right",
+        fontsize=9,
+        color="#B00020",
+    )
+    right.set_xscale("log")
+    right.set_xlabel("true error / (κ ε scale)")
+    right.set_ylabel("share of states")
+    right.set_title("How much of what κ ε predicts is really lost", fontsize=11)
+    right.grid(alpha=0.25)
     figure.savefig(path, dpi=150)
     plt.close(figure)
