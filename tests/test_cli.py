@@ -31,6 +31,16 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--engine", "mujoco"], "unknown engine 'mujoco'; known: pinocchio, casadi"),
         (["validate", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["validate", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
+        (["prove", "--links", "3,0"], "links = '0'"),
+        (["prove", "--links", "2..1"], "links = '2..1'"),
+        (["prove", "--points", "0"], "points = 0"),
+        (["prove", "--scene", "worm"], "unknown scene 'worm'; known: snake"),
+        (["prove", "--formulation", "xx"], "unknown formulation 'xx'"),
+        (["prove", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
+        (["study", "accuracy", "--links", "x"], "links = 'x'"),
+        (["study", "accuracy", "--examples", "0"], "examples = 0"),
+        (["draw", "accuracy", "a.png", "--examples", "0"], "examples = 0"),
+        (["draw", "accuracy", "picture.gif"], "written as .png, .svg or .pdf"),
         (["bench", "rhs", "--links", "0"], "links = 0"),
         (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
         (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
@@ -166,3 +176,30 @@ def test_draw_agreement_writes_a_picture(monkeypatch, capsys, tmp_path):
     arguments = ["draw", "agreement", str(file), "--links", "2", "--per-size", "1"]
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     assert file.read_bytes().startswith(b"\x89PNG")
+
+
+def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
+    assert (
+        run("prove", "--links", "1,3", "--points", "2", "--seed", "7", monkeypatch=monkeypatch) == 0
+    )
+    printed = capsys.readouterr().out
+    assert "0 disproved on 3 of 3 structures" in printed
+    assert "2 random points and primes each, seed 7" in printed
+    assert "equivalence" in printed and "bits" in printed
+
+
+def test_accuracy_is_measured_printed_and_written(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "accuracy.json"
+    arguments = ("--links", "1..3", "--examples", "3", "--json", str(path))
+    assert run("study", "accuracy", *arguments, monkeypatch=monkeypatch) == 0
+    assert "3 states; errors against the enclosed truth" in capsys.readouterr().out
+    rows = json.loads(path.read_text(encoding="utf-8"))["accuracy"]
+    assert len(rows) == 3 * len(FORMULATIONS)
+    assert {row["key"] for row in rows} == set(FORMULATIONS)
+
+
+def test_accuracy_is_drawn(tmp_path, monkeypatch):
+    path = tmp_path / "accuracy.png"
+    arguments = ("--links", "1..3", "--examples", "3")
+    assert run("draw", "accuracy", str(path), *arguments, monkeypatch=monkeypatch) == 0
+    assert path.stat().st_size > 10_000

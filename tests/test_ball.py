@@ -1,0 +1,80 @@
+"""Balls: they contain what is true, and what cannot be shown is refused."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
+from eomcheck.arithmetic.linear import solve
+from eomcheck.errors import RefusedError
+
+finite = st.floats(-1e6, 1e6)
+
+
+def contains(x: flint.arb, exact: Fraction) -> bool:
+    return (x * exact.denominator).contains(flint.fmpz(exact.numerator))
+
+
+@given(st.lists(finite, min_size=1, max_size=5))
+def test_doubles_are_taken_for_exactly_the_numbers_that_they_are(x: list[float]):
+    balls = Balls().numbers(np.array(x))
+    assert all(y.rad() == 0 for y in balls)
+    assert midpoints(balls).tolist() == x
+
+
+@given(finite, st.integers(60, 400))
+def test_a_sine_at_low_precision_contains_the_one_at_high_precision(x: float, bits: int):
+    def sine() -> flint.arb:
+        return Balls().angles(np.array([x])).sin[0]
+
+    with precision(bits):
+        rough = sine()
+    with precision(4 * bits):
+        assert rough.contains(sine())
+    assert float(rough.mid()) == pytest.approx(math.sin(x), abs=1e-15)
+
+
+def test_angles_that_are_balls_already_are_kept():
+    value = Balls().numbers(np.array([0.5, -1.0]))
+    assert Balls().angles(value).value is value
+
+
+@given(st.lists(st.integers(-50, 50), min_size=9, max_size=9))
+def test_solutions_contain_the_exact_ones_or_are_refused(entries: list[int]):
+    exact = np.array([Fraction(x) for x in entries], object).reshape(3, 3)
+    b = np.array([Fraction(1), Fraction(2), Fraction(-3)], object)
+    with precision(100):
+        balls = Balls()
+        A = balls.numbers(exact.astype(float))
+        try:
+            x = solve(A, balls.numbers(b.astype(float)), "A")
+        except RefusedError:
+            assert abs(np.linalg.det(exact.astype(float))) < 0.5  # an integer: it is 0
+            return
+        for found, true in zip(x, solve(exact, b, "A"), strict=True):
+            assert contains(found, true)
+
+
+def test_a_singular_matrix_is_refused_with_its_name_and_the_precision():
+    A = Balls().numbers(np.array([[0.1, 0.2], [0.2, 0.4]]))
+    with precision(200), pytest.raises(RefusedError, match=r"matrix K .* balls of 200 bits"):
+        solve(A, A[0], "K")
+
+
+def test_the_precision_is_restored_after_the_block():
+    before = flint.ctx.prec
+    with pytest.raises(ZeroDivisionError), precision(999):
+        raise ZeroDivisionError
+    assert flint.ctx.prec == before
+
+
+def test_literal_integers_among_results_are_balls_too():
+    assert ball(3) == flint.arb(3)
+    assert midpoints(np.array([1, flint.arb(2)], object)).tolist() == [1.0, 2.0]

@@ -1,0 +1,88 @@
+"""`accuracy`: the true error of doubles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import eomcheck
+from eomcheck import strategies
+from eomcheck.arithmetic.linear import EPS
+from eomcheck.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
+from eomcheck.errors import RefusedError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.model import State
+from eomcheck.scenes import Snake
+from eomcheck.tolerance import C
+
+keys = pytest.mark.parametrize("key", FORMULATIONS)
+PAPER = Snake.paper()
+Q, _ = PAPER.initial_state()
+U = [1.0, 0.5]
+
+
+@keys
+def test_doubles_deliver_more_than_ten_digits_on_the_paper_s_robot(key: str):
+    found = eomcheck.accuracy(PAPER, key, Q, U)
+    assert found.key == key
+    assert 10 < found.digits < DIGITS_OF_DOUBLES
+    assert found.relative == pytest.approx(found.error.max() / np.abs(found.vdot).max(), rel=1e-6)
+    assert (found.ulps * np.spacing(np.abs(found.truth.doubles())) >= found.error * 0.99).all()
+    assert set(found.condition) == set(
+        eomcheck.acceleration(PAPER, key, Q, eomcheck.velocity(PAPER, Q, U)).rcond
+    )
+
+
+@settings(max_examples=15)
+@given(strategies.scene_states(strategies.snakes(1, 8)))
+def test_the_constant_exceeds_every_certified_ratio(case: tuple[Snake, State]):
+    scene, (q, v, t) = case
+    u = eomcheck.speeds_of(scene, q, v, t)
+    for key in FORMULATIONS:
+        try:
+            assert eomcheck.accuracy(scene, key, q, u, t).ratio < C
+        except RefusedError:
+            continue
+
+
+def test_the_true_error_of_a_number_that_was_moved_is_by_how_much():
+    truth = eomcheck.enclose(PAPER, "kane", Q, U)
+    right = truth.doubles()
+    assert (true_error(right, truth) <= np.spacing(np.abs(right))).all()
+    assert true_error(right + 1e-3, truth) == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_lost_digits_show():
+    scene = Snake.pattern(45)
+    q, _ = scene.initial_state()
+    try:
+        found = eomcheck.accuracy(scene, "ml", q, U)
+    except RefusedError:
+        return
+    assert found.digits < 12
+
+
+def test_digits_count_from_a_relative_error():
+    assert certified_digits(1e-5) == pytest.approx(5.0)
+    assert certified_digits(0.0) == certified_digits(1e-30) == DIGITS_OF_DOUBLES
+    assert certified_digits(3.0) == certified_digits(math.inf) == certified_digits(math.nan) == 0.0
+    assert pytest.approx(15.95, abs=0.01) == DIGITS_OF_DOUBLES
+
+
+def test_an_acceleration_that_vanishes_is_exact():
+    one = np.ones(3)
+    scene = Snake(one, one, one, None, 0 * one)
+    found = eomcheck.accuracy(scene, "kane", np.zeros(5), [0.0, 0.0])
+    assert (found.error == 0).all() and (found.ulps == 0).all()
+    assert found.relative == 0.0 and found.ratio == 0.0
+
+
+def test_a_refusal_in_doubles_is_passed_on():
+    one = np.ones(3)
+    scene = Snake(one, one, one, None, 0 * one)
+    with pytest.raises(RefusedError, match="a_1"):
+        eomcheck.accuracy(scene, "em", np.zeros(5), U)
+    assert eomcheck.accuracy(scene, "em", np.zeros(5), U, pivoted=True).relative < 1e3 * EPS
