@@ -199,9 +199,12 @@ def _check_writable(path: Path | None) -> None:
     if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
         raise InputError(f"{str(path)!r} is not a file in a folder that exists")
     if path is not None:
+        new = not path.exists()
         try:
             with path.open("a", encoding="utf-8"):
                 pass
+            if new:
+                path.unlink()
         except OSError as error:
             raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 

@@ -79,6 +79,9 @@ def log_sum(heights) -> float:
     return top + math.log2(math.fsum(2.0 ** (h - top) for h in heights))
 
 
+BRANCH = "a branch on a value: what is proved on one side of it says nothing of the other"
+
+
 class Bound:
     """Bounds of a quotient of polynomials.
 
@@ -94,6 +97,16 @@ class Bound:
     def __init__(self, degree: int, height: float, twos: int = 0, denominator: Denominator = ONE):
         self.degree, self.height = degree, height
         self.twos, self.denominator = twos, denominator
+
+    def __eq__(self, other):
+        if isinstance(other, Bound):
+            return self is other
+        raise TypeError(BRANCH)
+
+    __hash__ = object.__hash__
+
+    def __bool__(self):
+        raise TypeError(BRANCH)
 
     def over(self, denominator: Denominator, twos: int) -> Bound:
         """Return the same quantity over a multiple of its denominator."""

@@ -21,8 +21,8 @@ class Proof:
     Attributes:
         degree: bound on the total degree of the numerator of left - right.
         height: bound on the sum of its coefficients' magnitudes, as a power of two (bits).
-        primes: the primes, one per point.
-        draws: points drawn, those included at which a division failed.
+        primes: the primes, one per point looked at.
+        draws: points drawn, those included at which a divisor vanished.
         failure_probability: bound on the probability that all points agree by chance.
     """
 
@@ -93,7 +93,7 @@ class Finding:
                 "v": self.state.v.tolist(),
                 "t": self.state.t,
             }
-        return {
+        row: dict[str, Any] = {
             "claim": self.claim,
             "subject": self.subject,
             **where,
@@ -102,9 +102,12 @@ class Finding:
             "verdict": self.verdict,
             "evidence": self.evidence,
             "detail": self.detail,
-            **({} if self.proof is None else {"proof": asdict(self.proof)}),
-            **({} if self.digits is None else {"digits": self.digits}),
         }
+        if self.proof is not None:
+            row["proof"] = asdict(self.proof) | {"primes": list(self.proof.primes)}
+        if self.digits is not None:
+            row["digits"] = self.digits
+        return row
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""

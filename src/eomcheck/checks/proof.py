@@ -15,7 +15,7 @@ import numpy as np
 
 from eomcheck.arithmetic.degree import Bound, Degrees
 from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES
-from eomcheck.checks.draws import Draws
+from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, look_at
@@ -53,11 +53,20 @@ def prove(
     keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
     chosen = tuple(map(formulation_of, keys))
     check_points(points)
-    seed = random.SystemRandom().getrandbits(64) if seed is None else seed
+    seed = new_seed() if seed is None else seed
     findings: list[Finding] = []
     for structure in structures(scene, links):
         findings += prove_structure(structure, chosen, points, seed)
     return findings
+
+
+def new_seed() -> int:
+    """Return a seed from the operating system.
+
+    It has more bits than the smallest failure probability: no event of a generator with b bits of
+    seed is rarer than 2^-b.
+    """
+    return random.SystemRandom().getrandbits(256)
 
 
 def check_points(points: int) -> None:
@@ -94,23 +103,26 @@ def prove_structure(
     """Return the Findings about all scenes of the structure of `scene`."""
     draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
-        primes = tuple(draws.look() for _ in range(points))
+        for _ in range(points):
+            draws.look()
+        bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
     except TypeError as error:
         return [_failed(scene, ("finite-terms", "terms"), points, f"not rational: {error}")]
     except (RefusedError, ZeroDivisionError) as error:
-        return [_failed(scene, ("finite-terms", "speeds"), points, f"defined nowhere: {error}")]
+        return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     findings = [
-        _failed(scene, ("equivalence", key), points, f"{what} is singular at every state")
+        _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
         for key, what in draws.refused.items()
     ]
-    bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
     for key, outcome in draws.outcomes.items():
-        degree, height = bounds[key]
-        chance = failure_probability(degree, height, primes, draws.count)
         if outcome.differs:
             findings.append(_failed(scene, key, outcome.differs, outcome.detail))
             continue
-        evidence = f"proved: {points} points, failure probability below {chance:.1e}"
+        degree, height = bounds[key]
+        primes = tuple(outcome.primes)
+        chance = failure_probability(degree, height, len(primes), draws.count)
+        basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
+        evidence = f"proved: {len(primes)} points, {basis}"
         proof = Proof(degree, height, primes, draws.count, chance)
         findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
     return findings
@@ -137,16 +149,16 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
     return bounds
 
 
-def failure_probability(degree: int, height: float, primes: tuple[int, ...], draws: int) -> float:
+def failure_probability(degree: int, height: float, points: int, draws: int) -> float:
     """Bound the probability that a false identity holds at all points (docs/proof.md).
 
     Args:
         degree: bound on the total degree of the numerator of left - right.
         height: bound on log2 of the sum of its coefficients' magnitudes.
-        primes: one per point that was kept.
-        draws: points drawn; any of them might have been kept.
+        points: points at which it was looked at.
+        draws: points drawn; any of them might have been looked at.
     """
     # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
     bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
-    chance = math.prod(2 * degree / (p - 2) + bad_primes / PRIME_COUNT for p in primes)
-    return min(1.0, math.comb(draws, len(primes)) * chance)
+    chance = 2 * degree / (PRIMES[0] - 1) + bad_primes / PRIME_COUNT
+    return min(1.0, math.comb(draws, points) * chance**points)

@@ -15,6 +15,7 @@ from eomcheck.arithmetic.dual import duals, rate
 from eomcheck.checks import identities
 from eomcheck.checks.claim import CLAIMS, numbered, pairs
 from eomcheck.checks.point import Point
+from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
 from eomcheck.model import Angles, Array
 from eomcheck.quantities import Solution
@@ -146,8 +147,13 @@ def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides]:
         return
     names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
     for subject, partition in (("em", at.partition), ("em, drawn", at.other_partition)):
-        if partition is not None:
+        if partition is None:
+            continue
+        try:
             w = identities.embedding(at, partition)
+        except RefusedError:
+            continue
+        else:
             yield Sides(subject, a @ w, np.zeros((len(a), w.shape[1]), object), names)
 
 
@@ -169,10 +175,16 @@ def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides]:
 
 @identity("speeds-remainder")
 def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides]:
-    """The part of q̈ that is left at u̇ = 0 satisfies the constraints differentiated."""
+    """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
     if at.terms.a is not None:
         names = (at.scene.constraint_names,)
         yield Sides("ml, kane", at.terms.a @ at.speeds.rest, -at.terms.gamma, names)
+    if at.can_move:
+        prepared, q = at.moving(at.v)
+        shared = at.scene.kinematics(at.parameters, prepared, q, duals(at.u, _zeros(at.scene.p)))
+        W, _, offset = at.scene.speeds(at.parameters, prepared, shared)
+        expected = rate(W) @ at.u if offset is None else rate(W) @ at.u + rate(offset)
+        yield Sides("rest", at.speeds.rest, expected, (at.scene.coordinate_names,))
 
 
 @identity("active-forces")

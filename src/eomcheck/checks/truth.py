@@ -53,11 +53,11 @@ def enclosures(case: Case) -> Iterator[Finding]:
 @claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
-    at = case.at
-    if not case.has_speeds or not np.isfinite(at.u).all():
+    here = case.at
+    if not case.has_speeds or not np.isfinite(here.u).all():
         return
     try:
-        truth, at = true_state(at.scene, at.q, at.u, at.t)
+        truth, at = true_state(here.scene, here.q, here.u, here.t)
     except RefusedError:
         return
     true = Case(at, case.formulations, case.engines, case.claim)
@@ -67,4 +67,5 @@ def true_errors(case: Case) -> Iterator[Finding]:
         yield replace(
             true.compare(formulation.key, found.vdot, truth.doubles(), spread, evidence=EVIDENCE),
             digits=found.digits,
+            state=State(here.q, here.v, here.t),
         )

@@ -6,7 +6,6 @@ import hashlib
 import json
 import multiprocessing
 import os
-import random
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import eomcheck
-from eomcheck.checks.proof import check_points, prove_structure
+from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import UnknownNameError
 from eomcheck.formulations import FORMULATIONS, formulation_of
@@ -82,7 +81,7 @@ class Proofs:
 
     def __init__(self, jobs: ProofJobs, path: Path | None = None):
         self.jobs, self.path = jobs, path
-        self.seed = random.SystemRandom().getrandbits(64) if jobs.seed is None else jobs.seed
+        self.seed = new_seed() if jobs.seed is None else jobs.seed
         self.findings: dict[str, list[dict[str, Any]]] = {}
         self.taken_over = 0
 
