@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,10 +25,12 @@ class Outcome:
     """How one identity came out.
 
     Attributes:
+        primes: of the points at which it was looked at.
         differs: number of points at which its sides differ.
         detail: the term, the row and what is wrong with it, at the first of them.
     """
 
+    primes: list[int] = field(default_factory=list)
     differs: int = 0
     detail: str = ""
 
@@ -50,8 +52,8 @@ class Draws:
         self.refused: dict[str, str] = {}
         self.partition: Partition | None = None
 
-    def look(self) -> int:
-        """Look at one more point and return its prime.
+    def look(self) -> None:
+        """Look at one more point.
 
         Raises:
             RefusedError, ZeroDivisionError: the generalized speeds do not exist at any point.
@@ -61,10 +63,10 @@ class Draws:
         at, prime = self._point()
         for key, sides in look_at(at, self.formulations):
             outcome = self.outcomes.setdefault(key, Outcome())
+            outcome.primes.append(prime)
             if not _equal(sides):
                 outcome.differs += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
-        return prime
 
     def _point(self) -> tuple[Point, int]:
         """Draw until no formulation refuses, but for those that refuse every point."""

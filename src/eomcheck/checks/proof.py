@@ -84,7 +84,10 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
     kind = type(scene) if isinstance(scene, Scene) else scene
     if not (isinstance(kind, type) and issubclass(kind, Scene)):
         raise InputError(f"scene = {scene!r}, expected a scene or a kind of scene such as Snake")
-    for count in links if isinstance(links, Iterable) else (links,):
+    counts = tuple(links) if isinstance(links, Iterable) else (links,)
+    if not counts:
+        raise InputError(f"links = {links!r} holds no number of links")
+    for count in counts:
         yield from kind.structures(count)
 
 
@@ -94,7 +97,9 @@ def prove_structure(
     """Return the Findings about all scenes of the structure of `scene`."""
     draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
-        primes = tuple(draws.look() for _ in range(points))
+        for _ in range(points):
+            draws.look()
+        bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
     except TypeError as error:
         return [_failed(scene, ("finite-terms", "terms"), points, f"not rational: {error}")]
     except (RefusedError, ZeroDivisionError) as error:
@@ -103,14 +108,13 @@ def prove_structure(
         _failed(scene, ("equivalence", key), points, f"{what} is singular at every state")
         for key, what in draws.refused.items()
     ]
-    bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
     for key, outcome in draws.outcomes.items():
-        degree, height = bounds[key]
-        chance = failure_probability(degree, height, primes, draws.count)
         if outcome.differs:
             findings.append(_failed(scene, key, outcome.differs, outcome.detail))
             continue
-        evidence = f"proved: {points} points, failure probability below {chance:.1e}"
+        (degree, height), primes = bounds[key], tuple(outcome.primes)
+        chance = failure_probability(degree, height, primes, draws.count)
+        evidence = f"proved: {len(primes)} points, failure probability below {chance:.1e}"
         proof = Proof(degree, height, primes, draws.count, chance)
         findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
     return findings
@@ -130,8 +134,10 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
     """
     bounds: dict[Key, tuple[int, float]] = {}
     for key, sides in look_at(at, formulations):
-        left_right = np.asarray(sides.found, object) - np.asarray(sides.expected, object)
-        entries = [x for x in np.ravel(left_right) if isinstance(x, Bound)]
+        found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
+        if found.shape != expected.shape:
+            continue  # sides that cannot be equal need no bound
+        entries = [x for x in np.ravel(found - expected) if isinstance(x, Bound)]
         degree = max((x.degree for x in entries), default=0)
         bounds[key] = degree, max((x.height for x in entries), default=0.0)
     return bounds

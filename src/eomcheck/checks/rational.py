@@ -15,6 +15,7 @@ from eomcheck.arithmetic.dual import duals, rate
 from eomcheck.checks import identities
 from eomcheck.checks.claim import CLAIMS, numbered, pairs
 from eomcheck.checks.point import Point
+from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
 from eomcheck.model import Angles, Array
 from eomcheck.quantities import Solution
@@ -147,7 +148,10 @@ def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides]:
     names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
     for subject, partition in (("em", at.partition), ("em, drawn", at.other_partition)):
         if partition is not None:
-            w = identities.embedding(at, partition)
+            try:
+                w = identities.embedding(at, partition)
+            except RefusedError:
+                continue
             yield Sides(subject, a @ w, np.zeros((len(a), w.shape[1]), object), names)
 
 
