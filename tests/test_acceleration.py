@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.exact import Exact, ExactFloats
+from tests.exact import ExactFloats, RandomFractions
 
 from eomcheck import acceleration, speeds_of, strategies, velocity
 from eomcheck.arithmetic import linear
+from eomcheck.checks.point import Point
 from eomcheck.errors import (
     InconsistentVelocityError,
     InputError,
@@ -286,7 +287,7 @@ def test_the_condition_of_every_matrix_solved_is_recorded_under_its_name(key, mo
 
     linear_eliminate = linear.eliminate
     monkeypatch.setattr(linear, "eliminate", eliminate)
-    Exact(SNAKE, 0).solve(FORMULATIONS[key])
+    Point(SNAKE, RandomFractions(0)).solution(FORMULATIONS[key])
     rcond = acceleration(SNAKE, key, Q, V).rcond
     assert list(rcond) == solved_exactly
     assert all(0 < value <= 1 for value in rcond.values())

@@ -252,6 +252,13 @@ def test_elimination_stays_exact_where_whole_numbers_stand_among_the_fractions()
     assert x.tolist() == [Fraction(1, 5), Fraction(3, 5), Fraction(1, 7) - Fraction(1, 5)]
 
 
+def test_a_system_of_literals_alone_has_literals_for_its_solution_where_they_exist():
+    A = np.array([[0, 2], [-1, 1]], object)
+    x = solve(A, np.array([[4, 1], [0, 0]], object), "A")
+    assert x.tolist() == [[2, Fraction(1, 2)], [2, Fraction(1, 2)]]
+    assert [type(y) for y in x[:, 0]] == [int, int]
+
+
 class Residue:
     """An integer modulo 7, for which somebody registers a solver."""
 

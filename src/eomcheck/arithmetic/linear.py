@@ -148,9 +148,9 @@ def eliminate(A, b, name):
     """Solve A x = b over any exact field by Gauss-Jordan elimination, first nonzero pivot."""
     size = A.shape[0]
     work = np.concatenate((A, b.reshape(size, -1)), axis=1)
+    number = next((x for x in work.flat if not isinstance(x, int)), None)
     # A quotient of two literals would be a double.
-    zero = 0 * next((x for x in work.flat if not isinstance(x, int)), Fraction(0))
-    work = work + zero
+    work = work + 0 * (Fraction(0) if number is None else number)
     for column in range(size):
         pivot = next((row for row in range(column, size) if work[row, column] != 0), None)
         if pivot is None:
@@ -160,4 +160,8 @@ def eliminate(A, b, name):
         for row in range(size):
             if row != column and work[row, column] != 0:
                 work[row] = work[row] - work[row, column] * work[column]
-    return work[:, size:].reshape(b.shape)
+    x = work[:, size:].reshape(b.shape)
+    if number is None:
+        # Literals go with every kind of number, fractions do not.
+        x.flat = [y.numerator if y.denominator == 1 else y for y in x.flat]
+    return x

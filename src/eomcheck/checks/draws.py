@@ -87,7 +87,7 @@ class Draws:
             refused = {key: refusal.what for key, refusal in refusals.items() if refusal}
             always &= refused.keys()
             if last:
-                self.refused |= {key: refused[key] for key in always}
+                self.refused |= {key: what for key, what in refused.items() if key in always}
             if last or refused.keys() <= self.refused.keys():
                 return at, prime
         raise AssertionError("the last attempt returns or raises")

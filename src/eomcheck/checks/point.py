@@ -48,8 +48,9 @@ class Point(Quantities):
 
     def look_along_axes(self) -> None:
         """Replace the direction of a virtual displacement by each coordinate in turn."""
-        n = self.scene.n
-        self.directions = [np.array([int(i == j) for j in range(n)], object) for i in range(n)]
+        # Not of literals: half a literal 1 would be no element of a field.
+        n, zero = self.scene.n, 0 * self.q[0]
+        self.directions = [np.array([zero + int(i == j) for j in range(n)]) for i in range(n)]
 
     @property
     def direction_names(self) -> tuple[str, ...]:

@@ -93,7 +93,10 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
     kind = type(scene) if isinstance(scene, Scene) else scene
     if not (isinstance(kind, type) and issubclass(kind, Scene)):
         raise InputError(f"scene = {scene!r}, expected a scene or a kind of scene such as Snake")
-    for count in links if isinstance(links, Iterable) else (links,):
+    counts = tuple(links) if isinstance(links, Iterable) else (links,)
+    if not counts:
+        raise InputError(f"links = {links!r} holds no number of links")
+    for count in counts:
         yield from kind.structures(count)
 
 
@@ -142,8 +145,10 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
     """
     bounds: dict[Key, tuple[int, float]] = {}
     for key, sides in look_at(at, formulations):
-        left_right = np.asarray(sides.found, object) - np.asarray(sides.expected, object)
-        entries = [x for x in np.ravel(left_right) if isinstance(x, Bound)]
+        found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
+        if found.shape != expected.shape:
+            continue  # sides that cannot be equal need no bound
+        entries = [x for x in np.ravel(found - expected) if isinstance(x, Bound)]
         degree = max((x.degree for x in entries), default=0)
         bounds[key] = degree, max((x.height for x in entries), default=0.0)
     return bounds

@@ -168,9 +168,14 @@ def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides]:
 
 @identity("speeds-velocity")
 def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides]:
-    """The generalized speeds of v = w′ u + x′ are u."""
+    """The generalized speeds of v = w′ u + x′ are u, and that v satisfies the constraints."""
     found = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
     yield Sides("ml, kane", found, at.u, (_speed_names(at),))
+    a, b = at.terms.a, at.terms.b
+    # Without b and x′ this is a w′ = 0.
+    if a is not None and not (b is None and at.speeds.offset is None):
+        left = a @ at.v if b is None else a @ at.v + b
+        yield Sides("a q̇ + b", left, _zeros(len(a)), (at.scene.constraint_names,))
 
 
 @identity("speeds-remainder")

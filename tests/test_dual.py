@@ -1,0 +1,97 @@
+"""Numbers that carry a derivative: exact over fractions, over a field, and over themselves."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+from tests.exact import RandomFractions
+
+from eomcheck.arithmetic.dual import Dual, dual_angles, duals, rate
+
+SEVEN = 7
+KINDS = {
+    "fraction": lambda x: Fraction(x),
+    "field": lambda x: flint.nmod(x, 2**61 - 1),
+    "dual": lambda x: Dual(Fraction(x), Fraction(5)),
+}
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+def value(x):
+    """Return x without any derivative."""
+    return value(x.x) if isinstance(x, Dual) else x
+
+
+def test_duals_differentiate_products_and_quotients():
+    x = Dual(Fraction(3), Fraction(1))
+    assert rate((1 - x) * x / (x + 2)) == Fraction(-19, 25)
+
+
+@kinds
+@pytest.mark.parametrize(
+    ("function", "derivative"),
+    [
+        (lambda x: x + 2, lambda x: 1 + 0 * x),
+        (lambda x: 2 + x, lambda x: 1 + 0 * x),
+        (lambda x: x - 2, lambda x: 1 + 0 * x),
+        (lambda x: 2 - x, lambda x: -1 + 0 * x),
+        (lambda x: -x, lambda x: -1 + 0 * x),
+        (lambda x: x - x * x, lambda x: 1 - 2 * x),
+        (lambda x: 3 * x * x, lambda x: 6 * x),
+        (lambda x: x * 3, lambda x: 3 + 0 * x),
+        (lambda x: x / 4, lambda x: (1 + 0 * x) / 4),
+        (lambda x: 1 / x, lambda x: -1 / (x * x)),
+        (lambda x: x / (1 + x), lambda x: 1 / ((1 + x) * (1 + x))),
+    ],
+)
+def test_every_operation_has_its_derivative_in_every_kind_of_number(kind, function, derivative):
+    at, one = KINDS[kind](SEVEN), KINDS[kind](1) if kind != "dual" else Fraction(1)
+    found = function(Dual(at, one))
+    assert value(found.x - function(at)) == 0
+    assert value(found.rate - derivative(at)) == 0
+
+
+def test_a_dual_of_a_dual_carries_the_mixed_second_derivative():
+    inner = Dual(Fraction(3), Fraction(1))
+    x = Dual(inner, Fraction(1))
+    assert rate(rate(x * x * x)) == 18
+    assert rate(rate(1 / x)) == Fraction(2, 27)
+
+
+def test_a_quotient_of_literals_stays_exact():
+    assert (Dual(6, 3) / 3).x == 2
+    third = Dual(1, 1) / 3
+    assert (third.x, third.rate) == (Fraction(1, 3), Fraction(1, 3))
+    assert type((Dual(6, 3) / 3).x) is int
+
+
+def test_what_does_not_move_has_the_rate_zero():
+    assert rate(Fraction(3)) == 0
+    assert rate(np.array([Dual(2, 1), Fraction(5)], object)).tolist() == [1, 0]
+
+
+def test_arrays_keep_their_shape():
+    x = np.arange(6).reshape(2, 3).astype(object)
+    moving = duals(x, 2 * x)
+    assert moving.shape == rate(moving).shape == (2, 3)
+    assert (rate(moving) == 2 * x).all()
+    assert rate(moving @ moving.T).shape == (2, 2)
+    assert (rate(moving @ moving.T) == 4 * x @ x.T).all()
+
+
+def test_arrays_of_different_shapes_are_no_duals():
+    with pytest.raises(ValueError, match="shorter"):
+        duals(np.zeros(3, object), np.zeros(2, object))
+
+
+def test_angles_turn_along_the_circle():
+    random = RandomFractions(0)
+    rates = random.vector(4)
+    angles = dual_angles(random.angles(random.vector(4)), rates)
+    assert (rate(angles.value) == rates).all()
+    assert (rate(angles.cos * angles.cos + angles.sin * angles.sin) == 0).all()
+    turned = [value(c) * s.rate - value(s) * c.rate for c, s in zip(*angles[1:], strict=True)]
+    assert turned == rates.tolist()

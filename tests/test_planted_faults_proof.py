@@ -1,0 +1,105 @@
+"""Every planted fault is disproved, at one random point, and named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.test_planted_faults import (
+    FAULTS,
+    PACKAGE,
+    SNAKE,
+    Fault,
+    changed,
+    formulation_in,
+    planted,
+)
+
+from eomcheck.checks import CLAIMS, Finding, identities
+from eomcheck.checks.proof import prove_structure
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.model import Scene
+from eomcheck.scenes import Snake
+
+LINKS = 4
+SEED = 0
+
+ENERGY, BIAS = ("kinetic-energy", "[T]"), ("bias", "bias, row ")
+OTHERWISE = {
+    # M is judged by vᵀ M v = 2 T and by M = Mᵀ. What B shares with M fails at B first, for the
+    # energies come after the terms.
+    "-mu[i] * sin[i]": ENERGY,
+    "mass[i] / 4 + tail": ENERGY,
+    " + inertia[i]\n": ENERGY,
+    "length[j] * mu[i] *": ENERGY,
+    "cos[j] + sin[i] * sin[j]": ENERGY,
+    "tail[i] + mass[i]\n": BIAS,
+    "length * (mass / 2 + tail)": BIAS,
+    "M[i + 2, j + 2] = M[j + 2, i + 2] = c": ("kinetic-energy", "(θ_1, θ_2): transposed"),
+    # a is judged by a v at a random v: rows have names there, columns have not.
+    "= -cos_phi[i]\n": ("constraint-jacobian", "row wheel 1"),
+    "-length[i] / 2 * cos_alpha[i]": ("constraint-jacobian", "row wheel 1"),
+    "-length[j] * (cos_phi": ("constraint-jacobian", "row wheel 2"),
+    # No engine takes part: the energies alone are the second derivation, and judge B.
+    "V[i, 1] = joint_y + length": BIAS,
+    "(theta[k + 1] - theta[k]) / 2": ("generalized-forces", "1/2 of what it should be"),
+}
+"""Place of a fault -> (claim, what its Finding says), where a proof sees it otherwise."""
+
+
+def expected(fault: Fault) -> tuple[str, str]:
+    """Return (claim, what its Finding says)."""
+    if "nan" in fault.new:
+        # A NaN is a double among the elements of a field.
+        return "finite-terms", "not rational: unsupported operand"
+    if fault.claim == "refusals":
+        return "equivalence", f"[{Path(fault.file).stem}]"
+    return OTHERWISE.get(fault.old, (fault.claim, fault.says))
+
+
+def first_failure(scene: Scene, formulations: dict) -> Finding | None:
+    """Look at one random point; return what fails first in the order of the claims."""
+    findings = prove_structure(scene, tuple(formulations.values()), 1, SEED)
+    order = list(CLAIMS)
+    failed = [finding for finding in findings if finding.verdict == "failed"]
+    return min(failed, key=lambda finding: order.index(finding.claim), default=None)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
+def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
+    with planted(fault.file, changed(fault)) as module:
+        if fault.file == SNAKE:
+            failure = first_failure(module.Snake.coil(LINKS), FORMULATIONS)
+        else:
+            key = Path(fault.file).stem
+            if hasattr(identities, key):
+                monkeypatch.setattr(identities, key, module)
+            failure = first_failure(Snake.coil(LINKS), formulation_in(module, key))
+    assert failure is not None, "not disproved"
+    claim, says = expected(fault)
+    assert failure.claim == claim, str(failure)
+    assert says in str(failure), str(failure)
+    assert failure.detail
+    assert failure.evidence.startswith("disproved: ")
+
+
+@pytest.mark.parametrize("fault", [f for f in FAULTS if f.claim == "refusals"], ids=lambda f: f.id)
+def test_a_matrix_made_singular_is_named_and_nothing_else_fails(fault: Fault):
+    key = Path(fault.file).stem
+    with planted(fault.file, changed(fault)) as module:
+        formulations = tuple(formulation_in(module, key).values())
+        findings = prove_structure(Snake.coil(LINKS), formulations, 1, SEED)
+    (failure,) = (f for f in findings if f.verdict == "failed")
+    assert failure.detail.endswith(" is singular at every state")
+    matrix = failure.detail.removesuffix(" is singular at every state")
+    assert f'"{matrix}"' in changed(fault)
+
+
+def test_every_exception_is_about_a_fault_that_is_planted():
+    assert OTHERWISE.keys() <= {fault.old for fault in FAULTS}
+
+
+def test_the_source_as_it_is_shows_no_fault():
+    source = (PACKAGE / SNAKE).read_text(encoding="utf-8")
+    with planted(SNAKE, source) as module:
+        assert first_failure(module.Snake.coil(LINKS), FORMULATIONS) is None
