@@ -1,4 +1,4 @@
-"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`.
+"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`, `eomcheck study`.
 
 Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
 until then is printed and saved). Each command imports what it needs when it runs.
@@ -29,6 +29,8 @@ app = typer.Typer(
 )
 bench = typer.Typer(help="Measure run times and tolerances.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
+study = typer.Typer(help="Study what the formulations do.", no_args_is_help=True)
+app.add_typer(study, name="study")
 draw = typer.Typer(help="Draw figures.", no_args_is_help=True)
 app.add_typer(draw, name="draw")
 
@@ -199,6 +201,28 @@ def bench_tolerance(
     from eomcheck.studies.tolerance import measure_constant
 
     print_tolerance(measure_constant(low, high, examples, seed))
+
+
+@study.command("operations")
+def study_operations(
+    links: Annotated[str, typer.Option(help="Numbers of links, N or N..M.")] = "2..100",
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Count the operations of one right-hand side, exactly, for every number of links."""
+    low, high = interval(links)
+    _check_writable(json)
+    from eomcheck.report.operations import print_operations, write_operations
+    from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
+
+    records = measure(range(low, high + 1), formulation)
+    fits, systems = fit(records), solved_systems(records)
+    print_operations(records, fits, systems, compare_springs(high, formulation))
+    if json is not None:
+        write_operations(json, records, fits, systems)
+        typer.echo(f"written: {json}")
 
 
 @draw.command("agreement")
