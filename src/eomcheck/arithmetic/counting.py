@@ -7,7 +7,7 @@ Generic functions never branch on a value, so a `Counted` needs none: every oper
 2.  A division by a literal power of two, such as `mass / 2`, is an exact scaling and counts as a
     multiplication. Every other division counts as one.
 3.  An operation on a number of the model and a literal counts, also where the literal is 0 or 1:
-    doubles perform it. One on two literals is not seen.
+    doubles perform it. One on two literals is not seen (a snake has three, of Em at N = 1).
 4.  A product of matrices with K terms in each sum costs K multiplications and K - 1 additions per
     entry, which is what numpy's `@` does on objects: it starts from the first product.
 5.  A cosine and a sine of the same angle are one trigonometric pair.
