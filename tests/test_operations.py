@@ -9,7 +9,6 @@ import pytest
 from flint import fmpq_poly
 
 from eomcheck.arithmetic.counting import Counted, Counting, System
-from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion import right_hand_side
@@ -67,7 +66,7 @@ def test_the_very_function_that_is_compiled_has_these_counts(
 
 
 @formulations
-@pytest.mark.parametrize("links", [1, 2, 3, 8])
+@pytest.mark.parametrize("links", range(1, 13))
 def test_operations_on_two_zeros_of_new_arrays_are_missed_by_em_at_one_link_and_nowhere_else(
     formulation: Formulation, links: int, monkeypatch
 ):
@@ -134,10 +133,10 @@ def test_every_fitted_polynomial_gives_back_every_count(records):
 
 
 def test_the_polynomials_of_a_few_small_snakes_hold_for_a_large_one(records):
-    large = {record.formulation: record for record in measure([60])}
+    large = {record.formulation: record for record in measure([100])}
     for f in fit(records):
         for kind, of in KINDS.items():
-            assert f.polynomials[kind](60) == of(large[f.formulation]), (f.formulation, kind)
+            assert f.polynomials[kind](100) == of(large[f.formulation]), (f.formulation, kind)
 
 
 def test_kanes_counts_are_those_of_its_parts_by_hand(records):
@@ -199,7 +198,6 @@ def test_two_counts_for_one_number_of_links_are_not_fitted():
     assert fit_polynomial([(2, 1), (2, 2), (3, 1), (4, 1)]) is None
 
 
-@generic
 def wasteful_solution(*bodies):
     """Look at every pair of bodies, as a careless implementation of Kane's method does."""
     mass = bodies[4]
@@ -269,13 +267,12 @@ def test_systems_before_the_last_are_found_with_their_orders_and_right_hand_side
 
 
 def test_an_order_that_is_not_that_of_table_i_is_reported(records):
-    at_5 = {record.formulation: record for record in records if record.links == 5}
-    wrong = replace(at_5["au"], solves=(System("M_Au", 13, 1),))
-    rows = [x for x in records if x.formulation == "au" and x.links != 5]
+    *rows, last = (record for record in records if record.formulation == "au")
+    wrong = replace(last, solves=(System("M_Au", last.n + last.r + 1, 1),))
     (system,) = solved_systems([*rows, wrong])
     assert system.order is None
-    assert system.differing == (5,)
-    assert table_i_text(system) == "n + r: differs at N = 5"
+    assert system.differing == (12,)
+    assert table_i_text(system) == "n + r: differs at N = 12"
 
 
 def test_orders_are_only_given_where_whole_numbers_fit_all_points():

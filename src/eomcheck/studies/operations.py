@@ -213,9 +213,9 @@ def fit_order(points: Iterable[tuple[int, int, int]]) -> tuple[int, int] | None:
     determinant = n * r_2 - n_2 * r
     if determinant == 0:
         return None
-    i, left = divmod(order * r_2 - order_2 * r, determinant)
-    j, left_2 = divmod(n * order_2 - n_2 * order, determinant)
-    if left or left_2 or any(i * n + j * r != order for n, r, order in known):
+    i = (order * r_2 - order_2 * r) // determinant
+    j = (n * order_2 - n_2 * order) // determinant
+    if any(i * n + j * r != order for n, r, order in known):
         return None
     return i, j
 
