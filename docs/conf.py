@@ -1,4 +1,5 @@
-"""Sphinx configuration. Tables of formulations and claims are written from the registries."""
+"""Sphinx configuration. Tables of formulations and claims are written from the registries,
+tables of operations from the study."""
 
 from __future__ import annotations
 
@@ -9,6 +10,14 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import CLAIMS, FORMULATIONS, Formulation
+from eomcheck.report.operations import (
+    TOTALS,
+    columns_text,
+    order_text,
+    polynomial_text,
+    table_i_text,
+)
+from eomcheck.studies.operations import KINDS, fit, measure, solved_systems
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
@@ -115,6 +124,43 @@ def facts(f: Formulation) -> str:
     )
 
 
+COUNTED = range(2, 31)
+"""Numbers of links whose counts the tables rest on; the command goes further."""
+
+
+def operations_tables() -> dict[str, str]:
+    """Return the tables of operations by the name of their files."""
+    records = measure(COUNTED)
+
+    def polynomials(kinds: list[str]) -> str:
+        return table(
+            ("formulation", *kinds),
+            [
+                (f"`{f.formulation}`", *(cell(polynomial_text(f.polynomials[k])) for k in kinds))
+                for f in fit(records)
+            ],
+        )
+
+    systems = table(
+        ("formulation", "matrix", "order", "right-hand sides", "order in Table I"),
+        [
+            (
+                f"`{s.formulation}`",
+                f"`{s.smallest.name}`",
+                cell(order_text(s)),
+                cell(columns_text(s)),
+                cell(table_i_text(s)),
+            )
+            for s in solved_systems(records)
+        ],
+    )
+    return {
+        "operations.md": polynomials([kind for kind in KINDS if kind not in TOTALS]),
+        "totals.md": polynomials(list(TOTALS)),
+        "systems.md": systems,
+    }
+
+
 def write(name: str, text: str) -> None:
     """Write a generated file, unless it holds that text already: Sphinx goes by its time."""
     path = GENERATED / name
@@ -128,6 +174,8 @@ def write_tables(app: Sphinx) -> None:
     write("formulations.md", formulations_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
+    for name, text in operations_tables().items():
+        write(name, text)
 
 
 # ---- What must be complete -----------------------------------------------------------------------

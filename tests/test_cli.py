@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
@@ -44,6 +45,9 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["bench", "rhs", "--links", "0"], "links = 0"),
         (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
         (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
+        (["study", "operations", "--links", "0"], "links = '0'"),
+        (["study", "operations", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
+        (["study", "operations", "--json", "no/such/folder/x"], "not a file in a folder"),
         (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
         (["draw", "agreement", "a.png", "--links", "0"], "links = 0"),
     ],
@@ -169,6 +173,41 @@ def test_bench_tolerance_prints_the_constant(monkeypatch, capsys):
     arguments = ["bench", "tolerance", "--links", "2", "--examples", "3"]
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     assert "the constant C is 32" in capsys.readouterr().out
+
+
+def test_study_operations_prints_counts_polynomials_systems_and_springs(
+    monkeypatch, capsys, tmp_path
+):
+    file = tmp_path / "operations.json"
+    arguments = ["study", "operations", "--links", "2..9", "--json", str(file)]
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert max(len(line) for line in printed.splitlines()) <= 140
+    for text in ("N = 9", "40 N - 21", "73 N - 33", "116 N - 57", "2n + r: the same at every N"):
+        assert text in printed
+    assert "no fit" not in printed
+    document = json.loads(file.read_text(encoding="utf-8"))
+    counted = {(x["formulation"], x["links"]): x for x in document["operations"]}
+    assert set(counted) == {(key, links) for key in FORMULATIONS for links in range(2, 10)}
+    assert counted["kane", 7]["solves"] == [{"name": "M_Kane", "order": 2, "columns": 1}]
+    for fitted in document["polynomials"]:
+        for links in range(2, 10):
+            factors = map(Fraction, fitted["coefficients"]["additions"])
+            value = sum(factor * links**power for power, factor in enumerate(factors))
+            assert value == counted[fitted["formulation"], links]["additions"]
+    assert {x["formulation"] for x in document["systems"] if x["final"]} == set(FORMULATIONS)
+
+
+def test_study_operations_says_where_nothing_fits_and_shows_no_springs_where_there_are_none(
+    monkeypatch, capsys
+):
+    arguments = ["study", "operations", "--links", "1", "--formulation", "kane"]
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "no fit: no polynomial of degree 4 or less" in printed
+    assert "2 at N = 1" in printed
+    assert "Springs" not in printed
+    assert "gw" not in printed
 
 
 def test_draw_agreement_writes_a_picture(monkeypatch, capsys, tmp_path):

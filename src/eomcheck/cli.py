@@ -1,4 +1,4 @@
-"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`.
+"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`, `eomcheck study`.
 
 Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
 until then is printed and saved). Each command imports what it needs when it runs.
@@ -281,6 +281,28 @@ def study_accuracy(
     print_accuracy(records)
     if json is not None:
         write_records(json, "accuracy", records)
+
+
+@study.command("operations")
+def study_operations(
+    links: Annotated[str, typer.Option(help="Numbers of links, N or N..M.")] = "2..100",
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Count the operations of one right-hand side, exactly, for every number of links."""
+    low, high = interval(links)
+    _check_writable(json)
+    from eomcheck.report.operations import print_operations, write_operations
+    from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
+
+    records = measure(range(low, high + 1), formulation)
+    fits, systems = fit(records), solved_systems(records)
+    print_operations(records, fits, systems, compare_springs(high, formulation))
+    if json is not None:
+        write_operations(json, records, fits, systems)
+        typer.echo(f"written: {json}")
 
 
 @draw.command("agreement")
