@@ -276,6 +276,9 @@ steps = st.one_of(
     st.tuples(st.sampled_from(["r+", "r-", "r*", "r/"]), places, literals),
     st.tuples(st.just("-x"), places, st.none()),
     st.tuples(st.just("/2^k"), places, st.integers(1, 4)),
+    # Few divisors, often: powers of them, and sums over different powers.
+    st.tuples(st.just("/"), places, st.integers(0, 2).map(lambda i: ("of", i))),
+    st.tuples(st.just("+"), st.integers(3, 8), st.integers(3, 8).map(lambda i: ("of", i))),
     st.tuples(
         st.just("solve"),
         st.integers(1, 3),
@@ -316,8 +319,8 @@ def results(step, made: list[Pair]) -> list:
     return [OPERATIONS[operation](made[first % len(made)], right)]
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(steps, min_size=1, max_size=12))
+@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(steps, min_size=1, max_size=20))
 def test_no_bound_of_a_random_computation_is_too_small(computation):
     """Of every intermediate result, with divisors shared and distinct, nested and cancelled."""
     made = variables()
