@@ -281,7 +281,7 @@ def test_a_scene_of_ones_own_is_proved(scene: Scene):
 
 WRONG_TERMS = [
     ("Q", lambda x: -x, "generalized-forces", "generalized forces, row x: sign"),
-    ("M", lambda x: 2 * x, "kinetic-energy", "kinetic energy, value: 2 times too large"),
+    ("M", lambda x: 2 * x, "mass-matrix", "mass matrix, row x: 2 times too large"),
     ("a", lambda x: -x, "constraint-jacobian", "constraint Jacobian, row belt"),
     ("b", lambda x: -x, "constraint-jacobian", "constraint Jacobian, row belt"),
     ("gamma", lambda x: x + 1, "constraint-drift", "constraint drift, row belt: should vanish"),

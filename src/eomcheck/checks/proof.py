@@ -125,15 +125,19 @@ def prove_structure(
         primes = tuple(outcome.primes)
         chance = failure_probability(degree, height, len(primes), draws.count)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
-        evidence = f"proved: {len(primes)} points, {basis}"
+        evidence = f"proved: {_points(len(primes))}, {basis}"
         proof = Proof(degree, height, primes, draws.count, chance)
         findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
     return findings
 
 
 def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
-    evidence = f"disproved: {points} points"
+    evidence = f"disproved: {_points(points)}"
     return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
+
+
+def _points(count: int) -> str:
+    return "1 point" if count == 1 else f"{count} points"
 
 
 def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int, float]]:

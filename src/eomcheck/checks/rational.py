@@ -72,11 +72,23 @@ def _speed_names(at: Point) -> tuple[str, ...]:
 # ---- Terms against energies and constraints ------------------------------------------------------
 
 
+@identity("mass-matrix")
+def mass_matrix(at: Point, _: Formulations) -> Iterator[Sides]:
+    """M v is the rate of T along any change of v; M itself is symmetric."""
+    M, v = at.terms.M, at.free.v
+    names = (at.scene.coordinate_names,)
+    found, expected = [], []
+    for direction in at.directions:
+        T, _ = at.scene.energies(at.parameters, at.prepared, at.q, duals(v, direction))
+        found.append(direction @ M @ v)
+        expected.append(rate(T))
+    yield Sides("M v", np.array(found, object), np.array(expected, object), (at.direction_names,))
+    yield Sides("M", M, M.T, names * 2)
+
+
 @identity("kinetic-energy")
 def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides]:
-    """M is symmetric, and vᵀ M v = 2 T for every v: together they leave no other M."""
-    names = (at.scene.coordinate_names,)
-    yield Sides("M", at.terms.M, at.terms.M.T, names * 2)
+    """vᵀ M v = 2 T for every v."""
     v = at.free.v
     T, _ = at.scene.energies(at.parameters, at.prepared, at.q, v)
     yield Sides("T", v @ at.terms.M @ v, 2 * T, ())
