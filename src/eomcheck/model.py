@@ -161,6 +161,7 @@ class Scene(ABC):
     bodies that `velocities` lists, and `prepared`, which `prepare(arithmetic, q, t)` makes:
 
     - `terms(parameters, prepared, q, v) -> Terms`
+    - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
     - `speeds(parameters, prepared, kinematics) -> Speeds`
     - `bodies(parameters, prepared, kinematics) -> Bodies`
@@ -178,6 +179,7 @@ class Scene(ABC):
     """Which coordinates are angles."""
 
     terms: ClassVar[Callable[..., Any]]
+    constraints: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
     speeds: ClassVar[Callable[..., Any]]
     bodies: ClassVar[Callable[..., Any]]

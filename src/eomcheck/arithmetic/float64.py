@@ -15,10 +15,13 @@ from collections.abc import Callable, Iterable
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
+from numba.core.sigutils import normalize_signature
 from numba.extending import overload, register_jitable
 
 import eomcheck
@@ -118,6 +121,18 @@ def compiled(function: Callable) -> Callable:
         with _cache_directory(function):
             dispatcher._cache = _Cache(entry)  # type: ignore[attr-defined]
     return dispatcher
+
+
+def compiled_callback(function: Callable, signature: Any) -> CFunc:
+    """Return `function` compiled as a C callback of `signature`, kept on disk like `compiled`."""
+    _register_marked()
+    arguments, result = normalize_signature(signature)
+    callback = CFunc(function, (arguments, result), locals={}, options={"error_model": "numpy"})
+    if _has_source(function):
+        with _cache_directory(function):
+            callback._cache = _Cache(function)  # type: ignore[attr-defined]
+    callback.compile()
+    return callback
 
 
 class _Cache(FunctionCache):

@@ -46,6 +46,7 @@ AU = Formulation(
     level="acceleration",
     multipliers=True,
     multipliers_in_paper=True,
+    state="q, v, μ",
     uses="terms",
     partitioned=False,
     limits=(

@@ -37,6 +37,8 @@ class Formulation:
         level: at which constraints enter, "acceleration" or "velocity".
         multipliers: whether multipliers come out here.
         multipliers_in_paper: whether Table I says so.
+        state: what an integration carries: "q, v, μ" with μ the integrals of the multipliers,
+            "q, v", "q, v2" with the independent velocities, or "q, u".
         uses: which numbers `solution` gets, see the module.
         partitioned: whether it splits the coordinates; then a pivoted split is an option.
         limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
@@ -50,6 +52,7 @@ class Formulation:
     level: Literal["acceleration", "velocity"]
     multipliers: bool
     multipliers_in_paper: bool
+    state: Literal["q, v, μ", "q, v", "q, v2", "q, u"]
     uses: Literal["terms", "speeds", "bodies"]
     partitioned: bool
     limits: str

@@ -46,6 +46,7 @@ EL = Formulation(
     level="acceleration",
     multipliers=False,
     multipliers_in_paper=False,
+    state="q, v",
     uses="terms",
     partitioned=True,
     limits=(

@@ -33,6 +33,22 @@ def embedding(a, gamma, partition):
 
 
 @generic
+def velocity_of_independent(a, b, v2, partition):
+    """Return v (n,) with the independent part v2 that satisfies a v + b = 0 (Eq. (14))."""
+    if a is None:
+        return v2
+    n = a.shape[1]
+    first, second = partition
+    right = np.ascontiguousarray(a[:, second]) @ v2
+    if b is not None:
+        right = right + b
+    v = np.zeros(n, a.dtype)
+    v[first] = -solve(np.ascontiguousarray(a[:, first]), right, "a_1")
+    v[second] = v2
+    return v
+
+
+@generic
 def solution(M, F, a, gamma, v, partition):
     """Return (v̇ (n,), None)."""
     if a is None:
@@ -50,6 +66,7 @@ EM = Formulation(
     level="velocity",
     multipliers=False,
     multipliers_in_paper=False,
+    state="q, v2",
     uses="terms",
     partitioned=True,
     limits=(

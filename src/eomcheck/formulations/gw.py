@@ -47,6 +47,7 @@ GW = Formulation(
     level="acceleration",
     multipliers=True,
     multipliers_in_paper=False,
+    state="q, v",
     uses="terms",
     partitioned=False,
     limits=(

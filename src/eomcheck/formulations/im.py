@@ -41,6 +41,7 @@ IM = Formulation(
     level="acceleration",
     multipliers=True,
     multipliers_in_paper=True,
+    state="q, v, μ",
     uses="terms",
     partitioned=False,
     limits=(

@@ -15,21 +15,20 @@ def mass_matrix(partial_velocity, partial_angular_velocity, mass, inertia):
     bodies, d, p = partial_velocity.shape
     e = partial_angular_velocity.shape[1]
     M_Kane = np.zeros((p, p), partial_velocity.dtype)
-    for k in range(bodies):
-        for i in range(p):
-            for j in range(i + 1):
+    for i in range(p):
+        for j in range(i + 1):
+            total = 0
+            for k in range(bodies):
                 for c in range(d):
-                    M_Kane[i, j] += mass[k] * partial_velocity[k, c, i] * partial_velocity[k, c, j]
+                    total += mass[k] * partial_velocity[k, c, i] * partial_velocity[k, c, j]
                 for c in range(e):
                     for f in range(e):
-                        M_Kane[i, j] += (
+                        total += (
                             partial_angular_velocity[k, c, i]
                             * inertia[k, c, f]
                             * partial_angular_velocity[k, f, j]
                         )
-    for i in range(p):
-        for j in range(i):
-            M_Kane[j, i] = M_Kane[i, j]
+            M_Kane[i, j] = M_Kane[j, i] = total
     return M_Kane
 
 
@@ -107,6 +106,7 @@ KANE = Formulation(
     level="velocity",
     multipliers=False,
     multipliers_in_paper=False,
+    state="q, u",
     uses="bodies",
     partitioned=False,
     limits=(

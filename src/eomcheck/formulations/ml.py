@@ -23,6 +23,7 @@ ML = Formulation(
     level="velocity",
     multipliers=False,
     multipliers_in_paper=False,
+    state="q, u",
     uses="speeds",
     partitioned=False,
     limits=(

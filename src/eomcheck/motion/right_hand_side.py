@@ -12,9 +12,37 @@ from collections.abc import Callable
 from functools import cache
 
 from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck.arithmetic.generic import generic
 from eomcheck.formulations import Formulation
 from eomcheck.model import Scene
 from eomcheck.quantities import net_force, velocity
+
+
+@generic
+def rates_from_terms(terms, solution, parameters, prepared, q, v, partition):
+    """Return (q̇, v̇, λ or None) of a formulation that uses Lagrange's terms."""
+    M, Q, B, a, gamma, _ = terms(parameters, prepared, q, v)
+    vdot, multipliers = solution(M, net_force(Q, B), a, gamma, v, partition)
+    return v, vdot, multipliers
+
+
+@generic
+def rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared, q, u):
+    """Return (q̇, u̇) of a formulation that uses Lagrange's terms and generalized speeds."""
+    W, rest, offset = speeds(parameters, prepared, kinematics(parameters, prepared, q, u))
+    v = velocity(u, W, offset)
+    now = terms(parameters, prepared, q, v)
+    return v, solution(now.M, net_force(now.Q, now.B), W, rest)
+
+
+@generic
+def rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u):
+    """Return (q̇, u̇) of a formulation that sums over the bodies."""
+    shared = kinematics(parameters, prepared, q, u)
+    W, _, offset = speeds(parameters, prepared, shared)
+    vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
+    udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
+    return velocity(u, W, offset), udot
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -33,9 +61,8 @@ def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
 
     def rate(parameters, q, v, partition):
         prepared = angles(q[start:stop])
-        M, Q, B, a, gamma, _ = terms(parameters, prepared, q, v)
-        vdot, _ = solution(M, net_force(Q, B), a, gamma, v, partition)
-        return v, vdot
+        qdot, vdot, _ = rates_from_terms(terms, solution, parameters, prepared, q, v, partition)
+        return qdot, vdot
 
     return rate
 
@@ -46,10 +73,7 @@ def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
 
     def rate(parameters, q, u, partition):
         prepared = angles(q[start:stop])
-        W, rest, offset = speeds(parameters, prepared, kinematics(parameters, prepared, q, u))
-        v = velocity(u, W, offset)
-        now = terms(parameters, prepared, q, v)
-        return v, solution(now.M, net_force(now.Q, now.B), W, rest)
+        return rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared, q, u)
 
     return rate
 
@@ -60,11 +84,7 @@ def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
 
     def rate(parameters, q, u, partition):
         prepared = angles(q[start:stop])
-        shared = kinematics(parameters, prepared, q, u)
-        W, _, offset = speeds(parameters, prepared, shared)
-        vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
-        udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
-        return velocity(u, W, offset), udot
+        return rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u)
 
     return rate
 

@@ -177,6 +177,13 @@ def terms(parameters, angles, q, v):
     )
 
 
+@generic
+def constraints(parameters, angles, q):
+    """Return (a, b) of `terms`."""
+    length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
+    return jacobian(length, cos_alpha, sin_alpha, angles.cos, angles.sin), None
+
+
 # ---- Generalized speeds and partial velocities, by recursion in O(N) ----------------------------
 
 
@@ -285,9 +292,11 @@ def active_forces(stiffness, theta, omega_u):
         return None
     torque = spring_torques(stiffness, theta)
     force = np.zeros(2, torque.dtype)
-    for k in range(torque.size):
-        for i in range(2):
-            force[i] += torque[k] * (omega_u[k + 1, i] - omega_u[k, i])
+    for i in range(2):
+        total = 0
+        for k in range(torque.size):
+            total += torque[k] * (omega_u[k + 1, i] - omega_u[k, i])
+        force[i] = total
     return force
 
 
@@ -417,6 +426,7 @@ class Snake(Scene):
     angle_coordinates = slice(2, None)
 
     terms = staticmethod(terms)
+    constraints = staticmethod(constraints)
     kinematics = staticmethod(kinematics)
     speeds = staticmethod(speeds)
     bodies = staticmethod(bodies)

@@ -1,0 +1,291 @@
+"""`simulate`: a trajectory by one formulation and one integrator, compiled end to end."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eomcheck.arithmetic.float64 import FLOAT64
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluate import Evaluation, check_consistent, velocity
+from eomcheck.formulations import Formulation, formulation_of
+from eomcheck.formulations.em import velocity_of_independent
+from eomcheck.model import Array, Scene, finite_array
+from eomcheck.motion.callback import CALLS, FAILED, Table, callback
+from eomcheck.motion.integrators import Steps, integrate, integrator_of
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion, as one formulation and one integrator found it.
+
+    Attributes:
+        scene: the scene.
+        key: the formulation.
+        integrator: the integrator.
+        rtol: relative tolerance.
+        atol: absolute tolerance.
+        times: (k,), s.
+        q: coordinates (k, n).
+        v: velocities (k, n).
+        multipliers: λ (k, r), or None where the formulation has none.
+        energy: T + U (k,), J.
+        constraint_residual: |a v + b| (k, r), m/s, or None without constraints.
+        right_hand_sides: right-hand sides evaluated.
+        steps: steps taken.
+        status: "finished", or "failed" if the end was not reached.
+        reason: why not.
+        seconds: time of the integration alone, s.
+    """
+
+    scene: Scene
+    key: str
+    integrator: str
+    rtol: float
+    atol: float
+    times: Array
+    q: Array
+    v: Array
+    multipliers: Array | None
+    energy: Array
+    constraint_residual: Array | None
+    right_hand_sides: int
+    steps: int
+    status: str
+    reason: str
+    seconds: float
+
+
+class Motion:
+    """A formulation of a scene, compiled, with the state vector that it integrates.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        q0: initial coordinates (n,).
+        v0: initial velocities (n,), consistent with the constraints.
+        u0: initial generalized speeds (p,), by default those of v0.
+
+    Raises:
+        RefusedError: the generalized speeds do not exist.
+    """
+
+    def __init__(
+        self, scene: Scene, formulation: Formulation, q0: Array, v0: Array, u0: Array | None = None
+    ):
+        self.scene, self.formulation = scene, formulation
+        at = Evaluation(scene, q0, v0)
+        if formulation.state == "q, u":
+            scene.refuse_speeds()
+        self.partition = at.partition
+        velocities = {
+            "q, v, μ": at.v,
+            "q, v": at.v,
+            "q, v2": at.v[at.partition.independent],
+            "q, u": at.u if u0 is None else u0,
+        }
+        speeds = velocities[formulation.state]
+        integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
+        self.y0 = np.concatenate((at.q, speeds, integrals))
+        self.speeds = speeds.size
+        parameters = scene.parameters(FLOAT64)
+        self.table = Table(parameters, self.partition, scene.n, speeds.size, self.y0.size)
+        self.callback = callback(scene, formulation, parameters)
+
+    def solve(self, t_end: float, **options) -> Steps:
+        """Return `integrate`'s result for this motion; counts are set anew."""
+        self.table.reset()
+        return integrate(self.callback.address, self.table.arguments, self.y0, t_end, **options)
+
+    def split(self, y: Array) -> tuple[Array, Array]:
+        """Return (q (n,), v (n,)) of a state vector."""
+        n = self.scene.n
+        q, speeds = y[:n], y[n : n + self.speeds]
+        if self.formulation.state == "q, u":
+            at = Evaluation(self.scene, q, np.zeros(n))
+            at.u = speeds
+            return q, at.velocity
+        if self.formulation.state == "q, v2":
+            at = Evaluation(self.scene, q, np.zeros(n))
+            a, b = at.terms.a, at.terms.b
+            return q, at.call(velocity_of_independent, a, b, speeds, self.partition)
+        return q, speeds
+
+    @cached_property
+    def function(self):
+        """The very same right-hand side as a Python function of (t, y), for other integrators."""
+        import ctypes
+
+        call = ctypes.CFUNCTYPE(
+            None, ctypes.c_size_t, ctypes.c_double, ctypes.c_size_t, ctypes.c_size_t
+        )(self.callback.address)
+        arguments = self.table.arguments.ctypes.data
+
+        def rate(t: float, y: Array) -> Array:
+            y, ydot = np.ascontiguousarray(y), np.empty(y.size)
+            call(ydot.ctypes.data, t, y.ctypes.data, arguments)
+            return ydot
+
+        return rate
+
+
+def simulate(
+    scene: Scene,
+    key: str,
+    t_end: float,
+    *,
+    rtol: float = 1e-9,
+    atol: float = 1e-9,
+    integrator: str = "DOP853",
+    output_times=None,
+    q0=None,
+    v0=None,
+    u0=None,
+    max_step: float = math.inf,
+    first_step: float | None = None,
+    max_steps: int = 0,
+) -> Trajectory:
+    """Integrate the motion of `scene` from t = 0 to `t_end`.
+
+    Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
+    and GW (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        t_end: end, s.
+        rtol: relative tolerance of a step.
+        atol: absolute tolerance of a step, SI units.
+        integrator: a key of `eomcheck.INTEGRATORS`.
+        output_times: times (k,) in [0, t_end] at which the motion is wanted, rising; by default
+            every step.
+        q0: initial coordinates (n,), by default the scene's own state.
+        v0: initial velocities (n,), or
+        u0: initial generalized speeds (p,); by default the scene's own velocities, at rest if q0
+            is given.
+        max_step: largest step, s.
+        first_step: first step, s, by default the integrator's choice.
+        max_steps: give up after so many steps; 0 for no limit.
+
+    Returns:
+        The trajectory. An integration that cannot go on is a result with `status` "failed" and a
+        reason, up to where it came.
+
+    Raises:
+        InputError: values that are not valid, velocities that violate the constraints.
+        UnknownNameError: no such formulation or integrator.
+        RefusedError: the generalized speeds do not exist.
+    """
+    formulation, integrator = formulation_of(key), integrator_of(integrator).key
+    for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
+        if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
+            raise InputError(f"{name} = {value!r}, expected a positive number")
+    if first_step is not None and not (_number(first_step) and 0 < first_step <= t_end):
+        raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 0:
+        raise InputError(f"max_steps = {max_steps!r}, expected a whole number, 0 for no limit")
+    times = None if output_times is None else _checked_times(output_times, t_end)
+    motion = Motion(scene, formulation, *_initial(scene, q0, v0, u0))
+    start = time.perf_counter()
+    found = motion.solve(
+        t_end,
+        integrator=integrator,
+        rtol=rtol,
+        atol=atol,
+        output_times=times,
+        max_step=max_step,
+        first_step=0.0 if first_step is None else first_step,
+        max_steps=max_steps,
+    )
+    seconds = time.perf_counter() - start
+    counts = motion.table.counts
+    states = [motion.split(y) for y in found.y]
+    finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v in states], dtype=bool)
+    states = [state for state, good in zip(states, finite, strict=True) if good]
+    done = found.success and bool(finite.all())
+    return Trajectory(
+        scene,
+        key,
+        integrator,
+        rtol,
+        atol,
+        found.t[finite],
+        np.array([q for q, _ in states]).reshape(-1, scene.n),
+        np.array([v for _, v in states]).reshape(-1, scene.n),
+        *_along(scene, formulation, states),
+        int(counts[CALLS]),
+        found.steps,
+        "finished" if done else "failed",
+        "" if done else _reason(motion, found),
+        seconds,
+    )
+
+
+def _number(value) -> bool:
+    return isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+
+
+def _checked_times(output_times, t_end: float) -> Array:
+    times = finite_array("output_times", output_times, np.shape(output_times))
+    rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
+    if not rising or times[0] < 0 or times[-1] > t_end:
+        raise InputError(f"output_times must rise within [0, {t_end}], got {times}")
+    return times
+
+
+def _initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
+    if v0 is not None and u0 is not None:
+        raise InputError("v0 and u0 are both given, expected at most one of them")
+    q, v = scene.initial_state()
+    if q0 is not None:
+        q, v = q0, np.zeros(scene.n)
+    if u0 is not None:
+        u0 = finite_array("u0", u0, (scene.p,))
+        v = velocity(scene, q, u0)
+    at = Evaluation(scene, q, v if v0 is None else v0)
+    check_consistent(at)
+    return at.q, at.v, u0
+
+
+def _along(
+    scene: Scene, formulation: Formulation, states: list[tuple[Array, Array]]
+) -> tuple[Array | None, Array, Array | None]:
+    """Return multipliers (k, r), energy (k,) and constraint residual (k, r) along a motion."""
+    multipliers, energy, residual = [], [], []
+    for q, v in states:
+        at = Evaluation(scene, q, v)
+        here = at.parameters, at.prepared, at.q, at.v
+        T, U = at.call(scene.energies, *here)
+        energy.append(T if U is None else T + U)
+        if scene.r > 0:
+            residual.append(np.abs(at.call(scene.constraint, *here)))
+        if formulation.multipliers and scene.r > 0:
+            try:
+                multipliers.append(at.acceleration(formulation).multipliers)
+            except RefusedError:
+                multipliers.append(np.full(scene.r, np.nan))
+    rows = (-1, scene.r)
+    return (
+        np.array(multipliers).reshape(rows) if formulation.multipliers and scene.r > 0 else None,
+        np.array(energy),
+        np.array(residual).reshape(rows) if scene.r > 0 else None,
+    )
+
+
+def _reason(motion: Motion, found: Steps) -> str:
+    """Say why an integration did not reach its end."""
+    if motion.table.counts[FAILED] == 0:
+        return found.message
+    when = motion.table.failure_time[0]
+    y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
+    why = "it overflows, or a matrix is singular there"
+    try:
+        q, v = motion.split(y)
+        Evaluation(motion.scene, q, v).acceleration(motion.formulation)
+    except RefusedError as refusal:
+        why = str(refusal)
+    return f"the right-hand side is not finite at t = {when:.9g} s: {why}"
