@@ -111,8 +111,10 @@ def test_generic_functions_only_add_subtract_multiply_and_divide(function: Calla
 @functions
 def test_generic_functions_call_nothing_but_each_other_solve_and_allocation(function: Callable):
     allowed = [range, solve, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
+    handed_in = {argument.arg for argument in syntax(function).args.args}
     for written, called in objects_called(function):
-        assert called in allowed or is_record(called) or called in METHODS, written
+        known = called in allowed or is_record(called) or called in METHODS
+        assert known or written in handed_in, written
 
 
 @functions
@@ -254,7 +256,6 @@ LAYERS = (
     "strategies",
     "checks",
     "motion",
-    "console",
     "studies",
     "report",
     "cli",

@@ -34,11 +34,13 @@ class Accuracy:
         truth: the enclosed v̇.
         error: |v̇ - true v̇| (n,), rounded up: nowhere is the error larger.
         ulps: the error of each entry (n,) in units in the last place of its true value; infinite
-            where that is 0 and the result is not.
-        relative: largest error over largest true entry.
+            where that may be 0 and the result is not exact.
+        relative: largest error over largest true entry; infinite if that is 0 and the error not.
         condition: condition number of each matrix solved, by name.
-        kappa: how strongly this computation amplifies relative changes (docs/tolerance.md).
-        ratio: observed error / (κ ε scale): what the constant C of the tolerances must exceed.
+        kappa: how strongly this computation amplifies relative changes (docs/tolerance.md);
+            infinite where no bound can be measured or the truth is 0.
+        ratio: observed error / (κ ε scale): what the constant C of the tolerances must exceed; NaN
+            where nothing is foreseen, because κ is infinite or there is nothing to lose.
     """
 
     key: str
@@ -122,8 +124,10 @@ def certify(
     spread = at.acceleration_spread(formulation, pivoted=pivoted)
     exact, error = truth.doubles(), true_error(result.vdot, truth)
     scale = largest(exact)
+    nonzero = [not x.contains(0) for x in truth.vdot]
     with np.errstate(all="ignore"):
-        ulps = np.where(error > 0, error / np.spacing(np.abs(exact)), 0.0)
+        ulps = np.where(nonzero, error / np.spacing(np.abs(exact)), np.inf)
+    ulps[error == 0] = 0.0
     return Accuracy(
         formulation.key,
         result.vdot,
@@ -133,5 +137,11 @@ def certify(
         largest(error) / scale if scale > 0 else (0.0 if largest(error) == 0 else math.inf),
         {name: 1.0 / rcond for name, rcond in result.rcond.items()},
         spread / scale if scale > 0 else math.inf,
-        largest(error) / (EPS * spread) if spread > 0 else 0.0,
+        _ratio(largest(error), spread, scale),
     )
+
+
+def _ratio(error: float, spread: float, scale: float) -> float:
+    if not math.isfinite(spread) or scale == 0:
+        return math.nan
+    return error / (EPS * spread)

@@ -73,6 +73,9 @@ def _options(
     pass
 
 
+MOST_LINKS = 100_000
+
+
 def whole_numbers(text: str) -> list[int]:
     """Return the numbers of "3", "1..12" or "1..12,20,50".
 
@@ -98,6 +101,8 @@ def interval(text: str) -> tuple[int, int]:
     low, high = int(match[1]), int(match[2] or match[1])
     if not 1 <= low <= high:
         raise InputError(f"links = {text!r}, expected 1 <= first <= last")
+    if high > MOST_LINKS:
+        raise InputError(f"links = {text!r}, expected at most {MOST_LINKS}")
     return low, high
 
 

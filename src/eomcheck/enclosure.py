@@ -77,12 +77,14 @@ def enclose(
         RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
     """
     formulation = formulation_of(key)
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
     q, _ = scene.check_state(q, np.zeros(scene.n), t)
     u = finite_array("u", u, (scene.p,))
-    if isinstance(digits, bool) or not isinstance(digits, int) or digits < 1:
+    if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or digits < 1:
         raise InputError(f"digits = {digits!r}, expected a whole number of at least 1")
     partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
-    return enclosure(scene, formulation, q, u, t, digits, partition)
+    return enclosure(scene, formulation, q, u, t, int(digits), partition)
 
 
 def enclosure(
@@ -128,7 +130,7 @@ def _with_bits(
 ) -> Enclosure:
     balls = Balls()
     with precision(bits):
-        at = Quantities(scene, balls, balls.numbers(q), t)
+        at = Quantities(scene, balls, balls.numbers(q), balls.numbers(np.array(t)).item())
         at.u = balls.numbers(u)
         vdot, multipliers = at.solution(formulation, partition)
         vdot, v = (np.array([ball(x) for x in y], object) for y in (vdot, at.v))

@@ -237,10 +237,11 @@ class Scene(ABC):
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return the parameters in the numbers of `arithmetic`."""
 
-    def prepare(self, arithmetic: Arithmetic, q: Array, t: float = 0.0) -> Any:
+    def prepare(self, arithmetic: Arithmetic, q: Array, t: Any = 0.0) -> Any:
         """Return what is not rational in (q, t), by default the `Angles` among the coordinates.
 
-        q and the result are numbers of `arithmetic`.
+        q, t and the result are numbers of `arithmetic`. Angles that are prepared apart from each
+        other are unrelated variables where identities are proved.
         """
         return arithmetic.angles(q[self.angle_coordinates])
 

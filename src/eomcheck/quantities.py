@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
+from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.model import Arithmetic, Array, Bodies, Scene, Speeds, Terms
 
@@ -43,6 +43,26 @@ def velocity(u, W, offset):
     return W @ u + offset
 
 
+def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
+    """Return a record in which whole numbers that the code writes are numbers of an arithmetic.
+
+    Raises:
+        NotRationalError: an array of doubles that are not whole.
+    """
+    if isinstance(record, tuple):
+        parts = [with_literals(part, literal) for part in record]
+        return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
+    if not isinstance(record, np.ndarray):
+        return literal(record) if isinstance(record, int) else record
+    if record.dtype != object:
+        if (record != np.rint(record)).any():
+            raise NotRationalError(f"an array of doubles, {record.ravel()[:3]} ...")
+        record = np.array(list(map(int, record.ravel())), object).reshape(record.shape)
+    out = np.empty(record.shape, object)
+    out.ravel()[:] = [literal(x) if isinstance(x, int) else x for x in record.ravel()]
+    return out
+
+
 class Quantities:
     """The quantities of `scene` at one point, in the numbers of `arithmetic`.
 
@@ -51,11 +71,11 @@ class Quantities:
     Args:
         scene: the scene.
         arithmetic: the kind of number.
-        q: coordinates (n,), in doubles.
-        t: time, s.
+        q: coordinates (n,), numbers of `arithmetic`.
+        t: time, s, as well.
     """
 
-    def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: float = 0.0):
+    def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
         self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -63,8 +83,9 @@ class Quantities:
         return function(*arguments)
 
     def keep(self, record: Any) -> Any:
-        """Return `record` as it is used from here on."""
-        return record
+        """Return `record` as it is used from here on: literals become numbers of the arithmetic."""
+        literal = getattr(self.arithmetic, "literal", None)
+        return record if literal is None else with_literals(record, literal)
 
     @cached_property
     def parameters(self) -> Any:

@@ -40,6 +40,10 @@ class Balls:
         cos, sin = (np.array([pair[i] for pair in pairs], object) for i in (1, 0))
         return Angles(value, cos, sin)
 
+    def literal(self, x: int) -> flint.arb:
+        """Return the literal x as an exact ball."""
+        return flint.arb(x)
+
 
 def midpoints(x: Array) -> Array:
     """Return the midpoints of the balls x, rounded to doubles, same shape."""

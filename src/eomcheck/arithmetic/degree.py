@@ -16,6 +16,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
+from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Angles, Array
@@ -79,9 +80,6 @@ def log_sum(heights) -> float:
     return top + math.log2(math.fsum(2.0 ** (h - top) for h in heights))
 
 
-BRANCH = "a branch on a value: what is proved on one side of it says nothing of the other"
-
-
 class Bound:
     """Bounds of a quotient of polynomials.
 
@@ -99,14 +97,15 @@ class Bound:
         self.twos, self.denominator = twos, denominator
 
     def __eq__(self, other):
-        if isinstance(other, Bound):
-            return self is other
-        raise TypeError(BRANCH)
+        # Known by itself, as a key among divisors; never equal or unequal to anything else.
+        if other is self:
+            return True
+        raise NotRationalError(BRANCH)
 
     __hash__ = object.__hash__
 
     def __bool__(self):
-        raise TypeError(BRANCH)
+        raise NotRationalError(BRANCH)
 
     def over(self, denominator: Denominator, twos: int) -> Bound:
         """Return the same quantity over a multiple of its denominator."""
@@ -161,6 +160,9 @@ class Bound:
             self.denominator.times(Denominator.of({other: 1})),
         )
 
+    def __pow__(self, power):
+        return product_of(self, power)
+
     def __rtruediv__(self, other):
         return 0 if other == 0 else _constant(other) / self
 
@@ -192,6 +194,10 @@ class Degrees:
         """Return value, cosine and sine of the angles x (k,) as variables."""
         value = x if x.dtype == object else self.numbers(x)
         return Angles(value, self.numbers(x), self.numbers(x))
+
+    def literal(self, x: int) -> Any:
+        """Return the literal x as a number; 0 stays what it is, for it makes sums shorter."""
+        return _constant(x) if x else 0
 
 
 def _solve(A: Array, b: Array, name: str) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
 from eomcheck.model import Angles, Array
 
 
@@ -55,6 +56,14 @@ class Dual:
     def __rtruediv__(self, other):
         return Dual(other) / self
 
+    def __pow__(self, power):
+        return product_of(self, power)
+
+    def __eq__(self, other):
+        raise NotRationalError(BRANCH)
+
+    __hash__ = None  # type: ignore[assignment]
+
     __radd__, __rmul__ = __add__, __mul__
 
 
@@ -70,6 +79,17 @@ def duals(x: Array, rates: Array) -> Array:
     out = np.empty(np.shape(x), object)
     out.ravel()[:] = [Dual(a, b) for a, b in zip(np.ravel(x), np.ravel(rates), strict=True)]
     return out
+
+
+def constant(record: Any) -> Any:
+    """Return the arrays of a record as duals that do not change; what is absent stays absent."""
+    if record is None:
+        return None
+    if isinstance(record, tuple):
+        parts = [constant(part) for part in record]
+        return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
+    zeros = np.zeros(np.shape(record), object)
+    return duals(record, zeros) if np.ndim(record) else Dual(record)
 
 
 def dual_angles(angles: Angles, rates: Array) -> Angles:

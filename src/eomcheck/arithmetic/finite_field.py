@@ -60,6 +60,10 @@ class FiniteField:
         t = np.array([self._parameter() for _ in range(x.size)], object)
         return Angles(value, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
 
+    def literal(self, x: int) -> flint.nmod:
+        """Return the literal x as an element."""
+        return flint.nmod(x, self.prime)
+
     def _parameter(self) -> flint.nmod:
         while True:
             t = self.element()

@@ -11,7 +11,7 @@ from eomcheck.arithmetic.finite_field import FiniteField, random_prime
 from eomcheck.checks.claim import CLAIMS
 from eomcheck.checks.identities import embedding
 from eomcheck.checks.point import Point
-from eomcheck.checks.rational import IDENTITIES, Formulations, Key, Sides, look_at
+from eomcheck.checks.rational import IDENTITIES, Formulations, Key, Sides, Skipped, look_at
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Partition
 from eomcheck.model import Array, Scene
@@ -28,11 +28,13 @@ class Outcome:
         primes: of the points at which it was looked at.
         differs: number of points at which its sides differ.
         detail: the term, the row and what is wrong with it, at the first of them.
+        skipped: why it was not looked at, at points where it was not.
     """
 
     primes: list[int] = field(default_factory=list)
     differs: int = 0
     detail: str = ""
+    skipped: str = ""
 
 
 class Draws:
@@ -63,6 +65,9 @@ class Draws:
         at, prime = self._point()
         for key, sides in look_at(at, self.formulations):
             outcome = self.outcomes.setdefault(key, Outcome())
+            if isinstance(sides, Skipped):
+                outcome.skipped = sides.reason
+                continue
             outcome.primes.append(prime)
             if not _equal(sides):
                 outcome.differs += 1
@@ -95,7 +100,7 @@ class Draws:
     def _drawn_partition(self, at: Point) -> Partition | None:
         n, r = self.scene.n, self.scene.r
         for _ in range(n if r > 0 else 0):
-            order = self._source.sample(range(n), n)
+            order = np.array(self._source.sample(range(n), n), dtype=int)
             drawn = Partition(np.sort(order[:r]), np.sort(order[r:]))
             try:
                 embedding(at, drawn)
@@ -109,7 +114,8 @@ class Draws:
         if sides.names == (at.direction_names,):
             at.look_along_axes()
             along_axes = IDENTITIES[claim](at, self.formulations)
-            sides = next(x for x in along_axes if x.subject == subject)
+            named = (x for x in along_axes if isinstance(x, Sides) and x.subject == subject)
+            sides = next(named)
         return f"{CLAIMS[claim].term}, {describe(sides)}"
 
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eomcheck.arithmetic.dual import dual_angles, duals
+from eomcheck.arithmetic.dual import Dual, dual_angles, duals, rate
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.model import Angles, Arithmetic, Array, Scene
@@ -32,7 +32,7 @@ class Point(Quantities):
     """
 
     def __init__(self, scene: Scene, arithmetic: Variables, partition: Partition | None = None):
-        super().__init__(scene, arithmetic, arithmetic.vector(scene.n))
+        super().__init__(scene, arithmetic, arithmetic.vector(scene.n), arithmetic.vector(1)[0])
         self.u = arithmetic.vector(scene.p)
         self.other_partition = partition
         self.directions = [arithmetic.vector(scene.n)]
@@ -42,7 +42,7 @@ class Point(Quantities):
     @cached_property
     def free(self) -> Quantities:
         """The same point with a velocity of its own, which need not satisfy the constraints."""
-        free = Quantities(self.scene, self.arithmetic, self.q)
+        free = Quantities(self.scene, self.arithmetic, self.q, self.t)
         free.parameters, free.prepared, free.v = self.parameters, self.prepared, self._free_velocity
         return free
 
@@ -77,12 +77,56 @@ class Point(Quantities):
                 self._solutions[key] = refusal
         return self._solutions[key]
 
-    @property
-    def can_move(self) -> bool:
-        """Whether what is prepared from q is nothing but angles, which can be differentiated."""
-        return isinstance(self.prepared, Angles)
+    @cached_property
+    def prepared(self) -> Any:
+        """What is not rational in q and t; the angles among it are remembered."""
+        self._recorder = _Recorder(self.arithmetic)
+        return self.keep(self.scene.prepare(self._recorder, self.q, self.t))
 
-    def moving(self, qdot: Array) -> tuple[Any, Array]:
-        """Return (prepared, q) while q changes at `qdot`, in dual numbers."""
-        rates = qdot[self.scene.angle_coordinates]
-        return dual_angles(self.prepared, rates), duals(self.q, qdot)
+    @cached_property
+    def can_move(self) -> bool:
+        """Whether all that is prepared from q and t is angles, which can be differentiated."""
+        try:
+            self.moving(0 * self.q)
+        except (TypeError, AttributeError, NotImplementedError):
+            return False
+        return True
+
+    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+        """Return (prepared, q) while q changes at `qdot`, in dual numbers.
+
+        Args:
+            qdot: rates of the coordinates (n,).
+            clock: whether time passes, or q changes at a fixed time.
+        """
+        self.prepared  # noqa: B018  (its angles are needed)
+        q, t = duals(self.q, qdot), Dual(self.t, int(clock))
+        return self.keep(self.scene.prepare(_Replay(self._recorder.made), q, t)), q
+
+
+class _Recorder:
+    """An arithmetic that remembers the angles it made."""
+
+    def __init__(self, arithmetic: Arithmetic):
+        self._arithmetic = arithmetic
+        self.made: list[Angles] = []
+
+    def numbers(self, x: Array) -> Array:
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: Array) -> Angles:
+        self.made.append(self._arithmetic.angles(x))
+        return self.made[-1]
+
+
+class _Replay:
+    """An arithmetic that makes the same angles again, in the same order, while they turn."""
+
+    def __init__(self, made: list[Angles]):
+        self._made = iter(made)
+
+    def numbers(self, x: Array) -> Array:
+        raise NotImplementedError("nobody told the rate of what is prepared")
+
+    def angles(self, x: Array) -> Angles:
+        return dual_angles(next(self._made), rate(x))

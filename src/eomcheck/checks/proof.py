@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import math
 import random
+import traceback
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
+from eomcheck import quantities
 from eomcheck.arithmetic.degree import Bound, Degrees
 from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES
+from eomcheck.arithmetic.generic import NotRationalError
 from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
-from eomcheck.checks.rational import Formulations, Key, look_at
+from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
@@ -110,7 +114,7 @@ def prove_structure(
             draws.look()
         bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
     except TypeError as error:
-        return [_failed(scene, ("finite-terms", "terms"), points, f"not rational: {error}")]
+        return [_not_rational(scene, error)]
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     findings = [
@@ -118,12 +122,17 @@ def prove_structure(
         for key, what in draws.refused.items()
     ]
     for key, outcome in draws.outcomes.items():
+        if not outcome.primes:
+            findings.append(_skipped(scene, key, outcome.skipped))
+            continue
         if outcome.differs:
             findings.append(_failed(scene, key, outcome.differs, outcome.detail))
             continue
         degree, height = bounds[key]
         primes = tuple(outcome.primes)
-        chance = failure_probability(degree, height, len(primes), draws.count)
+        # A partition that was drawn is one of so many that might have been.
+        choices = scene.n if key[1].endswith("drawn") else 1
+        chance = failure_probability(degree, height, len(primes), draws.count, choices)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
         evidence = f"proved: {_points(len(primes))}, {basis}"
         proof = Proof(degree, height, primes, draws.count, chance)
@@ -134,6 +143,26 @@ def prove_structure(
 def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
     evidence = f"disproved: {_points(points)}"
     return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
+
+
+def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
+    return Finding(*key, scene, None, 0.0, 0.0, "inconclusive", "not looked at", reason)
+
+
+def _not_rational(scene: Scene, error: TypeError) -> Finding:
+    """Return the Finding on a function that exact numbers cannot run.
+
+    Raises:
+        TypeError: the error is no such thing, but a mistake in a call.
+    """
+    *_, last = traceback.extract_tb(error.__traceback__)
+    home = Path(last.filename)
+    ours = home.parent == Path(__file__).parent or home == Path(quantities.__file__)
+    if ours and not isinstance(error, NotRationalError):
+        raise error
+    detail = f"not rational, in {last.name}: {error}"
+    key = ("finite-terms", "terms")
+    return Finding(*key, scene, None, 0.0, 0.0, "failed", "not looked at", detail)
 
 
 def _points(count: int) -> str:
@@ -149,6 +178,8 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
     """
     bounds: dict[Key, tuple[int, float]] = {}
     for key, sides in look_at(at, formulations):
+        if isinstance(sides, Skipped):
+            continue
         found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
         if found.shape != expected.shape:
             continue  # sides that cannot be equal need no bound
@@ -158,7 +189,9 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
     return bounds
 
 
-def failure_probability(degree: int, height: float, points: int, draws: int) -> float:
+def failure_probability(
+    degree: int, height: float, points: int, draws: int, choices: int = 1
+) -> float:
     """Bound the probability that a false identity holds at all points (docs/proof.md).
 
     Args:
@@ -166,8 +199,9 @@ def failure_probability(degree: int, height: float, points: int, draws: int) -> 
         height: bound on log2 of the sum of its coefficients' magnitudes.
         points: points at which it was looked at.
         draws: points drawn; any of them might have been looked at.
+        choices: identities of which this one was chosen at random.
     """
     # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
     bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
     chance = 2 * degree / (PRIMES[0] - 1) + bad_primes / PRIME_COUNT
-    return min(1.0, math.comb(draws, points) * chance**points)
+    return min(1.0, choices * math.comb(draws, points) * chance**points)

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.dual import duals, rate
+from eomcheck.arithmetic.dual import constant, duals, rate
 from eomcheck.checks import identities
 from eomcheck.checks.claim import CLAIMS, numbered, pairs
 from eomcheck.checks.point import Point
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
-from eomcheck.model import Angles, Array
+from eomcheck.model import Array
 from eomcheck.quantities import Solution
 
 Names = tuple[tuple[str, ...], ...]
@@ -33,7 +33,14 @@ class Sides(NamedTuple):
     names: Names
 
 
-Identity = Callable[[Point, Formulations], Iterator[Sides]]
+class Skipped(NamedTuple):
+    """What could not be looked at, and why."""
+
+    subject: str
+    reason: str
+
+
+Identity = Callable[[Point, Formulations], Iterator[Sides | Skipped]]
 
 IDENTITIES: dict[str, Identity] = {}
 """Id of a claim -> its sides."""
@@ -53,12 +60,15 @@ Key = tuple[str, str]
 """Claim and subject."""
 
 
-def look_at(at: Point, formulations: Formulations) -> Iterator[tuple[Key, Sides]]:
+def look_at(at: Point, formulations: Formulations) -> Iterator[tuple[Key, Sides | Skipped]]:
     """Yield the sides of every identity at a point, in the order of `CLAIMS`."""
     for claim in CLAIMS:
         if claim in IDENTITIES:
             for sides in IDENTITIES[claim](at, formulations):
                 yield (claim, sides.subject), sides
+
+
+NO_RATE = "what the scene prepares is no angle, and its rate is not known"
 
 
 def _zeros(size: int) -> Array:
@@ -73,7 +83,7 @@ def _speed_names(at: Point) -> tuple[str, ...]:
 
 
 @identity("mass-matrix")
-def mass_matrix(at: Point, _: Formulations) -> Iterator[Sides]:
+def mass_matrix(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """M v is the rate of T along any change of v; M itself is symmetric."""
     M, v = at.terms.M, at.free.v
     names = (at.scene.coordinate_names,)
@@ -87,7 +97,7 @@ def mass_matrix(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("kinetic-energy")
-def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides]:
+def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """vᵀ M v = 2 T for every v."""
     v = at.free.v
     T, _ = at.scene.energies(at.parameters, at.prepared, at.q, v)
@@ -95,31 +105,36 @@ def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("bias")
-def bias(at: Point, _: Formulations) -> Iterator[Sides]:
+def bias(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
     if not at.can_move:
+        yield Skipped("B", NO_RATE)
         return
     v, B = at.free.v, at.free.terms.B
     prepared, q = at.moving(v)
-    steady = Angles(*(duals(x, _zeros(x.size)) for x in prepared)), duals(q, _zeros(q.size))
+    steady = constant(prepared), constant(q)
     found, expected = [], []
     for direction in at.directions:
         T, _ = at.scene.energies(at.parameters, *steady, duals(v, direction))
-        T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction), v)
+        T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction, clock=False), v)
         found.append(0 if B is None else direction @ B)
         expected.append(rate(rate(T)) - rate(T_aside))
     yield Sides("B", np.array(found, object), np.array(expected, object), (at.direction_names,))
 
 
 @identity("generalized-forces")
-def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides]:
+def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Q is minus the rate of the potential energy along any virtual displacement."""
     if not at.can_move:
+        yield Skipped("Q", NO_RATE)
+        return
+    if not at.scene.conserves_energy:
+        yield Skipped("Q", "the energy is not conserved: Q holds more than the potential")
         return
     Q = at.terms.Q
     found, expected = [], []
     for direction in at.directions:
-        _, U = at.scene.energies(at.parameters, *at.moving(direction), at.v)
+        _, U = at.scene.energies(at.parameters, *at.moving(direction, clock=False), at.v)
         if U is None and Q is None:
             return
         found.append(0 if Q is None else direction @ Q)
@@ -128,20 +143,24 @@ def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("constraint-jacobian")
-def constraint_jacobian(at: Point, _: Formulations) -> Iterator[Sides]:
-    """The constraints are a v + b for every v."""
-    if at.terms.a is None:
-        return
-    v, b = at.free.v, at.free.terms.b
-    found = at.terms.a @ v if b is None else at.terms.a @ v + b
+def constraint_jacobian(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """The constraints are a v + b for every v, and none is forgotten."""
+    v, a, b = at.free.v, at.terms.a, at.free.terms.b
     expected = at.scene.constraint(at.parameters, at.prepared, at.q, v)
+    if a is None and expected is None:
+        return
+    found = _zeros(at.scene.r) if a is None else a @ v if b is None else a @ v + b
+    expected = _zeros(at.scene.r) if expected is None else expected
     yield Sides("a", found, expected, (at.scene.constraint_names,))
 
 
 @identity("constraint-drift")
-def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides]:
+def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""
-    if at.terms.a is None or not at.can_move:
+    if at.terms.a is None:
+        return
+    if not at.can_move:
+        yield Skipped("gamma", NO_RATE)
         return
     free = at.free
     moved = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
@@ -152,7 +171,7 @@ def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("null-space-embedding")
-def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides]:
+def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The w of the embedding method spans the null space of a, for both partitions."""
     a = at.terms.a
     if a is None:
@@ -163,14 +182,14 @@ def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides]:
             continue
         try:
             w = identities.embedding(at, partition)
-        except RefusedError:
-            continue
+        except RefusedError as refusal:
+            yield Skipped(subject, str(refusal))
         else:
             yield Sides(subject, a @ w, np.zeros((len(a), w.shape[1]), object), names)
 
 
 @identity("null-space-speeds")
-def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides]:
+def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The w′ of the generalized speeds spans the null space of a."""
     a, W = at.terms.a, at.speeds.W
     if a is not None:
@@ -179,7 +198,7 @@ def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("speeds-velocity")
-def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides]:
+def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The generalized speeds of v = w′ u + x′ are u, and that v satisfies the constraints."""
     found = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
     yield Sides("ml, kane", found, at.u, (_speed_names(at),))
@@ -191,12 +210,14 @@ def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("speeds-remainder")
-def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides]:
+def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
     if at.terms.a is not None:
         names = (at.scene.constraint_names,)
         yield Sides("ml, kane", at.terms.a @ at.speeds.rest, -at.terms.gamma, names)
-    if at.can_move:
+    if not at.can_move:
+        yield Skipped("rest", NO_RATE)
+    else:
         prepared, q = at.moving(at.v)
         shared = at.scene.kinematics(at.parameters, prepared, q, duals(at.u, _zeros(at.scene.p)))
         W, _, offset = at.scene.speeds(at.parameters, prepared, shared)
@@ -205,7 +226,7 @@ def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("active-forces")
-def active_forces(at: Point, _: Formulations) -> Iterator[Sides]:
+def active_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Kane's active forces, from the bodies, are Lagrange's, projected."""
     if at.terms.Q is not None and at.bodies.force is not None:
         expected = identities.projected_forces(at)
@@ -213,14 +234,14 @@ def active_forces(at: Point, _: Formulations) -> Iterator[Sides]:
 
 
 @identity("kane-ml-mass")
-def kane_ml_mass(at: Point, _: Formulations) -> Iterator[Sides]:
+def kane_ml_mass(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Kane's and the modified Lagrange method have the same mass matrix."""
     found, expected = identities.kane_mass(at), identities.ml_system(at)[0]
     yield Sides("kane ~ ml", found, expected, (_speed_names(at),) * 2)
 
 
 @identity("kane-ml-force")
-def kane_ml_force(at: Point, _: Formulations) -> Iterator[Sides]:
+def kane_ml_force(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Kane's and the modified Lagrange method have the same right-hand side."""
     found, expected = identities.kane_force(at), identities.ml_system(at)[1]
     yield Sides("kane ~ ml", found, expected, (_speed_names(at),))
@@ -237,7 +258,7 @@ def _solutions(at: Point, formulations: Formulations) -> Iterator[tuple[Formulat
 
 
 @identity("equations-residual")
-def equations_residual(at: Point, formulations: Formulations) -> Iterator[Sides]:
+def equations_residual(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, a = at.terms.M, at.terms.a
     for f, (vdot, multipliers) in _solutions(at, formulations):
@@ -252,7 +273,7 @@ def equations_residual(at: Point, formulations: Formulations) -> Iterator[Sides]
 
 
 @identity("constraint-acceleration")
-def constraint_acceleration(at: Point, formulations: Formulations) -> Iterator[Sides]:
+def constraint_acceleration(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """Each q̈ satisfies the constraints differentiated."""
     if at.terms.a is not None:
         for f, (vdot, _) in _solutions(at, formulations):
@@ -261,20 +282,25 @@ def constraint_acceleration(at: Point, formulations: Formulations) -> Iterator[S
 
 
 @identity("equivalence")
-def equivalence(at: Point, formulations: Formulations) -> Iterator[Sides]:
+def equivalence(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
     solutions = tuple(_solutions(at, formulations))
     for (f, x), (g, y) in pairs(solutions):
         yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names)
-    for f, x in solutions:
-        other = at.solved(f, other=True) if f.partitioned and at.other_partition else None
-        if other is not None:
-            yield Sides(f"{f.key} ~ {f.key}, drawn", x.vdot, other.vdot, names)
+    for f in formulations:
+        if not f.partitioned or at.other_partition is None:
+            continue
+        if (other := at.solved(f, other=True)) is None:
+            continue
+        # Its own result by the paper's partition, or any other if that refuses.
+        own = [(g, x) for g, x in solutions if g is f] or list(solutions[:1])
+        for g, x in own:
+            yield Sides(f"{g.key} ~ {f.key}, drawn", x.vdot, other.vdot, names)
 
 
 @identity("multipliers")
-def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides]:
+def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """All formulations that have multipliers have the same, pair by pair."""
     if at.terms.a is None:
         return
@@ -288,9 +314,12 @@ def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides]:
 
 
 @identity("power-balance")
-def power_balance(at: Point, formulations: Formulations) -> Iterator[Sides]:
+def power_balance(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """Ideal constraints do no work: the energy keeps its value along each q̈."""
-    if not at.scene.conserves_energy or not at.can_move:
+    if not at.scene.conserves_energy:
+        return
+    if not at.can_move:
+        yield Skipped("all", NO_RATE)
         return
     prepared, q = at.moving(at.v)
     for f, (vdot, _) in _solutions(at, formulations):

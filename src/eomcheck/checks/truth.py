@@ -17,13 +17,21 @@ from eomcheck.formulations import Formulation
 EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
 
 
-def _enclosed(case: Case, formulation: Formulation) -> Enclosure | None:
+def _enclosed(case: Case, formulation: Formulation) -> Enclosure | str:
+    """Return the enclosure, or why there is none."""
     at = case.at
-    partition = at.partition
     try:
-        return enclosure(at.scene, formulation, at.q, at.u, at.t, TRUE_DIGITS, partition)
-    except RefusedError:
-        return None
+        return enclosure(at.scene, formulation, at.q, at.u, at.t, TRUE_DIGITS, at.partition)
+    except RefusedError as refusal:
+        return str(refusal)
+    except TypeError as error:
+        return f"not rational: {error}"
+
+
+def _finding(case: Case, claim: str, subject: str, apart: int, verdict: Verdict, detail: str):
+    at = case.at
+    state = State(at.q, at.v, at.t)
+    return Finding(claim, subject, at.scene, state, float(apart), 0.0, verdict, EVIDENCE, detail)
 
 
 @claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
@@ -31,23 +39,19 @@ def enclosures(case: Case) -> Iterator[Finding]:
     """The enclosures by all formulations have a point in common, pair by pair."""
     if not case.has_speeds or not np.isfinite(case.at.u).all():
         return
-    at = case.at
-    found = tuple((f, x) for f in case.solved if (x := _enclosed(case, f)) is not None)
-    for (f, x), (g, y) in pairs(found):
+    found: list[tuple[Formulation, Enclosure]] = []
+    for f in case.solved:
+        x = _enclosed(case, f)
+        if isinstance(x, str):
+            yield _finding(case, "enclosures", f.key, 0, "inconclusive", x)
+        else:
+            found.append((f, x))
+    for (f, x), (g, y) in pairs(tuple(found)):
         apart = np.flatnonzero(~x.overlaps(y))
-        rows = ", ".join(at.scene.coordinate_names[i] for i in apart)
+        rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
+        detail = f"acceleration, row {rows}: the balls are disjoint" if apart.size else ""
         verdict: Verdict = "failed" if apart.size else "passed"
-        yield Finding(
-            "enclosures",
-            f"{f.key} ~ {g.key}",
-            at.scene,
-            State(at.q, at.v, at.t),
-            float(apart.size),
-            0.0,
-            verdict,
-            EVIDENCE,
-            f"acceleration, row {rows}: the balls are disjoint" if apart.size else "",
-        )
+        yield _finding(case, "enclosures", f"{f.key} ~ {g.key}", apart.size, verdict, detail)
 
 
 @claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
@@ -58,7 +62,8 @@ def true_errors(case: Case) -> Iterator[Finding]:
         return
     try:
         truth, at = true_state(here.scene, here.q, here.u, here.t)
-    except RefusedError:
+    except (RefusedError, TypeError) as error:
+        yield _finding(case, "true-error", "all", 0, "inconclusive", str(error))
         return
     true = Case(at, case.formulations, case.engines, case.claim)
     for formulation in true.solved:

@@ -126,7 +126,11 @@ class Run:
             deadline=None,
             derandomize=False,
             report_multiple_bugs=False,
-            suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+            suppress_health_check=[
+                HealthCheck.too_slow,
+                HealthCheck.data_too_large,
+                HealthCheck.large_base_example,
+            ],
             phases=(Phase.generate, Phase.shrink),
             verbosity=Verbosity.quiet,
         )

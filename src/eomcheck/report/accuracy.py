@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from statistics import median
 
@@ -31,6 +32,7 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
     for name in (
         "solved",
         "refused",
+        "κ infinite",
         "certified digits: fewest",
         "median",
         "ulps: median",
@@ -40,30 +42,35 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
         "largest",
     ):
         table.add_column(name, justify="right")
-    top, states = 0.0, 0
+    top = 0.0
     records = list(records)
+    at_rest = [r for r in records if r.refused is None and r.relative == 0.0]
+    moving = [r for r in records if r not in at_rest]
     for key in FORMULATIONS:
-        mine = [r for r in records if r.key == key]
+        mine = [r for r in moving if r.key == key]
         solved = [r for r in mine if r.refused is None]
-        states = max(states, len(mine))
         if not solved:
             table.add_row(key, "0", str(len(mine)))
             continue
-        top = max(top, *(r.ratio for r in solved))
+        foreseen = [r.ratio for r in solved if not math.isnan(r.ratio)]
+        top = max(top, *foreseen) if foreseen else top
         table.add_row(
             key,
             str(len(solved)),
             str(len(mine) - len(solved)),
+            str(len(solved) - len(foreseen)),
             f"{min(r.digits for r in solved):.1f}",
             f"{median(r.digits for r in solved):.1f}",
             f"{median(r.ulps for r in solved):.2g}",
             f"{median(r.condition for r in solved):.2g}",
             f"{max(r.condition for r in solved):.2g}",
-            f"{median(r.ratio for r in solved):.2g}",
-            f"{max(r.ratio for r in solved):.2g}",
+            f"{median(foreseen):.2g}" if foreseen else "",
+            f"{max(foreseen):.2g}" if foreseen else "",
         )
+    states = len(records) // len(FORMULATIONS)
     console.print(table)
     console.print(
-        f"{states} states; errors against the enclosed truth. Largest error / (κ ε scale): "
-        f"{top:.3g}; the constant C of the tolerances is {C:g}."
+        f"{states} states; errors against the enclosed truth. {len(at_rest)} results that are "
+        "exact, as at rest without forces, are left out; where κ is infinite no error is foreseen. "
+        f"Largest error / (κ ε scale): {top:.3g}; the constant C of the tolerances is {C:g}."
     )

@@ -68,12 +68,13 @@ def print_rhs(records: list[Timing]) -> None:
 
 def write_records(path: Path, what: str, records: Iterable[Any]) -> None:
     """Write the Records of a study to `path` as JSON; what is not finite becomes null."""
-    rows = [
-        {name: None if value in (math.inf, -math.inf) else value for name, value in row.items()}
-        for row in map(asdict, records)
-    ]
+    rows = [{name: _finite(value) for name, value in row.items()} for row in map(asdict, records)]
     document = {"eomcheck": __version__, what: rows}
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def print_tolerance(ratios: dict[str, list[float]]) -> None:

@@ -129,7 +129,7 @@ def draw_accuracy(records: list[Delivered], path: Path) -> None:
             lw=0,
             **style,
         )
-        ratios = np.sort([max(r.ratio, RATIO_FLOOR) for r in mine])
+        ratios = np.sort([max(r.ratio, RATIO_FLOOR) for r in mine if not np.isnan(r.ratio)])
         right.step(ratios, np.arange(1, ratios.size + 1) / max(ratios.size, 1), lw=1.6, **style)
     left.set_xlabel("number of links N")
     left.set_ylabel("decimal digits of q̈ that are right")

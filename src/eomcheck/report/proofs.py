@@ -22,9 +22,17 @@ def print_proofs(proofs: Proofs) -> None:
     failed = [row for row in rows if row["verdict"] == "failed"]
     for row in _first_of_each(failed):
         console.print(
-            f"{row['claim']} \\[{escape(row['subject'])}] disproved on {escape(row['structure'])}: "
+            f"{row['claim']} \\[{escape(row['subject'])}] {row['evidence']} on "
+            f"{escape(row['structure'])}: "
             f"{escape(row['detail'])}",
             style="red",
+            highlight=False,
+            soft_wrap=True,
+        )
+    for row in _first_of_each([row for row in rows if row["verdict"] == "inconclusive"]):
+        console.print(
+            f"not looked at: {row['claim']} \\[{escape(row['subject'])}] on "
+            f"{escape(row['structure'])}: {escape(row['detail'])}",
             highlight=False,
             soft_wrap=True,
         )
@@ -37,8 +45,8 @@ def print_proofs(proofs: Proofs) -> None:
         + (f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else "")
     )
     console.print(
-        f"Probability that any of the proofs is wrong: below {total:.1e} "
-        f"({proofs.jobs.points} random points and primes each, seed {proofs.seed})."
+        f"Had any of them been false, all its points would have hidden it with a probability below "
+        f"{total:.1e} ({proofs.jobs.points} random points and primes each, seed {proofs.seed})."
     )
 
 
@@ -46,7 +54,14 @@ def _table(rows: list[dict[str, Any]]) -> Table:
     table = Table(header_style="bold")
     table.add_column("claim", no_wrap=True)
     table.add_column("statement")
-    for name in ("proved", "disproved", "degree ≤", "height ≤", "failure probability <"):
+    for name in (
+        "proved",
+        "disproved",
+        "not looked at",
+        "degree ≤",
+        "height ≤",
+        "failure probability <",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
     for id in CLAIMS:
         found = [row for row in rows if row["claim"] == id]
@@ -57,12 +72,18 @@ def _table(rows: list[dict[str, Any]]) -> Table:
             id,
             CLAIMS[id].statement,
             str(len(proved)),
-            str(len(found) - len(proved)) if len(found) > len(proved) else "",
+            _count(found, "failed"),
+            _count(found, "inconclusive"),
             str(max((p["degree"] for p in proved), default="")),
             f"{max(p['height'] for p in proved):.0f} bits" if proved else "",
             f"{max(p['failure_probability'] for p in proved):.1e}" if proved else "",
         )
     return table
+
+
+def _count(rows: list[dict[str, Any]], verdict: str) -> str:
+    count = sum(row["verdict"] == verdict for row in rows)
+    return str(count) if count else ""
 
 
 def _first_of_each(failed: list[dict[str, Any]]) -> list[dict[str, Any]]:

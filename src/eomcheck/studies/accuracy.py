@@ -26,7 +26,7 @@ class Delivered:
         ulps: largest error of an entry in units in the last place.
         condition: largest condition number of a matrix solved.
         kappa: how strongly the computation amplifies relative changes.
-        ratio: observed error / (κ ε scale).
+        ratio: observed error / (κ ε scale), NaN where nothing is foreseen or nothing can be lost.
     """
 
     key: str
@@ -37,7 +37,7 @@ class Delivered:
     ulps: float = float("inf")
     condition: float = float("inf")
     kappa: float = float("inf")
-    ratio: float = 0.0
+    ratio: float = float("nan")
 
 
 def measure_accuracy(min_links: int, max_links: int, examples: int, seed: int) -> list[Delivered]:

@@ -10,6 +10,14 @@ from hypothesis.strategies import SearchStrategy
 
 T = TypeVar("T")
 
+UNHURRIED = (
+    HealthCheck.too_slow,
+    HealthCheck.data_too_large,
+    HealthCheck.large_base_example,
+    HealthCheck.filter_too_much,
+)
+"""Large scenes are drawn all the same."""
+
 
 def draw(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
     """Return `count` draws from `cases`, the same for the same seed."""
@@ -19,7 +27,7 @@ def draw(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
         database=None,
         deadline=None,
         phases=[Phase.generate],
-        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+        suppress_health_check=UNHURRIED,
     )
 
     @hypothesis.seed(seed)
