@@ -146,7 +146,7 @@ class Records:
         self.path = Path(path)
         if readonly and not self.path.is_file():
             raise InputError(f"{str(path)!r}: no such file")
-        where = f"{self.path.absolute().as_uri()}?mode={'ro' if readonly else 'rwc'}"
+        where = f"{self.path.absolute().as_uri()}?mode={'rw' if readonly else 'rwc'}"
         with self._sqlite():
             self._connection = sqlite3.connect(
                 where, timeout=BUSY_SECONDS, isolation_level=None, uri=True
@@ -158,7 +158,11 @@ class Records:
             raise
 
     def _open(self, readonly: bool) -> None:
-        if self._value("SELECT count(*) FROM sqlite_master") == 0 and not readonly:
+        if readonly:
+            # Not mode=ro: that leaves the files of SQLite's log behind.
+            self._rows("PRAGMA query_only = ON")
+        tables = self._value("SELECT count(*) FROM sqlite_master")
+        if tables == self._value("PRAGMA application_id") == 0 and not readonly:
             self._make()
         if self._value("PRAGMA application_id") != APPLICATION:
             raise InputError(f"{str(self.path)!r} is not a file of records")
