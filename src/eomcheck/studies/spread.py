@@ -243,7 +243,7 @@ class _Process(multiprocessing.context.SpawnProcess):
         before = {name: os.environ.get(name) for name in THREADS}
         os.environ.update(dict.fromkeys(THREADS, "1"))
         try:
-            with _sigint_blocked():
+            with _no_interrupt():
                 super().start()
         finally:
             for name, value in before.items():
@@ -254,16 +254,24 @@ class _Process(multiprocessing.context.SpawnProcess):
 
 
 @contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Block SIGINT in the block; a process started there inherits that, and keeps it."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
+def _no_interrupt() -> Iterator[None]:
+    """Put Ctrl-C off to the end of the block; a process started there never hears it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # the main thread alone is interrupted
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    came: list[int] = []
+    # Another thread may catch the signal, hence a handler; a process started inherits the mask.
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 class _Context(multiprocessing.context.SpawnContext):
