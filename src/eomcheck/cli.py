@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 from eomcheck import __version__
-from eomcheck.errors import EomcheckError, InputError
+from eomcheck.errors import EomcheckError, InputError, WorkerError
 
 app = typer.Typer(
     name="eomcheck",
@@ -107,6 +107,9 @@ def interval(text: str) -> tuple[int, int]:
 
 
 Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
+Where = Annotated[
+    str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
+]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 
 
@@ -177,6 +180,7 @@ def prove(
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to prove; repeat for more. Default all.")
     ] = None,
+    executor: Where = "local",
     json: Json = None,
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of N links at once."""
@@ -185,10 +189,15 @@ def prove(
 
     from eomcheck.report.proofs import print_proofs
     from eomcheck.studies.proofs import Proofs, proof_jobs
+    from eomcheck.studies.spread import check_place
 
-    proofs = Proofs(proof_jobs(scene, numbers, points, seed, formulation), json)
+    proofs = Proofs(proof_jobs(scene, numbers, points, seed, formulation), json, executor)
+    check_place(executor)
     try:
         proofs.run()
+    except WorkerError:
+        print_proofs(proofs)
+        raise
     except KeyboardInterrupt:
         print_proofs(proofs)
         raise typer.Exit(130) from None
@@ -228,6 +237,33 @@ def list_registry(
     from eomcheck.report.registries import print_registry
 
     print_registry(registry.value)
+
+
+@app.command("export")
+def export_records(
+    records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="File to write. Default: standard output.")
+    ] = None,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="As CSV; there is no other format yet.")
+    ] = True,
+) -> None:
+    """Write the records of a study as a table: one line per cell, one column per value."""
+    _check_writable(file)
+    if file is not None and file.exists() and records.exists() and file.samefile(records):
+        raise InputError(f"{str(file)!r} holds the records themselves")
+    from eomcheck.report.records import write_csv
+    from eomcheck.studies.records import Records
+
+    with Records(records, readonly=True) as opened:
+        found = opened.all()
+    if file is None:
+        write_csv(found, sys.stdout)
+        return
+    with file.open("w", encoding="utf-8", newline="") as output:
+        write_csv(found, output)
+    typer.echo(f"written: {file}")
 
 
 @bench.command("rhs")

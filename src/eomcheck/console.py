@@ -11,6 +11,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 WIDTH = 140
 """Width of tables where the output is no terminal."""
 
+PERIOD = 6 * 3600.0
+"""Seconds over which progress is averaged; rich's own 30 estimate no end of longer steps."""
+
 console = Console()
 if not console.is_terminal:
     console = Console(width=WIDTH)
@@ -26,6 +29,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
+        speed_estimate_period=PERIOD,
     ) as bar:
         task = bar.add_task(label, total=total)
         yield lambda: bar.advance(task)

@@ -12,6 +12,11 @@ if TYPE_CHECKING:
 class EomcheckError(Exception):
     """Base of every exception that eomcheck raises on purpose."""
 
+    def __reduce__(self):
+        # As usual, but without calling __init__, which may want more than the message: an exception
+        # that cannot be read back breaks the pool of processes that it comes from.
+        return type(self).__new__, (type(self), *self.args), self.__dict__
+
 
 class InputError(EomcheckError, ValueError):
     """Something handed in is not valid; the message names it, its value and what is allowed."""
@@ -31,6 +36,10 @@ class InconsistentVelocityError(InputError):
 
 class EngineError(EomcheckError):
     """An outside library is missing or cannot represent the scene."""
+
+
+class WorkerError(EomcheckError):
+    """A process or machine that was given work did not return it; the rest is done and safe."""
 
 
 class RefusedError(EomcheckError, ArithmeticError):

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import multiprocessing
-import os
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,8 @@ from eomcheck.errors import UnknownNameError
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES
+from eomcheck.studies.provenance import sources
+from eomcheck.studies.spread import spread
 
 WORTH_A_PROCESS = 40
 """Below this number of coordinates a proof takes less time than a process to start."""
@@ -74,13 +73,18 @@ class Proofs:
     While it runs, each structure is appended to `path` + ".part" as it is proved; a run of the same
     jobs that finds this file, made by the same sources, goes on from there.
 
+    Args:
+        jobs: what is to be proved.
+        path: file to write, if any.
+        where: where large scenes are proved, see `eomcheck.studies.spread.executor`.
+
     Attributes:
         findings: structure -> its Findings as plain data.
         taken_over: number of structures found in the file.
     """
 
-    def __init__(self, jobs: ProofJobs, path: Path | None = None):
-        self.jobs, self.path = jobs, path
+    def __init__(self, jobs: ProofJobs, path: Path | None = None, where: str | None = None):
+        self.jobs, self.path, self.where = jobs, path, where
         self.seed = new_seed() if jobs.seed is None else jobs.seed
         self.findings: dict[str, list[dict[str, Any]]] = {}
         self.taken_over = 0
@@ -109,15 +113,10 @@ class Proofs:
                 yield scene.structure, _prove(scene, *how)
         if len(large) < 2:
             return
-        workers = min(len(large), os.cpu_count() or 1)
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as executor:
-            try:
-                waiting = {executor.submit(_prove, scene, *how): scene for scene in large}
-                for done in as_completed(waiting):
-                    yield waiting[done].structure, done.result()
-            finally:
-                executor.shutdown(wait=False, cancel_futures=True)
+        names = ("formulations", "points", "seed")
+        prove = partial(_prove, **dict(zip(names, how, strict=True)))
+        for scene, rows in spread(self.where, prove, large):
+            yield scene.structure, rows
 
     @property
     def _part(self) -> Path | None:
@@ -165,11 +164,3 @@ class Proofs:
         document = self._header() | {"findings": self.findings}
         self.path.write_text(json.dumps(document, indent=1, ensure_ascii=False), encoding="utf-8")
         self._part.unlink(missing_ok=True)
-
-
-def sources() -> str:
-    """Return a digest of the package's sources: a proof is one of this very code."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(eomcheck.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -1,0 +1,84 @@
+"""Where a result comes from: machine, versions, sources, threads and time.
+
+No library is imported to learn its version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+import eomcheck
+
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "CyRK", "heyoka", "casadi", "pin")
+LIBRARIES += ("python-flint", "distributed")
+"""Distributions whose versions a Record keeps, where they are installed."""
+
+
+def machine() -> dict[str, str | int]:
+    """Return CPU model, number of logical cores, operating system and Python version."""
+    return dict(_machine())
+
+
+@cache
+def _machine() -> dict[str, str | int]:
+    return {
+        "cpu": _cpu(),
+        "cores": os.cpu_count() or 1,
+        "os": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of eomcheck and of what it uses, and the digest of its sources."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
+    found = {"eomcheck": eomcheck.__version__, "sources": sources()}
+    for name in LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+@cache
+def sources() -> str:
+    """Return a digest of the package's sources: a result is one of this very code."""
+    root = Path(eomcheck.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def blas_threads() -> int | None:
+    """Return the number of BLAS threads that the environment sets, or None: the library chooses."""
+    for library in ("OPENBLAS", "MKL", "OMP"):  # OpenBLAS too prefers its own to OMP
+        value = os.environ.get(f"{library}_NUM_THREADS", "").split(",")[0].strip()
+        if value.isdecimal():
+            return int(value)
+    return None
+
+
+def now() -> str:
+    """Return the time, UTC, as ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
