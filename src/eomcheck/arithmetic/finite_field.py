@@ -12,10 +12,13 @@ import random
 
 import flint
 import numpy as np
+from flint.utils.flint_exceptions import DomainError
 
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Angles, Array
+
+__all__ = ["PRIMES", "PRIME_COUNT", "DomainError", "FiniteField", "random_prime"]
 
 PRIMES = (2**61, 2**62)
 """Primes are drawn uniformly from this range, all of 62 bits."""

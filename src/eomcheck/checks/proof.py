@@ -17,7 +17,7 @@ import numpy as np
 
 from eomcheck import quantities
 from eomcheck.arithmetic.degree import Bound, Degrees
-from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES
+from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES, DomainError
 from eomcheck.arithmetic.generic import NotRationalError
 from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
@@ -113,7 +113,7 @@ def prove_structure(
         for _ in range(points):
             draws.look()
         bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
-    except TypeError as error:
+    except (TypeError, DomainError) as error:
         return [_not_rational(scene, error)]
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
@@ -149,7 +149,7 @@ def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
     return Finding(*key, scene, None, 0.0, 0.0, "inconclusive", "not looked at", reason)
 
 
-def _not_rational(scene: Scene, error: TypeError) -> Finding:
+def _not_rational(scene: Scene, error: Exception) -> Finding:
     """Return the Finding on a function that exact numbers cannot run.
 
     Raises:

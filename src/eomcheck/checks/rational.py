@@ -128,9 +128,6 @@ def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     if not at.can_move:
         yield Skipped("Q", NO_RATE)
         return
-    if not at.scene.conserves_energy:
-        yield Skipped("Q", "the energy is not conserved: Q holds more than the potential")
-        return
     Q = at.terms.Q
     found, expected = [], []
     for direction in at.directions:
@@ -294,9 +291,9 @@ def equivalence(at: Point, formulations: Formulations) -> Iterator[Sides | Skipp
         if (other := at.solved(f, other=True)) is None:
             continue
         # Its own result by the paper's partition, or any other if that refuses.
-        own = [(g, x) for g, x in solutions if g is f] or list(solutions[:1])
-        for g, x in own:
-            yield Sides(f"{g.key} ~ {f.key}, drawn", x.vdot, other.vdot, names)
+        own = [x for g, x in solutions if g is f] or [x for _, x in solutions[:1]]
+        for x in own:
+            yield Sides(f"{f.key}, drawn", x.vdot, other.vdot, names)
 
 
 @identity("multipliers")
