@@ -102,8 +102,10 @@ class Motion:
         return integrate(self.callback.address, self.table.arguments, self.y0, t_end, **options)
 
     def split(self, y: Array) -> tuple[Array, Array]:
-        """Return (q (n,), v (n,)) of a state vector."""
+        """Return (q (n,), v (n,)) of a state vector; NaN where it is not finite."""
         n = self.scene.n
+        if not np.isfinite(y).all():
+            return np.full(n, np.nan), np.full(n, np.nan)
         q, speeds = y[:n], y[n : n + self.speeds]
         if self.formulation.state == "q, u":
             at = Evaluation(self.scene, q, np.zeros(n))
@@ -285,7 +287,9 @@ def _reason(motion: Motion, found: Steps) -> str:
     why = "it overflows, or a matrix is singular there"
     try:
         q, v = motion.split(y)
-        Evaluation(motion.scene, q, v).acceleration(motion.formulation)
+        # A velocity that the independent ones do not determine is what a_1 refuses as well.
+        at = Evaluation(motion.scene, q, np.nan_to_num(v))
+        at.acceleration(motion.formulation)
     except RefusedError as refusal:
         why = str(refusal)
     return f"the right-hand side is not finite at t = {when:.9g} s: {why}"
