@@ -30,6 +30,9 @@ LEAST, FIRST = 3, 8
 SAFETY, SHRINK, GROW = 0.9, 0.02, 4.0
 """Share of the step that the error allows, and how much a step may change at once."""
 
+TINY = 1e-99
+"""An error of 0 counts as this, one that is infinite as its inverse."""
+
 SMALLEST = 1e-12
 """A step below this share of the whole time gives the integration up."""
 
@@ -62,7 +65,8 @@ class Extrapolation:
 
     Args:
         f: y (n,) -> ẏ (n,).
-        tolerance: error allowed in each step and entry, times 1 + |y|.
+        tolerance: error allowed in each step and entry, times 1 + |y|; to be above the rounding
+            of the numbers, a hundred times at least.
         number: the steps, which are `Fraction`s, as numbers to multiply with; doubles by default.
         clean: applied to y after each step: what must not build up in it is taken off here.
     """
@@ -138,7 +142,8 @@ class Extrapolation:
         for end in exact[1:]:
             while t < end:
                 # Equal steps up to `end`, so that none is cut to a stump.
-                equal = (end - t) / ceil(float(end - t) / step * (1 - 1e-9))
+                parts = ceil(float(end - t) / step * (1 - 1e-9))
+                equal = Fraction(float(end - t) / parts) if parts > 1 else end - t
                 after, step, target = self.attempt(y, equal, target)
                 if after is not None:
                     t, y = t + equal, after
@@ -157,9 +162,10 @@ class Extrapolation:
             target: the number of midpoint results by which the error should be small enough.
         """
         steps: list[float] = []
-        before = inf
+        before = 1.0 / TINY
         for k, (after, error) in enumerate(self.columns(y, step), 1):
-            steps.append(float(step) * SAFETY * max(error, 1e-99) ** (-1.0 / (2 * k - 1)))
+            error = min(max(error, TINY), 1.0 / TINY)
+            steps.append(float(step) * SAFETY * error ** (-1.0 / (2 * k - 1)))
             if k >= target - 1:
                 if error <= 1.0:
                     self.effort.steps += 1

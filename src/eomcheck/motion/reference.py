@@ -118,8 +118,8 @@ def taylor_reference(
             "steps": len(steps),
             "longest_step": max(steps),
             "evaluations": None,
-            "seconds": perf_counter() - began,
-            "seconds_to_compile": built - began,
+            "seconds": round(perf_counter() - began, 2),
+            "seconds_to_compile": round(built - began, 2),
         },
     )
 
@@ -287,7 +287,7 @@ def extended_reference(
                 "steps": effort.steps,
                 "longest_step": effort.longest,
                 "evaluations": effort.evaluations,
-                "seconds": perf_counter() - began,
+                "seconds": round(perf_counter() - began, 2),
             },
         )
 

@@ -194,7 +194,7 @@ def _numbers(strings: list, shape: tuple[int, ...]) -> Array:
     return decimals(given)
 
 
-def _text(document: Any, depth: int = 3) -> str:
+def _text(document: Any, depth: int = 4) -> str:
     """Return JSON with a line for each entry down to `depth`, and for each row of an array."""
     flat = not isinstance(document, dict | list) or not any(
         isinstance(x, dict | list)
