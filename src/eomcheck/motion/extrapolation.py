@@ -67,7 +67,7 @@ class Extrapolation:
         f: y (n,) -> ẏ (n,).
         tolerance: error allowed in each step and entry, times 1 + |y|; to be above the rounding
             of the numbers, a hundred times at least.
-        number: the steps, which are `Fraction`s, as numbers to multiply with; doubles by default.
+        number: a step, which is a `Fraction`, as a number to multiply with; by default a double.
         clean: applied to y after each step: what must not build up in it is taken off here.
     """
 

@@ -183,7 +183,7 @@ def _quad_decimals(x: Array) -> Array:
 
 
 def consistent_velocity(scene: Scene, q0, u0, bits: int = EXTENDED_BITS) -> Array:
-    """Return v = W u0 + offset (n,) in `flint.arb`s of `bits` bits without radius.
+    """Return v = W u0 + offset (n,) in `flint.arb` numbers of `bits` bits without radius.
 
     Raises:
         InputError: wrong shapes, or values that are not finite.
@@ -218,7 +218,7 @@ def extended_reference(
     Args:
         scene: the scene; nothing in it may depend on time.
         q0: coordinates at times[0] (n,), doubles.
-        v0: velocities at times[0] (n,): doubles or `flint.arb`s, see `consistent_velocity`.
+        v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `consistent_velocity`.
         times: output times, s, rising; the first is that of (q0, v0).
         bits: precision.
         tolerance: error allowed in each step, times 1 + |y| in each entry y of (q, v).

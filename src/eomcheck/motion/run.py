@@ -17,14 +17,15 @@ DIGITS = 36
 
 @dataclass(frozen=True)
 class Run:
-    """One integration; its numbers are `decimal.Decimal`s.
+    """One integration; its numbers are of the type `decimal.Decimal`.
 
     Attributes:
         times: output times (k,), s, doubles.
         q: coordinates (k, n).
         v: velocities (k, n).
         energy: T + U (k,), J; None if the scene does not keep it.
-        drift: largest |E - E_0| / |E_0| over all steps, not only at `times`; None without energy.
+        drift: largest |E - E_0| / |E_0| over all steps, not only at the output times; None
+            without energy.
         facts: method, library, precision, orders, steps, seconds.
     """
 

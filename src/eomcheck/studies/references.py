@@ -65,7 +65,7 @@ CASES: dict[str, Case] = {
     "coil-2": Case(
         "two links coiled by 308°, released at rest", lambda: Snake.coil(2), minutes=2.0
     ),
-    # A second of it would take the second integration 40 minutes.
+    # A second of it would take the second integration half an hour.
     "coil-20": Case(
         "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
         lambda: Snake.coil(20),
