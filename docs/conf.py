@@ -1,5 +1,5 @@
 """Sphinx configuration. Tables of formulations and claims are written from the registries,
-tables of operations from the study."""
+tables of operations from the study, that of references from their files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import CLAIMS, FORMULATIONS, Formulation
+from eomcheck.motion.stored import load_reference
 from eomcheck.report.operations import (
     TOTALS,
     columns_text,
@@ -17,6 +18,7 @@ from eomcheck.report.operations import (
     polynomial_text,
     table_i_text,
 )
+from eomcheck.report.references import COLUMNS, row
 from eomcheck.studies.operations import KINDS, fit, measure, solved_systems
 
 DOCS = Path(__file__).parent
@@ -161,6 +163,16 @@ def operations_tables() -> dict[str, str]:
     }
 
 
+def references_table() -> str:
+    """Return how well each stored reference solution is known."""
+    files = sorted((DOCS.parent / "validation" / "references").glob("*.json"))
+    found = [load_reference(path) for path in files]
+    return table(
+        (*COLUMNS, "motion"),
+        [(f"`{r.name}`", *map(cell, row(r)[1:]), cell(r.description)) for r in found],
+    )
+
+
 def write(name: str, text: str) -> None:
     """Write a generated file, unless it holds that text already: Sphinx goes by its time."""
     path = GENERATED / name
@@ -172,6 +184,7 @@ def write(name: str, text: str) -> None:
 def write_tables(app: Sphinx) -> None:
     write("claims.md", claims_table())
     write("formulations.md", formulations_table())
+    write("references.md", references_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
     for name, text in operations_tables().items():

@@ -346,6 +346,31 @@ def study_operations(
         typer.echo(f"written: {json}")
 
 
+@app.command()
+def reference(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="References to compute. Default all.")
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="Folder to write to.")] = Path(
+        "validation/references"
+    ),
+) -> None:
+    """Compute reference solutions, each by two derivations, and write them."""
+    if not folder.is_dir():
+        raise InputError(f"{str(folder)!r} is not a folder that exists")
+    from eomcheck.report.references import print_references
+    from eomcheck.studies.references import CASES, case_of, produce, write_reference
+
+    cases = {name: case_of(name) for name in names or CASES}
+    for name in cases:
+        _check_writable(folder / f"{name}.json")
+    for name, case in cases.items():
+        made = produce(name, case)
+        path = write_reference(made, folder)
+        print_references([made])
+        typer.echo(f"written: {path}")
+
+
 @draw.command("agreement")
 def draw_agreement(
     path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],

@@ -1,1 +1,1 @@
-"""Motion: compiled right-hand sides of the formulations."""
+"""Motion: compiled right-hand sides of the formulations, and reference solutions."""

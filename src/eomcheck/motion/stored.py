@@ -1,0 +1,208 @@
+"""Reference solutions on disk: one JSON file each, with all digits of both integrations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import InputError
+from eomcheck.model import Array, Scene
+from eomcheck.motion.run import Run, decimals, difference
+from eomcheck.scenes import SCENES
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A motion known to more digits than doubles hold, and how well it is known.
+
+    Attributes:
+        name: its name, that of its file.
+        description: scene and start in words.
+        scene: the scene.
+        q0: coordinates at times[0] (n,), m and rad.
+        u0: generalized speeds at times[0] (p,).
+        times: output times (k,), s.
+        q: coordinates (k, n), rounded to doubles.
+        v: velocities (k, n), rounded to doubles.
+        differences: largest |difference| of the two integrations over q and v, at each time (k,).
+        runs: the integrations, all digits: Taylor series first, from which q and v are taken.
+        check: the Taylor series again, with shorter steps: what that changed.
+    """
+
+    name: str
+    description: str
+    scene: Scene
+    q0: Array
+    u0: Array
+    times: Array
+    q: Array
+    v: Array
+    differences: Array
+    runs: tuple[Run, Run]
+    check: Mapping[str, Any]
+
+    @property
+    def uncertainty(self) -> float:
+        """The largest of `differences`: nothing is to be judged below it."""
+        return float(self.differences.max())
+
+    @property
+    def rounding(self) -> float:
+        """What rounding q and v to doubles has added at most."""
+        return float(max(np.spacing(np.abs(x)).max() for x in (self.q, self.v)) / 2)
+
+
+def reference_of(
+    name: str, description: str, scene: Scene, q0, u0, runs: tuple[Run, Run], check: dict
+) -> Reference:
+    """Return the `Reference` that two integrations make.
+
+    Raises:
+        InputError: they are of different times or sizes.
+    """
+    first = runs[0]
+    return Reference(
+        name,
+        description,
+        scene,
+        np.array(q0, float),
+        np.array(u0, float),
+        np.array(first.times),
+        first.q.astype(float),
+        first.v.astype(float),
+        np.array(difference(*runs)),
+        runs,
+        check,
+    )
+
+
+def save_reference(reference: Reference, path: Path, **more: Any) -> None:
+    """Write `reference` to `path`; `more` is written along, for readers.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    scene = reference.scene
+    parameters = {field.name: getattr(scene, field.name) for field in fields(scene)}  # type: ignore[arg-type]
+    document = {
+        "name": reference.name,
+        "description": reference.description,
+        **more,
+        "scene": {
+            "kind": scene.key,
+            "python": repr(scene),
+            "parameters": {k: None if x is None else x.tolist() for k, x in parameters.items()},
+        },
+        "q0": reference.q0.tolist(),
+        "u0": reference.u0.tolist(),
+        "times": reference.times.tolist(),
+        "uncertainty": reference.uncertainty,
+        "differences": reference.differences.tolist(),
+        "check": dict(reference.check),
+        "runs": [
+            {
+                **run.facts,
+                "energy_drift": run.drift,
+                "energy": None if run.energy is None else _strings(run.energy),
+                "q": _strings(run.q),
+                "v": _strings(run.v),
+            }
+            for run in reference.runs
+        ],
+    }
+    try:
+        path.write_text(_text(document) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+
+
+def load_reference(path: Path | str) -> Reference:
+    """Return the reference solution stored in `path`.
+
+    The uncertainty is computed from the two integrations in the file, not read.
+
+    Raises:
+        InputError: the file cannot be read or is no reference solution; the message names it.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{str(path)!r} is not JSON: {error}") from None
+    try:
+        return _reference(document)
+    except KeyError as error:
+        raise InputError(f"{str(path)!r} is no reference solution: {error} is missing") from None
+    except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{str(path)!r} is no reference solution: {error}") from None
+
+
+def _reference(document: dict[str, Any]) -> Reference:
+    described = document["scene"]
+    if described["kind"] not in SCENES:
+        raise ValueError(f"no scene of the kind {described['kind']!r}")
+    scene = SCENES[described["kind"]](**described["parameters"])
+    q0, u0, times = (np.array(document[name], float) for name in ("q0", "u0", "times"))
+    if q0.shape != (scene.n,) or u0.shape != (scene.p,):
+        raise ValueError(f"q0 and u0 have shapes {q0.shape} and {u0.shape}")
+    if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0.0).all():
+        raise ValueError(f"times = {times.tolist()!r}, expected at least two times that rise")
+    first, second = (_run(run, times, scene) for run in document["runs"])
+    reference = reference_of(
+        str(document["name"]),
+        str(document["description"]),
+        scene,
+        q0,
+        u0,
+        (first, second),
+        dict(document["check"]),
+    )
+    if (reference.q[0] != q0).any():
+        raise ValueError("its first coordinates are not q0")
+    if not np.isclose(reference.uncertainty, document["uncertainty"], rtol=1e-9, atol=0.0):
+        raise ValueError(
+            f"its uncertainty is given as {document['uncertainty']!r}, but its runs differ by "
+            f"{reference.uncertainty!r}"
+        )
+    return reference
+
+
+def _run(stored: dict[str, Any], times: Array, scene: Scene) -> Run:
+    stored = dict(stored)
+    shape = (times.size, scene.n)
+    q, v = (_numbers(stored.pop(name), shape) for name in ("q", "v"))
+    energy, drift = stored.pop("energy"), stored.pop("energy_drift")
+    if energy is not None:
+        energy, drift = _numbers(energy, shape[:1]), float(drift)
+    return Run(times.tolist(), q, v, energy, drift, stored)
+
+
+def _strings(x: Array) -> list:
+    return np.vectorize(str, otypes=[object])(x).tolist()
+
+
+def _numbers(strings: list, shape: tuple[int, ...]) -> Array:
+    given = np.array(strings, object)
+    if given.shape != shape:
+        raise ValueError(f"an array of shape {given.shape}, expected {shape}")
+    return decimals(given)
+
+
+def _text(document: Any, depth: int = 4) -> str:
+    """Return JSON with a line for each entry down to `depth`, and for each row of an array."""
+    flat = not isinstance(document, dict | list) or not any(
+        isinstance(x, dict | list)
+        for x in (document.values() if isinstance(document, dict) else document)
+    )
+    if flat or depth == 0:
+        return json.dumps(document, ensure_ascii=False)
+    if isinstance(document, dict):
+        inside = [f"{json.dumps(k)}: {_text(x, depth - 1)}" for k, x in document.items()]
+        return "{\n" + ",\n".join(inside) + "\n}"
+    return "[\n" + ",\n".join(_text(x, depth - 1) for x in document) + "\n]"
