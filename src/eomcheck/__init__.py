@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     )
     from eomcheck.evaluate import Acceleration, acceleration, speeds_of, velocity
     from eomcheck.formulations import FORMULATIONS, Formulation
+    from eomcheck.motion.integrators import INTEGRATORS
+    from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
 
 _HOME = {
@@ -51,6 +53,9 @@ _HOME = {
     "FORMULATIONS": "formulations",
     "Formulation": "formulations",
     "SCENES": "scenes",
+    "INTEGRATORS": "motion.integrators",
+    "simulate": "motion.simulate",
+    "Trajectory": "motion.simulate",
     "EomcheckError": "errors",
     "InputError": "errors",
     "UnknownNameError": "errors",
@@ -77,6 +82,7 @@ __all__ = [
     "CLAIMS",
     "ENGINES",
     "FORMULATIONS",
+    "INTEGRATORS",
     "SCENES",
     "Acceleration",
     "Accuracy",
@@ -90,6 +96,7 @@ __all__ = [
     "InputError",
     "Proof",
     "RefusedError",
+    "Trajectory",
     "UnknownNameError",
     "acceleration",
     "accuracy",
@@ -97,6 +104,7 @@ __all__ = [
     "enclose",
     "prove",
     "scenes",
+    "simulate",
     "speeds_of",
     "strategies",
     "validate",
