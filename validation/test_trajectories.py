@@ -1,5 +1,6 @@
 """Trajectories against reference solutions, and integrators against their nominal order."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -80,5 +81,5 @@ def test_errors_fall_with_the_tolerance(integrator: str):
             SOFT, "kane", 0.5, integrator=integrator, rtol=tolerance, atol=tolerance, **START
         )
         errors.append(np.abs(found.q[-1] - exact).max())
-    assert all(fine < rough / 3 for rough, fine in zip(errors, errors[1:], strict=False)), errors
+    assert all(fine < rough / 3 for rough, fine in itertools.pairwise(errors)), errors
     assert errors[-1] < 1e-7

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -116,6 +117,7 @@ def compiled(function: Callable) -> Callable:
     """
     _register_marked()
     entry = _entry(function) if function in _settled_when_called else function
+    _name_apart(entry)
     dispatcher = numba.njit(error_model="numpy")(entry)
     if _has_source(function):
         with _cache_directory(function):
@@ -126,6 +128,7 @@ def compiled(function: Callable) -> Callable:
 def compiled_callback(function: Callable, signature: Any) -> CFunc:
     """Return `function` compiled as a C callback of `signature`, kept on disk like `compiled`."""
     _register_marked()
+    _name_apart(function)
     arguments, result = normalize_signature(signature)
     callback = CFunc(function, (arguments, result), locals={}, options={"error_model": "numpy"})
     if _has_source(function):
@@ -149,6 +152,21 @@ class _Cache(FunctionCache):
         except (ImportError, AttributeError):
             self.flush()
             return None
+
+
+def _name_apart(function: Callable) -> None:
+    """Name a closure after what it closes over.
+
+    numba tells compiled functions apart by name, types and a number that starts anew in every
+    process. Two closures of one name, cached by two processes, would share their symbols in a
+    third.
+    """
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    parts = [
+        f"{cell.__module__}.{cell.__qualname__}" if callable(cell) else str(cell) for cell in cells
+    ]
+    if parts:
+        function.__qualname__ = re.sub(r"\W+", "_", "_of_".join((function.__name__, *parts)))
 
 
 def _entry(function: Callable) -> Callable:
