@@ -371,6 +371,49 @@ def reference(
         typer.echo(f"written: {path}")
 
 
+@study.command("work-precision")
+def study_work_precision(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    reference: Annotated[
+        list[str] | None, typer.Option(help="Reference solution; repeat for more. [paper-rest]")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    integrator: Annotated[
+        list[str] | None, typer.Option(help="Integrator; repeat for more. Default all.")
+    ] = None,
+    tolerance: Annotated[
+        list[float] | None, typer.Option(help="rtol = atol; repeat for more. [1e-3 .. 1e-13]")
+    ] = None,
+    references: Annotated[Path, typer.Option(help="Folder of the reference solutions.")] = Path(
+        "validation/references"
+    ),
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the errors against run time into this file.")
+    ] = None,
+) -> None:
+    """Measure error against run time: formulations, integrators and tolerances."""
+    if figure is not None:
+        _check_figure(figure)
+    from eomcheck.report.work_precision import draw_work_precision, print_work_precision
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.work_precision import measure, plan
+
+    planned = plan(references, reference, formulation, integrator, tolerance)
+    with Records(records) as kept:
+        found = measure(planned, kept, fresh)
+    print_work_precision(found)
+    if figure is not None:
+        first = planned.references[0].stem
+        mine = [record for record in found if record.settings["reference"] == first]
+        draw_work_precision(mine, figure)
+        rates = figure.with_stem(f"{figure.stem}-rhs")
+        draw_work_precision(mine, rates, "right-hand sides")
+        typer.echo(f"written: {figure}, {rates}")
+
+
 @draw.command("agreement")
 def draw_agreement(
     path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],

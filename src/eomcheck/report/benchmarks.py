@@ -18,7 +18,8 @@ from eomcheck.studies.rhs import TRIGONOMETRY, Timing
 from eomcheck.tolerance import C
 
 
-def _seconds(value: float) -> str:
+def seconds_text(value: float) -> str:
+    """Return a time with its unit."""
     for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if value >= scale:
             return f"{value / scale:.3g} {unit}"
@@ -53,12 +54,12 @@ def print_rhs(records: list[Timing]) -> None:
                 cells.append("")
                 continue
             ratio = record.seconds / by_key[TRIGONOMETRY, n].seconds
-            cells.append(f"{_seconds(record.seconds)}\n[dim]{ratio:.3g} ×[/]")
+            cells.append(f"{seconds_text(record.seconds)}\n[dim]{ratio:.3g} ×[/]")
             compiling = max(compiling, record.compile_seconds)
             if n >= 100:
                 large.append((n, record.seconds))
         fitted = f"{slope(large):.3f}" if len(large) > 1 else ""
-        table.add_row(what, *cells, fitted, _seconds(compiling))
+        table.add_row(what, *cells, fitted, seconds_text(compiling))
     console.print(table)
     console.print(
         "Median time of one right-hand side; below it, the ratio to the sines and cosines of the N "

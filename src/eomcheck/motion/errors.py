@@ -1,0 +1,88 @@
+"""How far a trajectory is off: from a reference, in energy and in the constraints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eomcheck.errors import InputError
+from eomcheck.model import Array
+from eomcheck.motion.simulate import Trajectory
+from eomcheck.motion.stored import Reference
+
+
+def constraint_error(trajectory: Trajectory) -> Array:
+    """Return ‖c‖₂ at each time (k,), m/s (Eq. (30)); 0 without constraints."""
+    residual = trajectory.constraint_residual
+    return np.zeros(len(trajectory.times)) if residual is None else np.linalg.norm(residual, axis=1)
+
+
+def energy_error(trajectory: Trajectory) -> Array:
+    """Return T + U - E_0 at each time (k,), J (Eq. (31))."""
+    return trajectory.energy - trajectory.energy[0]
+
+
+def error_norm(errors: Array) -> float:
+    """Return the Euclidean norm of errors at several times (Eqs. (32)-(33))."""
+    return float(np.sqrt((np.asarray(errors) ** 2).sum()))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a trajectory is off. Norms of a state (q, v) are its largest entry, SI units.
+
+    Attributes:
+        final: error of the state at the end.
+        largest: largest error of the state over the output times.
+        final_relative: `final` over the largest entry of the true state at the end.
+        largest_relative: `largest` over the largest entry of the true states.
+        mescd: mixed-error significant correct digits at the end,
+            -log10 max |error_i| / (atol/rtol + |true_i|).
+        energy: largest |T + U - E_0| over the largest |T + U|.
+        constraint: largest ‖c‖₂, m/s.
+        floor: what rounding the reference to doubles and its own uncertainty add: nothing is to be
+            judged below it.
+    """
+
+    final: float
+    largest: float
+    final_relative: float
+    largest_relative: float
+    mescd: float
+    energy: float
+    constraint: float
+    floor: float
+
+
+def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
+    """Return the errors of a trajectory whose output times are those of the reference.
+
+    Raises:
+        InputError: the trajectory did not come to its end, or has other times.
+    """
+    if trajectory.status != "finished":
+        raise InputError(f"the trajectory ended at {_end(trajectory)}: {trajectory.reason}")
+    if not np.array_equal(trajectory.times, reference.times):
+        raise InputError(f"output times {trajectory.times}, expected those of {reference.name}")
+    true = np.hstack((reference.q, reference.v))
+    error = np.abs(np.hstack((trajectory.q, trajectory.v)) - true)
+    with np.errstate(divide="ignore"):
+        mixed = error[-1] / (trajectory.atol / trajectory.rtol + np.abs(true[-1]))
+        digits = float(-np.log10(mixed.max()))
+    energy, top = np.abs(energy_error(trajectory)).max(), np.abs(trajectory.energy).max()
+    return Errors(
+        float(error[-1].max()),
+        float(error.max()),
+        float(error[-1].max() / np.abs(true[-1]).max()),
+        float(error.max() / np.abs(true).max()),
+        digits,
+        float(energy / top) if top > 0 else (0.0 if energy == 0 else math.inf),
+        float(constraint_error(trajectory).max()),
+        reference.uncertainty + reference.rounding,
+    )
+
+
+def _end(trajectory: Trajectory) -> str:
+    return f"t = {trajectory.times[-1]:g} s" if len(trajectory.times) else "its start"
