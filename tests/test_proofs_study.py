@@ -80,10 +80,18 @@ def test_what_other_sources_points_or_seeds_made_is_not_taken_over(
         run = Proofs(other, path)
         run.run()
         assert run.taken_over == 0
+        assert run.started_over
     monkeypatch.setattr(proofs, "sources", lambda: "changed")
     run = Proofs(jobs(links=(1,), seed=6), path)
     run.run()
     assert run.taken_over == 0
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
+    path = tmp_path / "proofs.json"
+    path.with_name("proofs.json.part").mkdir()
+    with pytest.raises(InputError, match=r"proofs\.json\.part' cannot be written"):
+        Proofs(jobs(links=(1,)), path).run()
 
 
 def test_a_seed_of_the_system_is_kept_when_a_run_goes_on(tmp_path: Path):

@@ -98,12 +98,15 @@ def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.Mo
     assert fine.counts["steps"] > rough.counts["steps"]
 
 
-def test_a_run_that_fails_stays_as_a_cell_with_its_reason(tmp_path: Path):
-    planned = plan(FOLDER, ["free-3"], ["em"], ["DOP853"], [1e-6])
+def test_a_run_that_fails_stays_as_a_cell_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(work_precision, "MOST_STEPS", 10)
+    planned = plan(FOLDER, ["free-3"], ["kane"], ["DOP853"], [1e-6])
     with Records(tmp_path / "records.db") as records:
         (found,) = measure(planned, records)
     assert found.status == "failed"
-    assert "the right-hand side is not finite" in found.reason
+    assert "step" in found.reason.lower()
     assert found.seconds is None
 
 

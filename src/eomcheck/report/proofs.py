@@ -36,6 +36,8 @@ def print_proofs(proofs: Proofs) -> None:
             highlight=False,
             soft_wrap=True,
         )
+    if proofs.started_over:
+        console.print("an unfinished file of other settings or sources was started over")
     proved = [row for row in rows if "proof" in row]
     total = sum(row["proof"]["failure_probability"] for row in proved)
     done, asked = len(proofs.findings), len(proofs.jobs.scenes)

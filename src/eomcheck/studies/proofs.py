@@ -12,7 +12,7 @@ from typing import Any
 import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import UnknownNameError
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES
@@ -81,6 +81,7 @@ class Proofs:
     Attributes:
         findings: structure -> its Findings as plain data.
         taken_over: number of structures found in the file.
+        started_over: whether the file was of other jobs or sources, and of no use.
     """
 
     def __init__(self, jobs: ProofJobs, path: Path | None = None, where: str | None = None):
@@ -88,6 +89,7 @@ class Proofs:
         self.seed = new_seed() if jobs.seed is None else jobs.seed
         self.findings: dict[str, list[dict[str, Any]]] = {}
         self.taken_over = 0
+        self.started_over = False
 
     @property
     def failed(self) -> bool:
@@ -134,6 +136,7 @@ class Proofs:
     def _resume(self) -> None:
         if self._part is None:
             return
+        own_seed = self.seed
         try:
             head, *lines = self._part.read_text(encoding="utf-8").splitlines()
             header = json.loads(head)
@@ -142,7 +145,8 @@ class Proofs:
             if header != self._header():
                 raise ValueError
         except (OSError, ValueError, KeyError, TypeError):
-            self._part.write_text(json.dumps(self._header()) + "\n", encoding="utf-8")
+            self.started_over, self.seed = self._part.exists(), own_seed
+            self._begin()
             return
         wanted = {scene.structure for scene in self.jobs.scenes}
         for line in lines:
@@ -152,6 +156,13 @@ class Proofs:
                 continue
             if structure in wanted:
                 self.findings[structure] = rows
+
+    def _begin(self) -> None:
+        assert self._part is not None
+        try:
+            self._part.write_text(json.dumps(self._header()) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{str(self._part)!r} cannot be written: {error.strerror}") from None
 
     def _save(self, line: str) -> None:
         if self._part is not None:
