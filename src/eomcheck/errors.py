@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+T = TypeVar("T")
 
 
 class EomcheckError(Exception):
@@ -28,6 +31,17 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         self.kind, self.name = kind, name
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known)}")
+
+
+def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
+    """Return what `registry` holds under `name`.
+
+    Raises:
+        UnknownNameError: nothing.
+    """
+    if not isinstance(name, str) or name not in registry:
+        raise UnknownNameError(kind, name, registry)
+    return registry[name]
 
 
 class InconsistentVelocityError(InputError):

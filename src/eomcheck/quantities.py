@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.model import Arithmetic, Array, Bodies, Scene, Speeds, Terms
@@ -49,18 +50,20 @@ def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
     Raises:
         NotRationalError: an array of doubles that are not whole.
     """
-    if isinstance(record, tuple):
-        parts = [with_literals(part, literal) for part in record]
-        return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
-    if not isinstance(record, np.ndarray):
-        return literal(record) if isinstance(record, int) else record
-    if record.dtype != object:
-        if (record != np.rint(record)).any():
-            raise NotRationalError(f"an array of doubles, {record.ravel()[:3]} ...")
-        record = np.array(list(map(int, record.ravel())), object).reshape(record.shape)
-    out = np.empty(record.shape, object)
-    out.ravel()[:] = [literal(x) if isinstance(x, int) else x for x in record.ravel()]
-    return out
+
+    def number(x: Any) -> Any:
+        return literal(x) if isinstance(x, int) else x
+
+    def numbers(part: Any) -> Any:
+        if not isinstance(part, np.ndarray):
+            return number(part)
+        if part.dtype == object:
+            return each(number, part)
+        if (part != np.rint(part)).any():
+            raise NotRationalError(f"an array of doubles, {part.ravel()[:3]} ...")
+        return each(lambda x: literal(int(x)), part)
+
+    return map_record(numbers, record)
 
 
 class Quantities:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import flint
 import numpy as np
 
+from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Angles, Array
@@ -29,9 +30,7 @@ class Balls:
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as exact balls, same shape."""
-        out = np.empty(np.shape(x), object)
-        out.ravel()[:] = [flint.arb(float(y)) for y in np.ravel(x)]
-        return out
+        return each(lambda y: flint.arb(float(y)), x)
 
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,), doubles or balls, with their cosines and sines."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
 from eomcheck.model import Angles, Array
 
@@ -76,20 +77,12 @@ def _quotient(x, y):
 
 def duals(x: Array, rates: Array) -> Array:
     """Return x + ε rates, both of one shape, as an array of `Dual`."""
-    out = np.empty(np.shape(x), object)
-    out.ravel()[:] = [Dual(a, b) for a, b in zip(np.ravel(x), np.ravel(rates), strict=True)]
-    return out
+    return each(Dual, x, rates)
 
 
 def constant(record: Any) -> Any:
     """Return the arrays of a record as duals that do not change; what is absent stays absent."""
-    if record is None:
-        return None
-    if isinstance(record, tuple):
-        parts = [constant(part) for part in record]
-        return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
-    zeros = np.zeros(np.shape(record), object)
-    return duals(record, zeros) if np.ndim(record) else Dual(record)
+    return map_record(lambda part: each(Dual, part) if np.ndim(part) else Dual(part), record)
 
 
 def dual_angles(angles: Angles, rates: Array) -> Angles:
@@ -107,6 +100,4 @@ def rate(x) -> Any:
         return x.rate
     if np.ndim(x) == 0:
         return 0
-    out = np.empty(np.shape(x), object)
-    out.ravel()[:] = [rate(y) for y in np.ravel(x)]
-    return out
+    return each(rate, x)

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.entries import map_record
+
 STEP = 2.0**-46
 """h: 64 eps, above rounding, and so small that a result that is lost altogether, which changes by
 its own size whatever the step, measures as 1/h: its error bound is then as large as itself."""
@@ -43,12 +45,7 @@ class Noise:
 
     def record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent."""
-        if x is None:
-            return None
-        if isinstance(x, tuple):
-            parts = [self.record(part) for part in x]
-            return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
-        return self.entries(np.asarray(x))
+        return map_record(lambda part: self.entries(np.asarray(part)), x)
 
     def by_column(self, A: np.ndarray) -> np.ndarray:
         """Change each entry of A relative to the largest of its column.

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import EngineError
 from eomcheck.model import Angles, Array
@@ -76,9 +77,7 @@ class Expressions:
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as constants, same shape."""
-        out = np.empty(np.shape(x), object)
-        out.ravel()[:] = [self.expression(float(y)) for y in np.ravel(x)]
-        return out
+        return each(lambda y: self.expression(float(y)), x)
 
     def variables(self, name: str, size: int) -> Array:
         """Return the variables name_0, name_1, ... (size,)."""

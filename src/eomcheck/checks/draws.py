@@ -9,6 +9,7 @@ import numpy as np
 
 from eomcheck.arithmetic.finite_field import FiniteField, random_prime
 from eomcheck.checks.claim import CLAIMS
+from eomcheck.checks.finding import entry_name
 from eomcheck.checks.identities import embedding
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import IDENTITIES, Formulations, Key, Sides, Skipped, look_at
@@ -134,9 +135,7 @@ def describe(sides: Sides) -> str:
     if found.shape != expected.shape:
         return f"shape {found.shape}, expected {expected.shape}"
     where = tuple(int(i) for i in np.argwhere(found != expected)[0])
-    named = [names[i] for names, i in zip(sides.names, where, strict=True)]
-    place = "value" if not named else f"row {named[0]}" if len(named) == 1 else None
-    place = place or f"entry ({', '.join(named)})"
+    place = entry_name(where, sides.names)
     what = _looks_like(found, expected, where)
     return f"{place}: {what}" if what else place
 

@@ -166,5 +166,12 @@ def diagnose(found: Array, expected: Array, allowed: float) -> str:
 def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
     """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
     index = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
+    return entry_name(tuple(int(i) for i in index), names)
+
+
+def entry_name(index: tuple[int, ...], names: tuple[tuple[str, ...], ...]) -> str:
+    """Return the name of one entry: "row θ_3", "entry (x, θ_3)", or "value" without axes."""
     named = [axis[i] for axis, i in zip(names, index, strict=True)]
-    return f"row {named[0]}" if len(named) == 1 else f"entry ({', '.join(named)})"
+    if len(named) < 2:
+        return f"row {named[0]}" if named else "value"
+    return f"entry ({', '.join(named)})"

@@ -20,7 +20,7 @@ from eomcheck.checks import CLAIMS, Case, Finding, State
 from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.errors import InputError, named
 from eomcheck.evaluate import Evaluation, check_consistent
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
 from eomcheck.model import Scene
@@ -50,8 +50,7 @@ class Selection:
         names = ENGINES if engines is None else dict.fromkeys(engines)
         ids = tuple(CLAIMS if claims is None else dict.fromkeys(claims))
         for one in ids:
-            if one not in CLAIMS:
-                raise UnknownNameError("claim", one, CLAIMS)
+            named("claim", one, CLAIMS)
         return cls(tuple(map(formulation_of, keys)), tuple(map(engine_of, names)), ids)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from eomcheck.engines.base import DerivingEngine, Engine, EngineAcceleration
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
-from eomcheck.errors import UnknownNameError
+from eomcheck.errors import named
 
 ENGINES: dict[str, type[Engine]] = {
     engine.key: engine for engine in (PinocchioEngine, CasadiEngine)
@@ -19,9 +19,7 @@ def engine_of(key: str) -> type[Engine]:
     Raises:
         UnknownNameError: there is none.
     """
-    if not isinstance(key, str) or key not in ENGINES:
-        raise UnknownNameError("engine", key, ENGINES)
-    return ENGINES[key]
+    return named("engine", key, ENGINES)
 
 
 __all__ = ["ENGINES", "DerivingEngine", "Engine", "EngineAcceleration", "engine_of"]

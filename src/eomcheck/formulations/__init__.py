@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eomcheck.errors import UnknownNameError
+from eomcheck.errors import named
 from eomcheck.formulations import au, el, em, gw, im, kane, ml
 from eomcheck.formulations.base import Formulation, Partition
 
@@ -27,9 +27,7 @@ def formulation_of(key: str) -> Formulation:
     Raises:
         UnknownNameError: there is none.
     """
-    if not isinstance(key, str) or key not in FORMULATIONS:
-        raise UnknownNameError("formulation", key, FORMULATIONS)
-    return FORMULATIONS[key]
+    return named("formulation", key, FORMULATIONS)
 
 
 __all__ = ["FORMULATIONS", "Formulation", "Partition", "formulation_of"]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.errors import InputError, named
 from eomcheck.model import Array
 
 
@@ -51,9 +51,7 @@ def integrator_of(key: str) -> Integrator:
     Raises:
         UnknownNameError: there is none.
     """
-    if not isinstance(key, str) or key not in INTEGRATORS:
-        raise UnknownNameError("integrator", key, INTEGRATORS)
-    return INTEGRATORS[key]
+    return named("integrator", key, INTEGRATORS)
 
 
 class Steps(NamedTuple):

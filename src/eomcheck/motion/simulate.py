@@ -82,13 +82,11 @@ class Motion:
         if formulation.state == "q, u":
             scene.refuse_speeds()
         self.partition = at.partition
-        velocities = {
-            "q, v, μ": at.v,
-            "q, v": at.v,
-            "q, v2": at.v[at.partition.independent],
-            "q, u": at.u if u0 is None else u0,
-        }
-        speeds = velocities[formulation.state]
+        speeds = at.v
+        if formulation.state == "q, v2":
+            speeds = at.v[at.partition.independent]
+        elif formulation.state == "q, u":
+            speeds = at.u if u0 is None else u0
         integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size

@@ -44,8 +44,8 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
         table.add_column(name, justify="right")
     top = 0.0
     records = list(records)
-    at_rest = [r for r in records if r.refused is None and r.relative == 0.0]
-    moving = [r for r in records if r not in at_rest]
+    moving = [r for r in records if r.refused is not None or r.relative != 0.0]
+    exact = len(records) - len(moving)
     for key in FORMULATIONS:
         mine = [r for r in moving if r.key == key]
         solved = [r for r in mine if r.refused is None]
@@ -70,7 +70,7 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
     states = len(records) // len(FORMULATIONS)
     console.print(table)
     console.print(
-        f"{states} states; errors against the enclosed truth. {len(at_rest)} results that are "
+        f"{states} states; errors against the enclosed truth. {exact} results that are "
         "exact, as at rest without forces, are left out; where κ is infinite no error is foreseen. "
         f"Largest error / (κ ε scale): {top:.3g}; the constant C of the tolerances is {C:g}."
     )

@@ -12,7 +12,7 @@ from typing import Any
 import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.errors import InputError, named
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES
@@ -53,12 +53,11 @@ def proof_jobs(
         InputError: `points` below 1, or no such number of links.
         UnknownNameError: no such scene or formulation.
     """
-    if scene not in SCENES:
-        raise UnknownNameError("scene", scene, SCENES)
+    kind = named("scene", scene, SCENES)
     check_points(points)
     keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
     chosen = tuple(formulation_of(key).key for key in keys)
-    scenes = tuple(one for count in links for one in SCENES[scene].structures(count))
+    scenes = tuple(one for count in links for one in kind.structures(count))
     return ProofJobs(scenes, chosen, points, seed)
 
 

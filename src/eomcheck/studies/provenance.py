@@ -20,6 +20,10 @@ LIBRARIES += ("python-flint", "distributed")
 """Distributions whose versions a Record keeps, where they are installed."""
 
 
+THREADS = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
+"""What sets the number of BLAS threads; OpenBLAS too prefers its own to OMP."""
+
+
 def machine() -> dict[str, str | int]:
     """Return CPU model, number of logical cores, operating system and Python version."""
     return dict(_machine())
@@ -72,8 +76,8 @@ def sources() -> str:
 
 def blas_threads() -> int | None:
     """Return the number of BLAS threads that the environment sets, or None: the library chooses."""
-    for library in ("OPENBLAS", "MKL", "OMP"):  # OpenBLAS too prefers its own to OMP
-        value = os.environ.get(f"{library}_NUM_THREADS", "").split(",")[0].strip()
+    for variable in THREADS:
+        value = os.environ.get(variable, "").split(",")[0].strip()
         if value.isdecimal():
             return int(value)
     return None

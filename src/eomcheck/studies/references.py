@@ -15,7 +15,7 @@ import numpy as np
 
 from eomcheck import __version__
 from eomcheck.console import progress
-from eomcheck.errors import UnknownNameError
+from eomcheck.errors import named
 from eomcheck.model import Array, Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
 from eomcheck.motion.run import difference
@@ -131,9 +131,7 @@ def case_of(name: str) -> Case:
     Raises:
         UnknownNameError: there is none.
     """
-    if name not in CASES:
-        raise UnknownNameError("reference", name, CASES)
-    return CASES[name]
+    return named("reference", name, CASES)
 
 
 def write_reference(reference: Reference, folder: Path) -> Path:

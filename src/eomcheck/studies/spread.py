@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from eomcheck.errors import EngineError, InputError, WorkerError
-from eomcheck.studies.provenance import sources
+from eomcheck.studies.provenance import THREADS, sources
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -40,7 +40,6 @@ DEATHS_TOGETHER = 2
 """So often a worker may die while it has an item in hand; after that the item is tried alone."""
 CONNECT_SECONDS = 6
 """How long a scheduler, and then its first worker, may keep us waiting."""
-THREADS = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
 
 
 class Place(ABC):

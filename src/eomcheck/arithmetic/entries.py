@@ -1,0 +1,26 @@
+"""Arrays of objects and records of arrays, entry by entry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+def each(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
+    """Return function(x, ...) of every entry of arrays of one shape, as an array of objects."""
+    out = np.empty(np.shape(arrays[0]), object)
+    flat = (np.ravel(array) for array in arrays)
+    out.ravel()[:] = [function(*entries) for entries in zip(*flat, strict=True)]
+    return out
+
+
+def map_record(function: Callable[[Any], Any], record: Any) -> Any:
+    """Return a record with `function` applied to every part; what is absent stays absent."""
+    if record is None:
+        return None
+    if isinstance(record, tuple):
+        parts = [map_record(function, part) for part in record]
+        return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
+    return function(record)
