@@ -74,6 +74,7 @@ def _options(
 
 
 MOST_LINKS = 100_000
+REFERENCES = Path("validation/references")
 
 
 def whole_numbers(text: str) -> list[int]:
@@ -107,6 +108,8 @@ def interval(text: str) -> tuple[int, int]:
 
 
 Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
+Examples = Annotated[int, typer.Option(help="Number of random snakes and states.")]
+Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
 ]
@@ -116,8 +119,8 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the results to 
 @app.command()
 def validate(
     links: Links = "1..12",
-    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 60,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    examples: Examples = 60,
+    seed: Seed = 0,
     engine: Annotated[
         list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")
     ] = None,
@@ -128,8 +131,7 @@ def validate(
 ) -> None:
     """Check every claim on the paper's robot and on random snakes."""
     low, high = interval(links)
-    if examples < 1:
-        raise InputError(f"examples = {examples}, expected at least 1")
+    _at_least_one(examples=examples)
     _check_writable(json)
 
     from eomcheck import strategies
@@ -209,18 +211,25 @@ def prove(
         raise typer.Exit(1)
 
 
+def _at_least_one(**numbers: int) -> None:
+    for name, value in numbers.items():
+        if value < 1:
+            raise InputError(f"{name} = {value}, expected at least 1")
+
+
 def _check_writable(path: Path | None) -> None:
-    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+    if path is None:
+        return
+    if path.is_dir() or not path.absolute().parent.is_dir():
         raise InputError(f"{str(path)!r} is not a file in a folder that exists")
-    if path is not None:
-        new = not path.exists()
-        try:
-            with path.open("a", encoding="utf-8"):
-                pass
-            if new:
-                path.unlink()
-        except OSError as error:
-            raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+    new = not path.exists()
+    try:
+        with path.open("a", encoding="utf-8"):
+            pass
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
 def _check_figure(path: Path) -> None:
@@ -291,8 +300,8 @@ def bench_rhs(
 @bench.command("tolerance")
 def bench_tolerance(
     links: Links = "1..40",
-    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    examples: Examples = 200,
+    seed: Seed = 0,
 ) -> None:
     """Measure observed / (κ ε scale) per claim: what the constant C of the tolerances rests on."""
     low, high = interval(links)
@@ -305,14 +314,13 @@ def bench_tolerance(
 @study.command("accuracy")
 def study_accuracy(
     links: Links = "1..30",
-    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    examples: Examples = 200,
+    seed: Seed = 0,
     json: Json = None,
 ) -> None:
     """Certify how many digits each formulation delivers in doubles, against ball arithmetic."""
     low, high = interval(links)
-    if examples < 1:
-        raise InputError(f"examples = {examples}, expected at least 1")
+    _at_least_one(examples=examples)
     _check_writable(json)
     from eomcheck.report.accuracy import print_accuracy
     from eomcheck.report.benchmarks import write_records
@@ -351,9 +359,7 @@ def reference(
     names: Annotated[
         list[str] | None, typer.Argument(help="References to compute. Default all.")
     ] = None,
-    folder: Annotated[Path, typer.Option(help="Folder to write to.")] = Path(
-        "validation/references"
-    ),
+    folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     if not folder.is_dir():
@@ -386,9 +392,9 @@ def study_work_precision(
     tolerance: Annotated[
         list[float] | None, typer.Option(help="rtol = atol; repeat for more. [1e-3 .. 1e-13]")
     ] = None,
-    references: Annotated[Path, typer.Option(help="Folder of the reference solutions.")] = Path(
-        "validation/references"
-    ),
+    references: Annotated[
+        Path, typer.Option(help="Folder of the reference solutions.")
+    ] = REFERENCES,
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
     figure: Annotated[
         Path | None, typer.Option(help="Draw the errors against run time into this file.")
@@ -419,12 +425,10 @@ def draw_agreement(
     path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],
     links: Annotated[int, typer.Option(help="Largest number of links.")] = 40,
     per_size: Annotated[int, typer.Option(help="Number of random snakes of each size.")] = 3,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    seed: Seed = 0,
 ) -> None:
     """Draw how far the formulations are apart on random snakes."""
-    for name, value in (("links", links), ("per-size", per_size)):
-        if value < 1:
-            raise InputError(f"{name} = {value}, expected at least 1")
+    _at_least_one(**{"links": links, "per-size": per_size})
     _check_figure(path)
     from eomcheck.report import figures
     from eomcheck.studies.agreement import measure_agreement
@@ -437,14 +441,13 @@ def draw_agreement(
 def draw_accuracy(
     path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],
     links: Links = "1..30",
-    examples: Annotated[int, typer.Option(help="Number of random snakes and states.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    examples: Examples = 200,
+    seed: Seed = 0,
 ) -> None:
     """Draw how many digits each formulation delivers in doubles."""
     _check_figure(path)
     low, high = interval(links)
-    if examples < 1:
-        raise InputError(f"examples = {examples}, expected at least 1")
+    _at_least_one(examples=examples)
     from eomcheck.report import figures
     from eomcheck.studies.accuracy import measure_accuracy
 

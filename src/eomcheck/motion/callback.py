@@ -158,7 +158,7 @@ def _partition_at(block):
 
 @register_jitable
 def _store(block, t, ydot, qdot, rate):
-    """Write the derivatives of q and of the speeds, and count."""
+    """Write the derivatives of q and of the speeds, and count; return where integrals go."""
     n, speeds, size = block[2], block[3], block[4]
     out = carray(ydot, (size,))
     out[:n] = qdot
@@ -175,22 +175,15 @@ def _store(block, t, ydot, qdot, rate):
     return out[n + speeds :]
 
 
+@register_jitable
+def _integrate(integrals, multipliers):
+    """Write λ as the rates of its integrals, if the state has any."""
+    if multipliers is not None:
+        for i in range(integrals.size):
+            integrals[i] = multipliers[i]
+
+
 def _with_velocities(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    terms = scene.terms
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
-
-    def rate(ydot, t, y, arguments):
-        block = _block_at(arguments)
-        q, v = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
-        partition = _partition_at(block)
-        qdot, vdot, _ = rates_from_terms(terms, solution, parameters, prepared, q, v, partition)
-        _store(block, t, ydot, qdot, vdot)
-
-    return rate
-
-
-def _with_multipliers(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
     terms = scene.terms
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
@@ -202,9 +195,7 @@ def _with_multipliers(scene: type[Scene], solution: Callable, kind: type, shapes
         qdot, vdot, lambda_ = rates_from_terms(
             terms, solution, parameters, prepared, q, v, partition
         )
-        left = _store(block, t, ydot, qdot, vdot)
-        if lambda_ is not None:
-            left[:] = lambda_
+        _integrate(_store(block, t, ydot, qdot, vdot), lambda_)
 
     return rate
 
@@ -259,7 +250,7 @@ def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str
 
 
 _COMPOSERS = {
-    ("terms", "q, v, μ"): _with_multipliers,
+    ("terms", "q, v, μ"): _with_velocities,
     ("terms", "q, v"): _with_velocities,
     ("terms", "q, v2"): _with_independent,
     ("speeds", "q, u"): _with_speeds,
