@@ -177,10 +177,10 @@ def test_the_velocity_leaves_out_an_absent_offset(function):
 KERNEL = """
 import numpy as np
 from eomcheck.arithmetic.float64 import compiled
-from eomcheck.scenes.snake import spring_torques
+from eomcheck.scenes.snake import forces
 
-kernel = compiled(spring_torques)
-assert kernel(np.array([2.0]), np.array([1.0, 0.0])).tolist() == [2.0]
+kernel = compiled(forces)
+assert kernel(np.array([2.0]), np.array([1.0, 0.0])).tolist() == [0.0, 0.0, -2.0, 2.0]
 print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))
 """
 

@@ -66,11 +66,9 @@ FAULTS = [
     Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
     Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
     # Q
-    Fault(SNAKE, "Q[2:-1] -= torque", "Q[2:-1] += torque", "generalized-forces", "row θ_"),
-    Fault(
-        SNAKE, "(theta[:-1] - theta[1:])", "(theta[1:] - theta[:-1])", "generalized-forces", "sign"
-    ),
-    Fault(SNAKE, "Q[3:] += torque", "Q[3:] += 0 * torque", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"),
+    Fault(SNAKE, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
     # a and gamma
     Fault(SNAKE, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
     Fault(
@@ -124,22 +122,17 @@ FAULTS = [
     Fault(
         SNAKE, "spin * cos[0] - turning", "spin * cos[0] + turning", "speeds-remainder", "remainder"
     ),
+    Fault(SNAKE, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
     # Kane's bodies
     Fault(
         SNAKE,
-        "omega_u[k + 1, i] - omega_u[k, i]",
-        "omega_u[k, i] - omega_u[k + 1, i]",
+        "omega_u[k + 1, 0, i] - omega_u[k, 0, i]",
+        "omega_u[k, 0, i] - omega_u[k + 1, 0, i]",
         "active-forces",
         "sign",
     ),
-    Fault(SNAKE, "inertia.reshape(", "inertia[::-1].copy().reshape(", "kane-ml-mass", "M_Kane"),
-    Fault(
-        SNAKE,
-        "rolling.s_rest.reshape(links, 1)",
-        "-rolling.s_rest.reshape(links, 1)",
-        "kane-ml-force",
-        "N q̇",
-    ),
+    Fault(SNAKE, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
+    Fault(SNAKE, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
     # the second derivation
     Fault(
         SNAKE, "V[i, 1] = joint_y + length", "V[i, 1] = joint_y - length", "mass-matrix", "[casadi]"
@@ -239,15 +232,15 @@ FAULTS = [
     Fault("formulations/kane.py", "range(i + 1)", "range(i)", "kane-ml-mass", "M_Kane"),
     Fault(
         "formulations/kane.py",
-        "mass[k] * remainder[k, c]",
-        "-mass[k] * remainder[k, c]",
+        "momentum * remainder[k, c]",
+        "-momentum * remainder[k, c]",
         "kane-ml-force",
         "N q̇",
     ),
     Fault(
         "formulations/kane.py",
-        "return force - left",
-        "return force + left",
+        "force[i] - left[i]",
+        "force[i] + left[i]",
         "kane-ml-force",
         "F_Kane",
     ),

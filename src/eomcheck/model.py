@@ -164,6 +164,8 @@ class Scene(ABC):
     - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
     - `speeds(parameters, prepared, kinematics) -> Speeds`
+    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W, or None if there
+      is no such shorter way
     - `bodies(parameters, prepared, kinematics) -> Bodies`
     - `speeds_of(parameters, prepared, q, v) -> u`
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
@@ -182,6 +184,7 @@ class Scene(ABC):
     constraints: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
     speeds: ClassVar[Callable[..., Any]]
+    qdot: ClassVar[Callable[..., Any] | None] = None
     bodies: ClassVar[Callable[..., Any]]
     speeds_of: ClassVar[Callable[..., Any]]
     velocities: ClassVar[Callable[..., Any]]

@@ -147,6 +147,13 @@ class Quantities:
             return velocity(self.u, self.speeds.W, self.speeds.offset)
 
     @cached_property
+    def qdot(self) -> Array:
+        """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
+        if self.scene.qdot is None:
+            return self.velocity
+        return self.call(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
+
+    @cached_property
     def partition(self) -> Partition:
         """The paper's partition: the first r columns of a are dependent."""
         columns = np.arange(self.scene.n)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-import re
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -35,7 +34,11 @@ from eomcheck.model import Angles
 @generic
 def angles(x):
     """Return the `Angles` of x (k,), rad."""
-    return Angles(x, np.cos(x), np.sin(x))
+    both = np.empty((2, x.size), x.dtype)
+    for i in range(x.size):
+        both[0, i] = np.cos(x[i])
+        both[1, i] = np.sin(x[i])
+    return Angles(x, both[0], both[1])
 
 
 class Float64:
@@ -58,8 +61,24 @@ SMALL = 8
 
 
 @register_jitable(error_model="numpy")
+def solve_two(A, b):
+    """Solve A x = b, b (2,), as `lu_solve` does: planar vehicles have two degrees of freedom."""
+    p, o = (0, 1) if abs(A[0, 0]) >= abs(A[1, 0]) else (1, 0)
+    factor = A[o, 0] / A[p, 0]
+    pivot = A[o, 1] - factor * A[p, 1]
+    if pivot == 0:
+        pivot = np.nan
+    x = np.empty(2)
+    x[1] = (b[o] - factor * b[p]) / pivot
+    x[0] = (b[p] - A[p, 1] * x[1]) / A[p, 0]
+    return x
+
+
+@register_jitable(error_model="numpy")
 def lu_solve(A, b):
     """Solve A x = b, b (k,), by elimination with partial pivoting; NaN where A is singular."""
+    if b.size == 2:
+        return solve_two(A, b)
     U, x = A.copy(), b.copy()
     size = x.size
     for column in range(size):
@@ -166,7 +185,9 @@ def _name_apart(function: Callable) -> None:
         f"{cell.__module__}.{cell.__qualname__}" if callable(cell) else str(cell) for cell in cells
     ]
     if parts:
-        function.__qualname__ = re.sub(r"\W+", "_", "_of_".join((function.__name__, *parts)))
+        # A digest, since numba makes file names of it.
+        digest = hashlib.sha256(" ".join(parts).encode()).hexdigest()
+        function.__qualname__ = f"{function.__name__}_{digest[:16]}"
 
 
 def _entry(function: Callable) -> Callable:

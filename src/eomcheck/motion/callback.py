@@ -161,13 +161,15 @@ def _store(block, t, ydot, qdot, rate):
     """Write the derivatives of q and of the speeds, and count; return where integrals go."""
     n, speeds, size = block[2], block[3], block[4]
     out = carray(ydot, (size,))
-    out[:n] = qdot
-    out[n : n + speeds] = rate
     counts = carray(_integers_at(block[0]), (2,))
     counts[CALLS] += 1
-    total = 0.0
-    for x in out[: n + speeds]:
-        total += 0.0 * x  # stays 0 unless something is not finite
+    total = 0.0  # stays 0 unless something is not finite
+    for i in range(n):
+        out[i] = qdot[i]
+        total += 0.0 * qdot[i]
+    for i in range(speeds):
+        out[n + i] = rate[i]
+        total += 0.0 * rate[i]
     if total != 0.0:
         if counts[FAILED] == 0:
             carray(_doubles_at(block[1]), (1,))[0] = t
@@ -234,17 +236,17 @@ def _with_speeds(scene: type[Scene], solution: Callable, kind: type, shapes: str
 
 
 def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    kinematics, speeds, bodies = scene.kinematics, scene.speeds, scene.bodies
+    kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, u = _state_at(block, y)
         parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
-        qdot, udot = rates_from_bodies(
-            kinematics, speeds, bodies, solution, parameters, prepared, q, u
+        v, udot = rates_from_bodies(
+            kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
         )
-        _store(block, t, ydot, qdot, udot)
+        _store(block, t, ydot, v, udot)
 
     return rate
 

@@ -36,13 +36,17 @@ def rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared,
 
 
 @generic
-def rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u):
-    """Return (q̇, u̇) of a formulation that sums over the bodies."""
+def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u):
+    """Return (q̇, u̇) of a formulation that sums over the bodies; qdot may be None."""
     shared = kinematics(parameters, prepared, q, u)
-    W, _, offset = speeds(parameters, prepared, shared)
+    if qdot is None:
+        W, _, offset = speeds(parameters, prepared, shared)
+        v = velocity(u, W, offset)
+    else:
+        v = qdot(parameters, prepared, shared)
     vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
     udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
-    return velocity(u, W, offset), udot
+    return v, udot
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -79,12 +83,14 @@ def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
 
 
 def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
-    kinematics, speeds, bodies = scene.kinematics, scene.speeds, scene.bodies
+    kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
     def rate(parameters, q, u, partition):
         prepared = angles(q[start:stop])
-        return rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u)
+        return rates_from_bodies(
+            kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
+        )
 
     return rate
 

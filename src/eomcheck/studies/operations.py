@@ -76,10 +76,10 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
         formulation.solution(M, at.F, a, gamma, at.v, at.partition)
     else:
         at.u = counting.vector(scene.p)
-        at.v  # noqa: B018  (this is q̇)
         if formulation.uses == "speeds":
             formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
         else:
+            at.qdot  # noqa: B018  (a part of the right-hand side)
             formulation.solution(*at.bodies)
     tally = counting.tally
     return Operations(
@@ -295,7 +295,7 @@ def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
     counting = Counting()
     stiffness, theta = counting.vector(scene.links - 1), counting.vector(scene.links)
     if formulation.uses == "bodies":
-        partial = counting.vector(2 * scene.links).reshape(scene.links, 2)
+        partial = counting.vector(2 * scene.links).reshape(scene.links, 1, 2)
         force = active_forces(stiffness, theta, partial)
         kane.right_hand_side(force, counting.vector(scene.p))
     else:
