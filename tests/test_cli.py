@@ -191,7 +191,7 @@ def test_study_operations_prints_counts_polynomials_systems_and_springs(
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     assert max(len(line) for line in printed.splitlines()) <= 140
-    for text in ("N = 9", "40 N - 21", "73 N - 33", "116 N - 57", "2n + r: the same at every N"):
+    for text in ("N = 9", "39 N - 23", "66 N - 41", "108 N - 67", "2n + r: the same at every N"):
         assert text in printed
     assert "no fit" not in printed
     document = json.loads(file.read_text(encoding="utf-8"))
