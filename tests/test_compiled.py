@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from eomcheck import acceleration, speeds_of, velocity
-from eomcheck.arithmetic.float64 import FLOAT64, compiled
+from eomcheck.arithmetic.float64 import FLOAT64, angles, compiled
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -293,3 +294,10 @@ def test_closures_over_different_functions_have_different_names():
     functions += [right_hand_side(snake, f) for f in FORMULATIONS.values()]
     names = [function.py_func.__qualname__ for function in functions]
     assert len(set(names)) == len(names), names
+
+
+def test_compiled_angles_have_the_cosines_and_sines_of_the_c_library():
+    x = np.array([0.0, 0.5, -3.0, 1e8, 1e300])
+    _, cos, sin = compiled(angles)(x)
+    assert cos.tolist() == [math.cos(t) for t in x]
+    assert sin.tolist() == [math.sin(t) for t in x]

@@ -28,17 +28,15 @@ import eomcheck
 from eomcheck.arithmetic.absent import settle_absent
 from eomcheck.arithmetic.generic import GENERIC, generic
 from eomcheck.arithmetic.linear import solve
+from eomcheck.arithmetic.sincos import cos_sin
 from eomcheck.model import Angles
 
 
 @generic
 def angles(x):
     """Return the `Angles` of x (k,), rad."""
-    both = np.empty((2, x.size), x.dtype)
-    for i in range(x.size):
-        both[0, i] = np.cos(x[i])
-        both[1, i] = np.sin(x[i])
-    return Angles(x, both[0], both[1])
+    cos, sin = cos_sin(x)
+    return Angles(x, cos, sin)
 
 
 class Float64:
