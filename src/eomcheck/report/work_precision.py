@@ -138,7 +138,7 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
             block.suptitle(scene, fontweight="bold")
         handles |= _draw_scene(block, mine, integrators, against)
     if any(_hollow(records, against)):
-        hollow = Line2D([], [], ls="", marker="o", color="0.4", mfc="white", ms=4)
+        hollow = Line2D([], [], ls="", marker="o", color="0.4", mfc="white", mew=0.7, ms=4)
         handles["disturbed"] = hollow
     figure.legend(
         handles.values(),
@@ -191,7 +191,8 @@ def _draw_scene(
 def _label_abscissa(axes: Axes, label: str, unit: str) -> None:
     """Label an axis in logarithms so that the numbers of a narrow panel do not overlap."""
     low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100 * low else (1.0,)))
+    ticks = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=ticks))
     axes.xaxis.set_major_formatter(EngFormatter(unit))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(label)
@@ -204,7 +205,7 @@ def _line(axes: Axes, records: Sequence[Record], key: str, error: str, against: 
         return axes.plot(x, y, marker=MARKERS[key], color=COLORS[key], ms=4, lw=1.1, **style)[0]
 
     line = draw(sorted(records, key=lambda record: -record.settings["tolerance"]))
-    draw(_hollow(records, against), ls="", mfc="white")
+    draw(_hollow(records, against), ls="", mfc="white", mew=0.7)
     return line
 
 
