@@ -144,7 +144,7 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
         handles.values(),
         handles,
         loc="outside upper center",
-        ncols=len(handles) if len(integrators) > 2 else 4,
+        ncols=9 if len(integrators) > 2 else 4,
         frameon=False,
     )
     figure.savefig(path, dpi=150)

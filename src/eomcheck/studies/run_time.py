@@ -57,10 +57,7 @@ def run_time(work: Callable[[], object]) -> RunTime:
 
 @contextmanager
 def held_on_a_core() -> Iterator[int | None]:
-    """Hold this thread on the core it is on, and provide its number; None where that cannot be.
-
-    The system has put it there because nothing else ran there.
-    """
+    """Hold this thread on the core it is on, and provide its number; None where that cannot be."""
     if not hasattr(os, "sched_setaffinity"):
         yield None
         return
