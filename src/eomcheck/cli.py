@@ -360,18 +360,20 @@ def reference(
         list[str] | None, typer.Argument(help="References to compute. Default all.")
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
+    executor: Where = "local",
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     if not folder.is_dir():
         raise InputError(f"{str(folder)!r} is not a folder that exists")
     from eomcheck.report.references import print_references
-    from eomcheck.studies.references import CASES, case_of, produce, write_reference
+    from eomcheck.studies.references import CASES, case_of, produce_all, write_reference
+    from eomcheck.studies.spread import check_place
 
     cases = {name: case_of(name) for name in names or CASES}
     for name in cases:
         _check_writable(folder / f"{name}.json")
-    for name, case in cases.items():
-        made = produce(name, case)
+    check_place(executor)
+    for made in produce_all(cases, executor):
         path = write_reference(made, folder)
         print_references([made])
         typer.echo(f"written: {path}")
@@ -412,11 +414,9 @@ def study_work_precision(
         found = measure(planned, kept, fresh)
     print_work_precision(found)
     if figure is not None:
-        first = planned.references[0].stem
-        mine = [record for record in found if record.settings["reference"] == first]
-        draw_work_precision(mine, figure)
+        draw_work_precision(found, figure)
         rates = figure.with_stem(f"{figure.stem}-rhs")
-        draw_work_precision(mine, rates, "right-hand sides")
+        draw_work_precision(found, rates, "right-hand sides")
         typer.echo(f"written: {figure}, {rates}")
 
 

@@ -52,11 +52,12 @@ class Record:
         reason: why, where it is not done.
         seconds: best run time, or None where nothing was timed.
         quartiles: lower and upper quartile of the run times.
+        cpu_seconds: CPU time of the best run, less than `seconds` where it had to share its core.
         runs: number of timed runs.
         compile_seconds: what compiling took, apart from `seconds`.
         counts: right-hand sides, steps, ...
         errors: kind of error -> its size; infinities and NaN are kept.
-        machine: cpu, cores, os, python.
+        machine: cpu, cores, os, python; of a timed cell also core and load, see `RunTime`.
         versions: of eomcheck (and the digest of its sources) and of the libraries installed.
         threads: BLAS threads that the environment sets, None if it does not.
         when: UTC, ISO 8601.
@@ -68,6 +69,7 @@ class Record:
     reason: str = ""
     seconds: float | None = None
     quartiles: tuple[float, float] | None = None
+    cpu_seconds: float | None = None
     runs: int = 0
     compile_seconds: float | None = None
     counts: dict[str, int] = field(default_factory=dict)
@@ -86,7 +88,7 @@ class Record:
             "counts": {name: int(value) for name, value in self.counts.items()},
             "errors": {name: float(value) for name, value in self.errors.items()},
         }
-        for name in ("seconds", "compile_seconds"):
+        for name in ("seconds", "cpu_seconds", "compile_seconds"):
             value = getattr(self, name)
             plain[name] = None if value is None else float(value)
         if self.quartiles is not None:

@@ -12,26 +12,26 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from statistics import quantiles
 from typing import Any
 
 from eomcheck.errors import InputError
 from eomcheck.evaluate import velocity
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.motion.errors import errors_of
+from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
-from eomcheck.motion.simulate import Motion, simulate
+from eomcheck.motion.simulate import Motion, Trajectory, simulate
 from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.studies.provenance import machine
 from eomcheck.studies.records import Record, Records, run_cells
+from eomcheck.studies.run_time import run_time
 
 STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors of the end state whose run times are compared."""
 
-RUNS = 20
-LONG = 2.0
-"""Runs that take longer than this, in s, are timed three times only."""
+DISTURBED = 1.05
+"""A best run that took more than this many times its CPU time had to share its core."""
 
 MOST_STEPS = 1_000_000
 
@@ -137,31 +137,28 @@ class _Worker:
         counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
         if found.status != "finished":
             return Record(STUDY, settings, "failed", found.reason, counts=counts)
-        seconds = _timed(motion, end, reference, options)
-        low, high = seconds[0], seconds[0]
-        if len(seconds) > 1:
-            low, _, high = quantiles(seconds, n=4)
+        taken = run_time(lambda: motion.solve(end, output_times=reference.times, **options))
         return Record(
             STUDY,
             settings,
-            seconds=min(seconds),
-            quartiles=(low, high),
-            runs=len(seconds),
+            seconds=taken.seconds,
+            quartiles=taken.quartiles,
+            cpu_seconds=taken.cpu_seconds,
+            runs=taken.runs,
             compile_seconds=compile_seconds,
             counts=counts,
-            errors=asdict(errors_of(found, reference)),
+            errors=asdict(errors_of(found, reference)) | _drifts(found),
+            machine=machine() | {"core": taken.core, "load": taken.load},
         )
 
 
-def _timed(motion: Motion, end: float, reference: Reference, options: dict) -> list[float]:
-    seconds: list[float] = []
-    for run in range(RUNS):
-        start = time.perf_counter()
-        motion.solve(end, output_times=reference.times, **options)
-        seconds.append(time.perf_counter() - start)
-        if run >= 2 and min(seconds) > LONG:
-            break
-    return seconds
+def _drifts(found: Trajectory) -> dict[str, float]:
+    drifts = {"constraint": constraint_drift(found), "energy": energy_drift(found)}
+    errors: dict[str, float] = {}
+    for name, drift in drifts.items():
+        if drift is not None:
+            errors |= {f"{name}_drift": drift.rate, f"{name}_exponent": drift.exponent}
+    return errors
 
 
 # ---- What follows from the Records ---------------------------------------------------------------
@@ -184,6 +181,23 @@ def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str]
 
 def _faster(record: Record, than: Record | None) -> bool:
     return than is None or (record.seconds or 0.0) < (than.seconds or 0.0)
+
+
+def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
+    """Return, per formulation, the Record with the smallest final error."""
+    best: dict[str, Record] = {}
+    for record in finished(records):
+        than = best.get(record.settings["formulation"])
+        if than is None or record.errors["final"] < than.errors["final"]:
+            best[record.settings["formulation"]] = record
+    return best
+
+
+def disturbed(record: Record) -> bool:
+    """Return whether another program had the core for a part of the best run."""
+    if record.seconds is None or record.cpu_seconds is None:
+        return False
+    return record.seconds > DISTURBED * record.cpu_seconds
 
 
 def pareto_front(records: Iterable[Record]) -> list[Record]:

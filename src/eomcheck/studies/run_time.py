@@ -1,0 +1,69 @@
+"""Run times: the best of many warm runs, held on one core, beside the CPU time that they took.
+
+Timed work is done in this process, one cell at a time. Two at a time, each on its own core, share
+caches and memory, and are more easily disturbed by what else runs on the machine.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from statistics import quantiles
+
+RUNS = 20
+LONG = 2.0
+"""Work that takes longer than this, in s, runs three times only."""
+
+
+@dataclass(frozen=True)
+class RunTime:
+    """What timing some work has come to.
+
+    Attributes:
+        seconds: the best run.
+        cpu_seconds: CPU time of this thread in that run; less than `seconds` where others had
+            the core.
+        quartiles: lower and upper quartile of the runs, s.
+        runs: their number.
+        core: on which they were held, None where the system cannot.
+        load: programs that wanted to run in the minute before, ourselves included; None where the
+            system does not count them.
+    """
+
+    seconds: float
+    cpu_seconds: float
+    quartiles: tuple[float, float]
+    runs: int
+    core: int | None
+    load: float | None
+
+
+def run_time(work: Callable[[], object]) -> RunTime:
+    """Time `work`, which must be warm: its first run counts too."""
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    runs: list[tuple[float, float]] = []
+    with held_on_a_core() as core:
+        while len(runs) < (3 if runs and min(runs)[0] > LONG else RUNS):
+            start, cpu = time.perf_counter(), time.thread_time()
+            work()
+            runs.append((time.perf_counter() - start, time.thread_time() - cpu))
+    low, _, high = quantiles([seconds for seconds, _ in runs], n=4)
+    return RunTime(*min(runs), (low, high), len(runs), core, load)
+
+
+@contextmanager
+def held_on_a_core() -> Iterator[int | None]:
+    """Hold this thread on the core it is on, and provide its number; None where that cannot be."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield None
+        return
+    allowed, core = os.sched_getaffinity(0), ctypes.CDLL(None).sched_getcpu()
+    os.sched_setaffinity(0, {core})
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, allowed)
