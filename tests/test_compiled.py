@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -290,7 +291,7 @@ def test_closures_over_different_functions_have_different_names():
     Two of one name, cached by two processes, would share their symbols in a third.
     """
     snake = SNAKES[0]
-    functions = [compiled(f) for f in (snake.terms, snake.kinematics, snake.speeds_of)]
+    functions: list[Any] = [compiled(f) for f in (snake.terms, snake.kinematics, snake.speeds_of)]
     functions += [right_hand_side(snake, f) for f in FORMULATIONS.values()]
     names = [function.py_func.__qualname__ for function in functions]
     assert len(set(names)) == len(names), names
