@@ -9,10 +9,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
-from statistics import quantiles
 from typing import Any
 
 from eomcheck.errors import InputError
@@ -23,6 +22,7 @@ from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.motion.stored import Reference, load_reference
 from eomcheck.studies.records import Record, Records, run_cells
+from eomcheck.studies.timing import run_times, timed
 
 STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
@@ -137,31 +137,15 @@ class _Worker:
         counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
         if found.status != "finished":
             return Record(STUDY, settings, "failed", found.reason, counts=counts)
-        seconds = _timed(motion, end, reference, options)
-        low, high = seconds[0], seconds[0]
-        if len(seconds) > 1:
-            low, _, high = quantiles(seconds, n=4)
+        solve = partial(motion.solve, end, output_times=reference.times, **options)
         return Record(
             STUDY,
             settings,
-            seconds=min(seconds),
-            quartiles=(low, high),
-            runs=len(seconds),
+            **run_times(timed(solve, RUNS, fewest=3, long=LONG)),
             compile_seconds=compile_seconds,
             counts=counts,
             errors=asdict(errors_of(found, reference)),
         )
-
-
-def _timed(motion: Motion, end: float, reference: Reference, options: dict) -> list[float]:
-    seconds: list[float] = []
-    for run in range(RUNS):
-        start = time.perf_counter()
-        motion.solve(end, output_times=reference.times, **options)
-        seconds.append(time.perf_counter() - start)
-        if run >= 2 and min(seconds) > LONG:
-            break
-    return seconds
 
 
 # ---- What follows from the Records ---------------------------------------------------------------
