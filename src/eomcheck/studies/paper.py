@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.linear import watching
-from eomcheck.evaluate import Evaluation, acceleration, velocity
+from eomcheck.evaluate import Evaluation, acceleration, velocity, violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import Snake
 from eomcheck.studies.records import Record, Records, run_cells
-from eomcheck.studies.timing import run_times, timed
+from eomcheck.studies.timing import run_times, slope, timed
 
 STUDY = "paper"
 PAPER = tuple(key for key, formulation in FORMULATIONS.items() if formulation.in_paper)
@@ -175,6 +175,8 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
         partial(motion.solve, end, **options), RUNS, fewest=1, long=LONG, clock=time.process_time
     )
     constraint, energy = constraint_error(found), energy_error(found)
+    states = zip(found.q, found.v, strict=True)
+    rounding = [violation(Evaluation(motion.scene, q, v), v)[1] for q, v in states]
     series = {
         "times": found.times,
         "constraint": constraint,
@@ -189,6 +191,7 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
         counts=counts,
         errors={
             "constraint": error_norm(constraint),
+            "constraint allowed": error_norm(rounding),
             "energy": error_norm(energy),
             "initial energy": found.energy[0],
         },
@@ -244,3 +247,18 @@ class Found:
         """What went wrong, a wheel across its link apart: that is asked for."""
         records = [*self.equations.values(), *self.motions.values()]
         return [record for record in records if record.status != "done"]
+
+
+LARGE = 20
+"""The growth with N is fitted from here on."""
+
+
+def growth(found: Found, key: str) -> list[float]:
+    """Return the slope of log(CPU time) over log(N) of a formulation, for each solver."""
+    slopes = []
+    for solver in found.solvers:
+        times = [(n, found.value("seconds", n, key, solver)) for n in found.links if n >= LARGE]
+        points = [(n, seconds) for n, seconds in times if seconds is not None]
+        if len(points) > 1:
+            slopes.append(slope(points))
+    return slopes
