@@ -191,7 +191,7 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
         counts=counts,
         errors={
             "constraint": error_norm(constraint),
-            "constraint allowed": error_norm(rounding),
+            "constraint allowed": error_norm(np.array(rounding)),
             "energy": error_norm(energy),
             "initial energy": found.energy[0],
         },

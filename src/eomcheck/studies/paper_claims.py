@@ -136,10 +136,8 @@ def _ratios(
 ) -> list[Ratio]:
     """Return how many times larger the errors or times of `large` are than those of `small`."""
     ratios = []
-    pairs = list(product(large, small))
-    for (links, solver), (one, other) in product(
-        _points(found) if points is None else points, pairs
-    ):
+    chosen, pairs = _points(found) if points is None else points, product(large, small)
+    for (links, solver), (one, other) in product(chosen, pairs):
         x, y = (found.value(quantity, links, key, solver) for key in (one, other))
         if x is not None and y is not None:
             times = x / y if y > 0 else (1.0 if x == 0 else inf)
@@ -293,7 +291,7 @@ def _multipliers(found: Found) -> Evidence:
 
 @_claim(
     "Sec. 3",
-    "The order of the system solved is a useful criterion for comparing the time that methods take.",
+    "The order of the system solved is a useful criterion for the time that a method takes.",
     true="Solving the final system takes most of the time.",
     false="It ranks im, au and the methods of order n; but em, ml and kane have the same order "
     "n - r and differ most: what is formed and solved on the way to a system of order 2 costs "
@@ -502,7 +500,11 @@ def _grows(found: Found) -> Evidence:
     what = f"Time over that of kane at N = {many}, over the same at N = {few}"
     good, of, said = _clearly_larger(what, ratios)
     slopes = {key: growth(found, key) for key in found.formulations}
-    exponents = [f"{key} {min(s):.2f} to {max(s):.2f}" for key, s in slopes.items() if s]
+    exponents = [
+        f"{key} {' to '.join(sorted({f'{min(s):.2f}', f'{max(s):.2f}'}))}"
+        for key, s in slopes.items()
+        if s
+    ]
     if exponents:
         said += f" From N = {LARGE} on time grows as N to the power {_names(exponents)}."
     return Evidence(good, of, said)
