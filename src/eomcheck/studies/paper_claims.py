@@ -293,9 +293,8 @@ def _multipliers(found: Found) -> Evidence:
     "Sec. 3",
     "The order of the system solved is a useful criterion for the time that a method takes.",
     true="Solving the final system takes most of the time.",
-    false="It ranks im, au and the methods of order n; but em, ml and kane have the same order "
-    "n - r and differ most: what is formed and solved on the way to a system of order 2 costs "
-    "O(N³), O(N²) and O(N).",
+    false="Much of the time goes elsewhere: el, gw and em solve other systems before the final "
+    "one, and on the way to a system of order n - r em spends O(N³), ml O(N²) and kane O(N).",
 )
 def _order_tells_time(found: Found) -> Evidence:
     orders = {key: FORMULATIONS[key].order for key in found.formulations}
