@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report.figures import COLORS, MARKERS, joints, plt
@@ -18,6 +20,7 @@ from eomcheck.studies.paper import PAPER_LINKS, Found, Solver, growth, scene_of
 from eomcheck.studies.records import Record
 
 FRAMES_PER_SECOND = 10
+COLORS_KEPT = 64
 GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 """Of the poses of Fig. 2, the last one darkest."""
 
@@ -40,11 +43,18 @@ def draw_paper(found: Found, folder: Path) -> list[Path]:
         written.append(folder / "paper-fig2.gif")
         _animate(record, written[0])
     for name, draw in drawings.items():
-        figure = draw()
-        figure.savefig(folder / name, dpi=110)
-        plt.close(figure)
         written.append(folder / name)
+        _save(draw(), written[-1])
     return sorted(written)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """Save a figure in as few colours as it has: half the size, to be kept in a repository."""
+    drawn = BytesIO()
+    figure.savefig(drawn, dpi=110)
+    plt.close(figure)
+    picture = Image.open(drawn).convert("RGB")
+    picture.quantize(COLORS_KEPT, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 # ---- Fig. 2 --------------------------------------------------------------------------------------
@@ -108,7 +118,7 @@ def _animate(record: Record, path: Path) -> None:
 
 OVER_TIME = {
     "constraint": ("constraint error ‖c‖ / (m/s)", "enlarged / (m/s)"),
-    "energy": ("|T + U - E_0| / J", "enlarged: T + U - E_0 / J"),
+    "energy": ("energy error |T + U - E₀| / J", "enlarged: (T + U - E₀) / J"),
 }
 
 
@@ -152,6 +162,7 @@ OVER_LINKS = {
     "energy": "norm of the energy error / J",
     "seconds": "CPU time of a motion / s",
 }
+TICKS = (2, 5, 10, 20, 50, 100)
 
 
 def _over_links(found: Found, quantity: str) -> Figure:
@@ -160,10 +171,14 @@ def _over_links(found: Found, quantity: str) -> Figure:
     for i, (axes, solver) in enumerate(zip(grid[0], found.solvers, strict=True)):
         for key in found.formulations:
             _line(axes, found, key, quantity, i, solver)
+        if any(record.settings["cell"] == "motion" for record in found.unfinished):
+            axes.plot([], [], "x", color="0.4", label="not finished")
         axes.set_yscale("log")
         if quantity == "seconds":
             axes.set_xscale("log")
-            axes.legend(fontsize=8, frameon=False, title="time ~ N^p", title_fontsize=8)
+            axes.set_xticks(TICKS, map(str, TICKS))
+            axes.minorticks_off()
+            axes.legend(fontsize=8, frameon=False)
         axes.set_title(str(solver), fontsize=11)
         axes.set_xlabel("number of links N")
     grid[0, 0].set_ylabel(OVER_LINKS[quantity])
@@ -179,7 +194,7 @@ def _line(axes: Axes, found: Found, key: str, quantity: str, i: int, solver: Sol
     label = key
     if quantity == "seconds":
         powers = growth(found, key)
-        label += f", p = {powers[i]:.2f}" if len(powers) == len(found.solvers) else ""
+        label += f" ~ N$^{{{powers[i]:.2f}}}$" if len(powers) == len(found.solvers) else ""
     style = {"color": COLORS[key], "marker": MARKERS[key], "ms": 4.5, "lw": 1.1}
     axes.plot(list(done), list(done.values()), label=label, **style)
     # A motion that was not finished: a cross at the upper edge.

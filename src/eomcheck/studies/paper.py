@@ -40,9 +40,9 @@ OUTPUTS = 101
 ROLLING = (1.0, 0.5)
 """u = (s_1, ω_1) of the state whose equations are looked at, m/s and rad/s: at rest B = 0."""
 
-RUNS = 5
-LONG = 1.0
-"""Motions that take longer than this, in s, are run once only."""
+RUNS = 10
+LONG = 0.3
+"""Motions that take longer than this, in s, are timed twice only."""
 MOST_STEPS = 1_000_000
 
 
@@ -168,7 +168,7 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
     seconds = timed(
         lambda: steps.append(motion.solve(end, **options)),
         RUNS,
-        fewest=1,
+        fewest=2,
         long=LONG,
         clock=time.process_time,
     )
