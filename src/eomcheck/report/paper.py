@@ -60,10 +60,20 @@ def print_paper(records: Iterable[Record]) -> None:
         for row in sheet.rows:
             table.add_row(*map(escape, row))
         console.print(f"\n[bold]{escape(sheet.title)}[/]", table, sep="\n")
+    for machine in dict.fromkeys(_machine(record) for record in records):
+        console.print(f"Measured on {machine}.", highlight=False)
     for record in Found(records).unfinished:
         console.print(
             escape(f"{record.status}: {_what(record.settings)}: {record.reason}"), soft_wrap=True
         )
+
+
+def _machine(record: Record) -> str:
+    """Return the machine of a Record, such as "a CPU (2 cores), numpy 2.2"."""
+    libraries = ("numpy", "numba", "CyRK")
+    versions = [f"{name} {record.versions.get(name, '?')}" for name in libraries]
+    cpu, cores = record.machine["cpu"], record.machine["cores"]
+    return ", ".join((f"{cpu} ({cores} cores)", *versions))
 
 
 def _what(settings: dict[str, Any]) -> str:
@@ -78,14 +88,10 @@ def write_sheets(records: Iterable[Record], folder: Path) -> list[Path]:
     written = []
     for sheet in sheets(records):
         lines = [sheet.columns, ("---",) * len(sheet.columns), *sheet.rows]
-        text = "".join(f"| {' | '.join(map(_cell, line))} |\n" for line in lines)
+        text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
         written.append(folder / f"{sheet.name}.md")
         written[-1].write_text(text, encoding="utf-8")
     return written
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("'", "\\'")
 
 
 # ---- Table I, and the robot of Figs. 2 to 4 ------------------------------------------------------

@@ -20,7 +20,6 @@ from eomcheck.studies.paper import PAPER_LINKS, Found, Solver, growth, scene_of
 from eomcheck.studies.records import Record
 
 FRAMES_PER_SECOND = 10
-COLORS_KEPT = 64
 GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 """Of the poses of Fig. 2, the last one darkest."""
 
@@ -49,12 +48,12 @@ def draw_paper(found: Found, folder: Path) -> list[Path]:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    """Save a figure in as few colours as it has: half the size, to be kept in a repository."""
+    """Save a figure with a palette: half the size, and it is kept in a repository."""
     drawn = BytesIO()
     figure.savefig(drawn, dpi=110)
     plt.close(figure)
     picture = Image.open(drawn).convert("RGB")
-    picture.quantize(COLORS_KEPT, dither=Image.Dither.NONE).save(path, optimize=True)
+    picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 # ---- Fig. 2 --------------------------------------------------------------------------------------
@@ -82,7 +81,7 @@ def _label_plane(axes: Axes) -> None:
 
 
 def _poses(record: Record) -> Figure:
-    figure, axes = plt.subplots(figsize=(7.2, 6.0), layout="constrained")
+    figure, axes = plt.subplots(figsize=(7.7, 6.0), layout="constrained")
     ends, times = _links(record), np.array(record.series["times"])
     for time, color in zip(POSES, GREYS, strict=True):
         _snake(axes, ends[int(np.abs(times - time).argmin())], color)
@@ -95,7 +94,8 @@ def _poses(record: Record) -> Figure:
 
 def _animate(record: Record, path: Path) -> None:
     ends, times = _links(record), record.series["times"]
-    figure, axes = plt.subplots(figsize=(4.0, 4.0))
+    figure, axes = plt.subplots(figsize=(3.7, 4.2))
+    figure.subplots_adjust(left=0.16, right=0.98, bottom=0.1, top=0.94)
     _label_plane(axes)
     (head_path,) = axes.plot([], [], "--", color="#D55E00", lw=1.2)
     *links, head = _snake(axes, ends[0], "black")
