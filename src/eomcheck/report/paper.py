@@ -15,7 +15,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.report.benchmarks import seconds_text
 from eomcheck.report.operations import signed_sum
 from eomcheck.studies.operations import fit_order
-from eomcheck.studies.paper import LARGE, PAPER_LINKS, Found, Solver, growth
+from eomcheck.studies.paper import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 from eomcheck.studies.paper_claims import KANE, judgements
 from eomcheck.studies.records import Record
 
@@ -42,8 +42,8 @@ def sheets(records: Iterable[Record]) -> list[Sheet]:
     found = Found(records)
     made = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
     made += [
-        _over_links(found, "fig5", "constraint", "Norm of the constraint error, m/s"),
-        _over_links(found, "fig6", "energy", "Norm of the energy error, J"),
+        _over_links(found, 5, "constraint", "m/s"),
+        _over_links(found, 6, "energy", "J"),
         _fig_7(found),
         _claims(records),
     ]
@@ -205,19 +205,19 @@ def _figs_3_and_4(found: Found) -> Sheet:
 # ---- Figs. 5 to 7, and the claims ----------------------------------------------------------------
 
 
-def _over_links(found: Found, figure: str, quantity: str, title: str) -> Sheet:
+def _over_links(found: Found, figure: int, quantity: str, unit: str) -> Sheet:
     rows = []
     for solver in found.solvers:
         for links in found.links:
             values = [found.value(quantity, links, key, solver) for key in found.formulations]
             cells = ["-" if value is None else f"{value:.1e}" for value in values]
             rows.append((str(solver), str(links), *cells))
-    title = f"{_number(figure)}: {title[0].lower()}{title[1:]} (Eqs. (32)-(33))"
-    return Sheet(f"paper-{figure}", title, ("solver", "N", *found.formulations), rows)
-
-
-def _number(figure: str) -> str:
-    return f"Fig. {figure.removeprefix('fig')}"
+    return Sheet(
+        f"paper-fig{figure}",
+        f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}",
+        ("solver", "N", *found.formulations),
+        rows,
+    )
 
 
 def _fig_7(found: Found) -> Sheet:

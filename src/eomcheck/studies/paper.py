@@ -205,8 +205,12 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
 
 # ---- The Records, by cell ------------------------------------------------------------------------
 
-QUANTITIES = ("constraint", "energy", "seconds")
-"""Norms of the constraint error, m/s, and of the energy error, J (Eq. (33)); CPU time, s."""
+QUANTITIES = {
+    "constraint": "constraint error",
+    "energy": "energy error",
+    "seconds": "CPU time",
+}
+"""Norms of the errors over the output times (Eq. (33)), m/s and J; time of the integration, s."""
 
 
 class Found:
