@@ -69,7 +69,7 @@ FULL = Plan(
     (2, 3, 4, 5, 6, 7, 10, 14, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100),
     (Solver("RK45", 1e-3), Solver("RK45", 1e-6), Solver("DOP853", 1e-9)),
 )
-QUICK = Plan((2, 7, 20, 50), (Solver("RK45", 1e-6),))
+QUICK = Plan((2, 7, 20, 40), (Solver("RK45", 1e-6),))
 
 
 def scene_of(links: int) -> Snake:
