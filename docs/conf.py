@@ -36,7 +36,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_generated"]
+exclude_patterns = ["_build", "_generated", "figures/*.md"]
 default_role = "code"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]

@@ -21,9 +21,10 @@ def test_the_best_of_all_runs_counts_and_quartiles_are_no_less():
     assert 0 < found.seconds <= low <= high
 
 
-def test_long_work_runs_three_times(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "LONG", 0.0)
-    assert run_time(lambda: None).runs == 3
+def test_long_work_runs_less_often():
+    assert run_time(lambda: None, long=0.0).runs == module.FEWEST
+    assert run_time(lambda: None, runs=5, fewest=2, long=0.0).runs == 2
+    assert run_time(lambda: None, runs=5).runs == 5
 
 
 def test_time_without_the_core_is_no_cpu_time():

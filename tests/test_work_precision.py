@@ -17,7 +17,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report import work_precision as report
 from eomcheck.report.work_precision import draw_work_precision, print_work_precision
-from eomcheck.studies import run_time, work_precision
+from eomcheck.studies import work_precision
 from eomcheck.studies.records import Record, Records
 from eomcheck.studies.work_precision import (
     STUDY,
@@ -171,7 +171,7 @@ def test_a_scene_of_which_no_run_finished_is_drawn_empty(drawn: Callable):
 
 
 def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(run_time, "RUNS", 4)
+    monkeypatch.setattr(work_precision, "RUNS", 4)
     planned = plan(FOLDER, ["free-3"], ["kane"], ["DOP853", "BDF"], [1e-4, 1e-8])
     with Records(tmp_path / "records.db") as records:
         first = measure(planned, records)
@@ -196,7 +196,7 @@ def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_record_tells_the_drift_of_what_drifts(
     key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
-    monkeypatch.setattr(run_time, "RUNS", 2)
+    monkeypatch.setattr(work_precision, "RUNS", 2)
     planned = plan(FOLDER, ["free-3"], [key], ["DOP853"], [1e-5, 1e-9])
     with Records(tmp_path / "records.db") as records:
         rough, fine = measure(planned, records)

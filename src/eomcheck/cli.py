@@ -232,6 +232,11 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
+def _check_folder(path: Path) -> None:
+    if not path.is_dir():
+        raise InputError(f"{str(path)!r} is not a folder that exists")
+
+
 def _check_figure(path: Path) -> None:
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
@@ -363,8 +368,7 @@ def reference(
     executor: Where = "local",
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
-    if not folder.is_dir():
-        raise InputError(f"{str(folder)!r} is not a folder that exists")
+    _check_folder(folder)
     from eomcheck.report.references import print_references
     from eomcheck.studies.references import CASES, case_of, produce_all, write_reference
     from eomcheck.studies.spread import check_place
@@ -418,6 +422,33 @@ def study_work_precision(
         rates = figure.with_stem(f"{figure.stem}-rhs")
         draw_work_precision(found, rates, "right-hand sides")
         typer.echo(f"written: {figure}, {rates}")
+
+
+@study.command("paper")
+def study_paper(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Four numbers of links and one tolerance only.")
+    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[
+        Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+    ] = None,
+) -> None:
+    """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
+    if figures is not None:
+        _check_folder(figures)
+    from eomcheck.report.paper import print_paper, write_sheets
+    from eomcheck.report.paper_figures import draw_paper
+    from eomcheck.studies.paper import FULL, QUICK, Found, measure
+    from eomcheck.studies.records import Records
+
+    with Records(records) as kept:
+        found = measure(QUICK if quick else FULL, kept, fresh)
+    print_paper(found)
+    if figures is not None:
+        written = [*draw_paper(Found(found), figures), *write_sheets(found, figures)]
+        typer.echo(f"written: {', '.join(map(str, written))}")
 
 
 @draw.command("agreement")

@@ -172,7 +172,7 @@ class Evaluation(Quantities):
         change = noise.entries(self.v) - self.v
         if self.terms.a is None:
             return change
-        residual = _violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
+        residual = violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
             try:
@@ -295,8 +295,8 @@ def acceleration(
     return replace(result, error_bound=allowed_error(spread))
 
 
-def _violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, what rounding allows of it), each (r,)."""
+def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
+    """Return (a v + b, what rounding allows of it), each (r,), m/s; `at` has constraints."""
     a, b = at.terms.a, at.terms.b
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b
@@ -312,7 +312,7 @@ def check_consistent(at: Evaluation) -> None:
     """
     if at.terms.a is None:
         return
-    residual, allowed = _violation(at, at.v)
+    residual, allowed = violation(at, at.v)
     with np.errstate(invalid="ignore"):
         excess = np.abs(residual) - allowed
     if (excess > 0).any():
@@ -332,7 +332,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
     if at.terms.a is None:
         return v
     for _ in range(3):
-        residual, allowed = _violation(at, v)
+        residual, allowed = violation(at, v)
         if (np.abs(residual) <= allowed / 4).all():
             break
         v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]

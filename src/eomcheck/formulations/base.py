@@ -58,6 +58,11 @@ class Formulation:
     limits: str
     solution: Callable[..., Any]
 
+    @property
+    def in_paper(self) -> bool:
+        """Whether it is one of the paper's seven: then `equations` begins with a number."""
+        return self.equations.startswith("(")
+
     def unknowns(self, n: int, r: int) -> int:
         """Return the number of equations of the final system (Table I)."""
         return self.order[0] * n + self.order[1] * r

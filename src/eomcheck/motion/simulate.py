@@ -202,14 +202,21 @@ def simulate(
         max_steps=max_steps,
     )
     seconds = time.perf_counter() - start
-    counts = motion.table.counts
+    return trajectory(motion, found, integrator, rtol, atol, seconds)
+
+
+def trajectory(
+    motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
+) -> Trajectory:
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
+    scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
     states = [motion.split(y) for y in found.y]
     finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v in states], dtype=bool)
     states = [state for state, good in zip(states, finite, strict=True) if good]
     done = found.success and bool(finite.all())
     return Trajectory(
         scene,
-        key,
+        formulation.key,
         integrator,
         rtol,
         atol,

@@ -15,6 +15,7 @@ from rich.table import Table
 from eomcheck import __version__
 from eomcheck.console import console
 from eomcheck.studies.rhs import TRIGONOMETRY, Timing
+from eomcheck.studies.run_time import slope
 from eomcheck.tolerance import C
 
 
@@ -24,16 +25,6 @@ def seconds_text(value: float) -> str:
         if value >= scale:
             return f"{value / scale:.3g} {unit}"
     return f"{value / 1e-9:.3g} ns"
-
-
-def slope(points: Iterable[tuple[float, float]]) -> float:
-    """Return the least-squares slope of log(y) over log(x)."""
-    logs = [(math.log(x), math.log(y)) for x, y in points]
-    mean_x = sum(x for x, _ in logs) / len(logs)
-    mean_y = sum(y for _, y in logs) / len(logs)
-    return sum((x - mean_x) * (y - mean_y) for x, y in logs) / sum(
-        (x - mean_x) ** 2 for x, _ in logs
-    )
 
 
 def print_rhs(records: list[Timing]) -> None:

@@ -33,16 +33,21 @@ FLOOR = 1e-18
 """Exact agreement is drawn here: a logarithm has no zero."""
 
 
+def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the ends of the links of a snake (N + 1, 2), m, the head first."""
+    theta = q[2:]
+    steps = length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
+    return np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))
+
+
 def draw_snake(axes: Axes, scene: Snake) -> None:
     """Draw the links, the head and the wheels of a snake in its initial pose."""
     q, _ = scene.initial_state()
-    theta = q[2:]
-    steps = scene.length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
-    joints = np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))
-    axes.plot(*joints.T, "-o", color="0.25", lw=3, ms=5, solid_capstyle="round")
-    axes.plot(*joints[0], "o", color="white", mec="0.25", ms=11, mew=2)
-    centres = (joints[:-1] + joints[1:]) / 2
-    phi = theta + scene.wheel_angle
+    ends = joints(scene.length, q)
+    axes.plot(*ends.T, "-o", color="0.25", lw=3, ms=5, solid_capstyle="round")
+    axes.plot(*ends[0], "o", color="white", mec="0.25", ms=11, mew=2)
+    centres = (ends[:-1] + ends[1:]) / 2
+    phi = q[2:] + scene.wheel_angle
     wheel = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
     for centre, half in zip(centres, wheel, strict=True):
         axes.plot(*np.column_stack((centre - half, centre + half)), color="#D55E00", lw=6)

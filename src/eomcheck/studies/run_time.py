@@ -9,14 +9,20 @@ from __future__ import annotations
 import ctypes
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from statistics import quantiles
+from typing import Any
+
+import numpy as np
+
+from eomcheck.studies.provenance import machine
 
 RUNS = 20
+FEWEST = 3
 LONG = 2.0
-"""Work that takes longer than this, in s, runs three times only."""
+"""Work that takes longer than this, in s, runs `FEWEST` times only."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +47,33 @@ class RunTime:
     core: int | None
     load: float | None
 
+    def recorded(self) -> dict[str, Any]:
+        """Return what a Record says of it."""
+        of_record = asdict(self)
+        here = {name: of_record.pop(name) for name in ("core", "load")}
+        return of_record | {"machine": machine() | here}
 
-def run_time(work: Callable[[], object]) -> RunTime:
-    """Time `work`, which must be warm: its first run counts too."""
+
+def run_time(
+    work: Callable[[], object], runs: int = RUNS, fewest: int = FEWEST, long: float = LONG
+) -> RunTime:
+    """Return the time that `work` takes.
+
+    Args:
+        work: what is timed; it must be warm, its first run counts too.
+        runs: how often it runs.
+        fewest: so often is enough if it takes longer than
+        long: s.
+    """
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    runs: list[tuple[float, float]] = []
+    taken: list[tuple[float, float]] = []
     with held_on_a_core() as core:
-        while len(runs) < (3 if runs and min(runs)[0] > LONG else RUNS):
+        while len(taken) < (fewest if taken and min(taken)[0] > long else runs):
             start, cpu = time.perf_counter(), time.thread_time()
             work()
-            runs.append((time.perf_counter() - start, time.thread_time() - cpu))
-    low, _, high = quantiles([seconds for seconds, _ in runs], n=4)
-    return RunTime(*min(runs), (low, high), len(runs), core, load)
+            taken.append((time.perf_counter() - start, time.thread_time() - cpu))
+    low, _, high = quantiles([seconds for seconds, _ in taken], n=4, method="inclusive")
+    return RunTime(*min(taken), (low, high), len(taken), core, load)
 
 
 @contextmanager
@@ -67,3 +88,9 @@ def held_on_a_core() -> Iterator[int | None]:
         yield core
     finally:
         os.sched_setaffinity(0, allowed)
+
+
+def slope(points: Iterable[tuple[float, float]]) -> float:
+    """Return the least-squares slope of log(y) over log(x): the power with which a time grows."""
+    x, y = np.log(list(points)).T
+    return float(np.polyfit(x, y, 1)[0])

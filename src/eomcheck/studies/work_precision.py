@@ -21,9 +21,8 @@ from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.simulate import Motion, Trajectory, simulate
 from eomcheck.motion.stored import Reference, load_reference
-from eomcheck.studies.provenance import machine
 from eomcheck.studies.records import Record, Records, run_cells
-from eomcheck.studies.run_time import run_time
+from eomcheck.studies.run_time import RUNS, run_time
 
 STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
@@ -137,18 +136,16 @@ class _Worker:
         counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
         if found.status != "finished":
             return Record(STUDY, settings, "failed", found.reason, counts=counts)
-        taken = run_time(lambda: motion.solve(end, output_times=reference.times, **options))
+        taken = run_time(
+            lambda: motion.solve(end, output_times=reference.times, **options), runs=RUNS
+        )
         return Record(
             STUDY,
             settings,
-            seconds=taken.seconds,
-            quartiles=taken.quartiles,
-            cpu_seconds=taken.cpu_seconds,
-            runs=taken.runs,
+            **taken.recorded(),
             compile_seconds=compile_seconds,
             counts=counts,
             errors=asdict(errors_of(found, reference)) | _drifts(found),
-            machine=machine() | {"core": taken.core, "load": taken.load},
         )
 
 
