@@ -20,6 +20,8 @@ from eomcheck.studies.paper import PAPER_LINKS, Found, Solver, growth, scene_of
 from eomcheck.studies.records import Record
 
 FRAMES_PER_SECOND = 10
+EVERY = 2
+"""Of so many output times, one is a frame."""
 GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 """Of the poses of Fig. 2, the last one darkest."""
 
@@ -93,7 +95,7 @@ def _poses(record: Record) -> Figure:
 
 
 def _animate(record: Record, path: Path) -> None:
-    ends, times = _links(record), record.series["times"]
+    ends, times = _links(record)[::EVERY], record.series["times"][::EVERY]
     figure, axes = plt.subplots(figsize=(3.7, 4.2))
     figure.subplots_adjust(left=0.16, right=0.98, bottom=0.1, top=0.94)
     _label_plane(axes)

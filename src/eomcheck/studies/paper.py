@@ -40,7 +40,6 @@ OUTPUTS = 101
 ROLLING = (1.0, 0.5)
 """u = (s_1, ω_1) of the state whose equations are looked at, m/s and rad/s: at rest B = 0."""
 
-RUNS = 10
 LONG = 0.3
 """Motions that take longer than this, in s, are timed twice only."""
 MOST_STEPS = 1_000_000
@@ -58,18 +57,26 @@ class Solver(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run of the study covers: numbers of links, solvers, keys of formulations."""
+    """What a run of the study covers.
+
+    Attributes:
+        links: numbers of links.
+        solvers: integrators with their tolerances.
+        formulations: keys.
+        runs: timed runs of a motion, the best of which counts.
+    """
 
     links: tuple[int, ...]
     solvers: tuple[Solver, ...]
     formulations: tuple[str, ...] = PAPER
+    runs: int = 10
 
 
 FULL = Plan(
     (2, 3, 4, 5, 6, 7, 10, 14, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100),
     (Solver("RK45", 1e-3), Solver("RK45", 1e-6), Solver("DOP853", 1e-9)),
 )
-QUICK = Plan((2, 7, 20, 40), (Solver("RK45", 1e-6),))
+QUICK = Plan((2, 7, 20, 40), (Solver("RK45", 1e-6),), runs=3)
 
 
 def scene_of(links: int) -> Snake:
@@ -79,7 +86,8 @@ def scene_of(links: int) -> Snake:
 
 def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record]:
     """Measure every cell that is not in `records` yet, and return the Records of all."""
-    return run_cells(records, STUDY, _cells(planned), _Worker(), fresh=fresh, label="measuring")
+    work = _Worker(planned.runs)
+    return run_cells(records, STUDY, _cells(planned), work, fresh=fresh, label="measuring")
 
 
 def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
@@ -96,14 +104,14 @@ def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
 
 
 class _Worker:
-    def __init__(self):
-        self._motion = cache(_prepared)
+    def __init__(self, runs: int):
+        self._runs, self._motion = runs, cache(_prepared)
 
     def __call__(self, settings: dict[str, Any]) -> Record:
         if settings["cell"] == "equations":
             return _equations(settings)
         motion, compile_seconds = self._motion(settings["links"], settings["formulation"])
-        return _moved(settings, motion, compile_seconds)
+        return _moved(settings, motion, compile_seconds, self._runs)
 
 
 # ---- One state -----------------------------------------------------------------------------------
@@ -155,7 +163,7 @@ def _prepared(links: int, key: str) -> tuple[Motion, float]:
     return motion, time.perf_counter() - start
 
 
-def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> Record:
+def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float, runs: int) -> Record:
     end, tolerance = settings["end"], settings["tolerance"]
     options = {
         "output_times": np.linspace(0.0, end, settings["outputs"]),
@@ -165,7 +173,7 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float) -> 
         "max_steps": MOST_STEPS,
     }
     steps: list[Steps] = []
-    taken = run_time(lambda: steps.append(motion.solve(end, **options)), RUNS, 2, LONG)
+    taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
     solver = settings["integrator"], tolerance, tolerance
     found = trajectory(motion, steps[-1], *solver, taken.seconds)
     counts = {
