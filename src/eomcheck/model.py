@@ -18,6 +18,10 @@ Numbered, so that an error or a note can point at a rule.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
+10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-velocities
+    x_k in which its mass is diagonal, and two equations tie it to body k-1. They are read off from
+    any v. ẋ is the acceleration in the same directions, of which the constraints of the bodies
+    themselves are satisfied; see `Chain`.
 """
 
 from __future__ import annotations
@@ -92,6 +96,29 @@ class Bodies(NamedTuple):
     """ω × I ω (n_b, e), or None in the plane."""
     force: Any
     """Generalized active forces F_Kane (p,), from the bodies, not from Q; or None."""
+
+
+class Chain(NamedTuple):
+    """Bodies that hang on each other in a row (rule 10).
+
+    Of all accelerations that satisfy the constraint of each body by itself, those of body k in the
+    directions of x_k are ẋ_k. Joints add A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 for k >= 2, and forces
+    μ_k there: D_k ẋ_k = f_k + C_kᵀ μ_k + A_{k+1}ᵀ μ_{k+1}. Where v satisfies the constraints, ẋ is
+    the rate of x and A_k x_{k-1} + C_k x_k = 0.
+    """
+
+    x: Any
+    """Quasi-velocities of the bodies (n_b, 2)."""
+    mass: Any
+    """D_k, the diagonals (n_b, 2)."""
+    force: Any
+    """f_k, active forces along x_k (n_b, 2), or None."""
+    before: Any
+    """A_k of the joint between bodies k-1 and k (n_b-1, 2, 2)."""
+    after: Any
+    """C_k (n_b-1, 2, 2)."""
+    rest: Any
+    """d_k, what is left of the joint's equations at ẋ = 0 (n_b-1, 2)."""
 
 
 class Tree(NamedTuple):
@@ -169,6 +196,13 @@ class Scene(ABC):
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+
+    A chain also has these, which are None for every other scene:
+
+    - `chain(parameters, prepared, q, v) -> Chain`
+    - `chain_acceleration(parameters, prepared, chain, xdot) -> v̇ (n,)`
+    - `chain_multipliers(parameters, prepared, chain, forces) -> λ (r,)`: the multipliers of `terms`
+      from the joint forces μ (n_b-1, 2)
     """
 
     key: ClassVar[str]
@@ -187,6 +221,9 @@ class Scene(ABC):
     velocities: ClassVar[Callable[..., Any]]
     energies: ClassVar[Callable[..., Any]]
     constraint: ClassVar[Callable[..., Any]]
+    chain: ClassVar[Callable[..., Any] | None] = None
+    chain_acceleration: ClassVar[Callable[..., Any] | None] = None
+    chain_multipliers: ClassVar[Callable[..., Any] | None] = None
 
     @property
     @abstractmethod

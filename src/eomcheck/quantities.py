@@ -16,7 +16,7 @@ import numpy as np
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.model import Arithmetic, Array, Bodies, Scene, Speeds, Terms
+from eomcheck.model import Arithmetic, Array, Bodies, Chain, Scene, Speeds, Terms
 
 
 class Solution(NamedTuple):
@@ -141,6 +141,13 @@ class Quantities:
         return self.keep(self.call(self.scene.bodies, *arguments))
 
     @cached_property
+    def chain(self) -> Chain:
+        """The bodies as a chain."""
+        assert self.scene.chain is not None
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.chain, *arguments))
+
+    @cached_property
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""
         with np.errstate(all="ignore"):
@@ -162,9 +169,20 @@ class Quantities:
             M, _, _, a, gamma, _ = self.terms
             partition = self.partition if partition is None else partition
             return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
+        if formulation.uses == "chain":
+            return self._along_chain(formulation)
         W, rest, _ = self.speeds
         if formulation.uses == "speeds":
             udot = formulation.solution(self.terms.M, self.F, W, rest)
         else:
             udot = formulation.solution(*self.bodies)
         return Solution(W @ udot + rest, None)
+
+    def _along_chain(self, formulation: Formulation) -> Solution:
+        scene, here = self.scene, (self.parameters, self.prepared, self.chain)
+        assert scene.chain_acceleration is not None
+        assert scene.chain_multipliers is not None
+        _, mass, force, before, after, rest = self.chain
+        xdot, forces = formulation.solution(mass, force, before, after, rest)
+        vdot = self.call(scene.chain_acceleration, *here, xdot)
+        return Solution(vdot, self.call(scene.chain_multipliers, *here, forces))

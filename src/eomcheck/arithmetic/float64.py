@@ -27,6 +27,7 @@ from numba.extending import overload, register_jitable
 
 import eomcheck
 from eomcheck.arithmetic.absent import settle_absent
+from eomcheck.arithmetic.banded import solve_banded
 from eomcheck.arithmetic.generic import GENERIC, generic
 from eomcheck.arithmetic.linear import solve
 from eomcheck.model import Angles
@@ -106,6 +107,56 @@ def _compiled_solve(A, b, name):
     if b.ndim == 1:
         return lambda A, b, name: lu_solve(A, b) if b.size <= SMALL else lapack_solve(A, b)
     return lambda A, b, name: lapack_solve(A, b)
+
+
+@register_jitable(error_model="numpy")
+def band_solve(bands, b):
+    """Solve A x = b, A banded, by elimination with partial pivoting; NaN where A is singular.
+
+    As `eliminate_banded`: at most h + 1 rows have an entry in the column that is being eliminated.
+    Each is kept from that column on, its right-hand side behind it.
+    """
+    size, width = bands.shape
+    half = width // 2
+    rows, upper = np.zeros((half + 1, width + 1)), np.empty((size, width + 1))
+    for i in range(min(half, size)):
+        for j in range(half - i, width):
+            rows[i, j - half + i] = bands[i, j]
+        rows[i, width] = b[i]
+    pivot = half  # the row that is free for a new one
+    for column in range(size):
+        if column + half < size:
+            for j in range(width):
+                rows[pivot, j] = bands[column + half, j]
+            rows[pivot, width] = b[column + half]
+        else:
+            rows[pivot, :] = 0.0
+        pivot = 0
+        for i in range(1, half + 1):
+            if abs(rows[i, 0]) > abs(rows[pivot, 0]):
+                pivot = i
+        upper[column] = rows[pivot]
+        reciprocal = 1.0 / upper[column, 0]
+        upper[column, 0] = reciprocal
+        for i in range(half + 1):
+            if i != pivot:
+                factor = rows[i, 0] * reciprocal
+                for j in range(1, width):
+                    rows[i, j - 1] = rows[i, j] - factor * upper[column, j]
+                rows[i, width - 1] = 0.0
+                rows[i, width] -= factor * upper[column, width]
+    x = np.zeros(size + width)
+    for i in range(size - 1, -1, -1):
+        total = upper[i, width]
+        for j in range(1, width):
+            total -= upper[i, j] * x[i + j]
+        x[i] = total * upper[i, 0]
+    return x[:size]
+
+
+@overload(solve_banded)
+def _compiled_solve_banded(bands, b, name):
+    return lambda bands, b, name: band_solve(bands, b)
 
 
 @cache

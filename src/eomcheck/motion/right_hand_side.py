@@ -2,7 +2,7 @@
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
 function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
-v for the formulations that use Lagrange's terms and u for ML and Kane. A matrix that is singular
+v for the formulations that use Lagrange's terms or a chain and u for ML and Kane. A matrix that is singular
 gives NaN: compiled code must not raise.
 """
 
@@ -43,6 +43,14 @@ def rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared
     vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
     udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
     return velocity(u, W, offset), udot
+
+
+@generic
+def rates_from_chain(chain, chain_acceleration, solution, parameters, prepared, q, v):
+    """Return (q̇, v̇) of a formulation that uses the bodies as a chain."""
+    here = chain(parameters, prepared, q, v)
+    xdot, _ = solution(here.mass, here.force, here.before, here.after, here.rest)
+    return v, chain_acceleration(parameters, prepared, here, xdot)
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -89,4 +97,20 @@ def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
     return rate
 
 
-_COMPOSERS = {"terms": _from_terms, "speeds": _from_speeds, "bodies": _from_bodies}
+def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
+    chain, chain_acceleration = scene.chain, scene.chain_acceleration
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(parameters, q, v, partition):
+        prepared = angles(q[start:stop])
+        return rates_from_chain(chain, chain_acceleration, solution, parameters, prepared, q, v)
+
+    return rate
+
+
+_COMPOSERS = {
+    "terms": _from_terms,
+    "speeds": _from_speeds,
+    "bodies": _from_bodies,
+    "chain": _from_chain,
+}

@@ -30,6 +30,7 @@ from eomcheck.model import (
     Tree,
     finite_array,
 )
+from eomcheck.scenes.snake_chain import chain, chain_acceleration, chain_multipliers
 
 
 class Parameters(NamedTuple):
@@ -434,6 +435,9 @@ class Snake(Scene):
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
     constraint = staticmethod(constraint)
+    chain = staticmethod(chain)
+    chain_acceleration = staticmethod(chain_acceleration)
+    chain_multipliers = staticmethod(chain_multipliers)
 
     def __post_init__(self):
         try:
