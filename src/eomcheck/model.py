@@ -18,10 +18,9 @@ Numbered, so that an error or a note can point at a rule.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
-10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-velocities
-    x_k in which its mass is diagonal, and two equations tie it to body k-1. They are read off from
-    any v. ẋ is the acceleration in the same directions, of which the constraints of the bodies
-    themselves are satisfied; see `Chain`.
+10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-
+    velocities x_k, read off from any v, in which its mass is diagonal, and two equations tie it to
+    body k-1.
 """
 
 from __future__ import annotations

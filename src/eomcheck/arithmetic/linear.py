@@ -70,8 +70,17 @@ def noise_present() -> Noise | None:
     return None if watch is None else watch.noise
 
 
-def record(name: str, size: int, rcond: float, matrix: np.ndarray) -> None:
+def record(
+    name: str, size: int, rcond: float, matrix: np.ndarray, terms: int | None = None
+) -> None:
     """Record a matrix that was factored, except while noise moves it.
+
+    Args:
+        name: of the matrix.
+        size: its order.
+        rcond: its reciprocal condition number.
+        matrix: itself, or its bands.
+        terms: most terms in a sum that elimination forms, by default the order.
 
     Raises:
         RefusedError: it is singular to working precision.
@@ -81,7 +90,7 @@ def record(name: str, size: int, rcond: float, matrix: np.ndarray) -> None:
         if watch.noise is not None:
             return
         watch.solves.append(Solve(name, size, rcond))
-    allowed = singular_below(size)
+    allowed = singular_below(size if terms is None else terms)
     if not rcond > allowed:
         raise RefusedError(
             name,
@@ -93,15 +102,16 @@ def record(name: str, size: int, rcond: float, matrix: np.ndarray) -> None:
         )
 
 
-def singular_below(size: int) -> float:
+def singular_below(terms: int) -> float:
     """Return the reciprocal condition number at and below which a scaled matrix is singular.
 
     LU with partial pivoting solves (A + E) x = b exactly, where each column of E is at most about
-    size * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
-    factor near 1 that is met in practice). At rcond <= size * eps some such A + E is singular, so
-    no digit of x is determined.
+    terms * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
+    factor near 1 that is met in practice); `terms` is the number of terms in the sums that
+    elimination forms, the order of a full matrix. At rcond <= terms * eps some such A + E is
+    singular, so no digit of x is determined.
     """
-    return size * EPS
+    return terms * EPS
 
 
 def solve(A, b, name):

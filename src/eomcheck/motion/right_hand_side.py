@@ -2,8 +2,8 @@
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
 function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
-v for the formulations that use Lagrange's terms or a chain and u for ML and Kane. A matrix that is singular
-gives NaN: compiled code must not raise.
+u for ML and Kane and v for the others. A matrix that is singular gives NaN: compiled code must not
+raise.
 """
 
 from __future__ import annotations

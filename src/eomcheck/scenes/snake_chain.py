@@ -4,7 +4,8 @@ s_k = V_k · t_k is the rolling speed of wheel k. The mass is diagonal there. Th
 V̇_k · e_k = -s_k ω_k, so V̇_k = ẋ_k1 t_k - s_k ω_k e_k, and the joint between links k-1 and k, which
 moves with both, gives two equations along (t_k, e_k). No division: α_k = ±π/2 is allowed.
 
-Derived apart from the terms of `eomcheck.scenes.snake`, with the symbols used there; ψ_k = φ_k - θ_{k-1} and δ_k = φ_k - φ_{k-1}.
+Derived apart from the terms of `eomcheck.scenes.snake`, with the symbols used there;
+ψ_k = φ_k - θ_{k-1} and δ_k = φ_k - φ_{k-1}.
 """
 
 from __future__ import annotations
@@ -85,10 +86,7 @@ def joints(length, cos_alpha, sin_alpha, cos_phi, sin_phi, cos, sin, x):
         spin_after = half * x[k, 1] * x[k, 1]
         d[k - 1, 0] = turning * sin_delta - spin * cos_psi - spin_after * cos_alpha[k]
         d[k - 1, 1] = (
-            x[k, 0] * x[k, 1]
-            - turning * cos_delta
-            - spin * sin_psi
-            - spin_after * sin_alpha[k]
+            x[k, 0] * x[k, 1] - turning * cos_delta - spin * sin_psi - spin_after * sin_alpha[k]
         )
     return A, C, d
 
