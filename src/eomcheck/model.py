@@ -240,6 +240,11 @@ class Scene(ABC):
         return self.n - self.r
 
     @property
+    def s(self) -> int:
+        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        return 0
+
+    @property
     @abstractmethod
     def name(self) -> str:
         """What reports call this scene with these parameters."""
@@ -305,6 +310,17 @@ class Scene(ABC):
         """
         finite_array("t", t, ())
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
+
+
+def checked_scene(scene: Any) -> Scene:
+    """Return `scene`.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+    return scene
 
 
 def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:

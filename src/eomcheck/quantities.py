@@ -170,7 +170,10 @@ class Quantities:
             partition = self.partition if partition is None else partition
             return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
         if formulation.uses == "chain":
-            return self._along_chain(formulation)
+            vdot, forces = self.acceleration_of_chain(formulation)
+            assert self.scene.chain_multipliers is not None
+            here = self.parameters, self.prepared, self.chain
+            return Solution(vdot, self.call(self.scene.chain_multipliers, *here, forces))
         W, rest, _ = self.speeds
         if formulation.uses == "speeds":
             udot = formulation.solution(self.terms.M, self.F, W, rest)
@@ -178,11 +181,14 @@ class Quantities:
             udot = formulation.solution(*self.bodies)
         return Solution(W @ udot + rest, None)
 
-    def _along_chain(self, formulation: Formulation) -> Solution:
-        scene, here = self.scene, (self.parameters, self.prepared, self.chain)
-        assert scene.chain_acceleration is not None
-        assert scene.chain_multipliers is not None
+    def acceleration_of_chain(self, formulation: Formulation) -> tuple[Array, Array]:
+        """Return (v̇ (n,), joint forces μ (n_b-1, 2)) of a formulation that uses a chain.
+
+        Raises:
+            RefusedError: a matrix is singular.
+        """
         _, mass, force, before, after, rest = self.chain
         xdot, forces = formulation.solution(mass, force, before, after, rest)
-        vdot = self.call(scene.chain_acceleration, *here, xdot)
-        return Solution(vdot, self.call(scene.chain_multipliers, *here, forces))
+        assert self.scene.chain_acceleration is not None
+        here = self.parameters, self.prepared, self.chain
+        return self.call(self.scene.chain_acceleration, *here, xdot), forces

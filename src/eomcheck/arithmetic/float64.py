@@ -120,7 +120,8 @@ def band_solve(bands, b):
     """Solve A x = b as `eomcheck.arithmetic.banded` does; NaN where A is singular."""
     size = b.size
     # One large block: several are given back to the system, and asked for again, at every call.
-    work = np.zeros((size + 6, 16))
+    work = np.empty((size + 6, 16))
+    work[size:] = 0.0
     if not _eliminate(bands, b, work):
         return np.full(size, np.nan)
     _substitute(work, FOUND)

@@ -37,11 +37,11 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         if formulation.partitioned:
             needed.append(a[:, at.partition.dependent])
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
-    if a is not None and (formulation.partitioned or formulation.uses != "terms"):
+    if a is not None and (formulation.partitioned or formulation.in_speeds):
         # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
         Z = null_space(a)
         R = Z[at.partition.independent]
-        if formulation.uses != "terms":
+        if formulation.in_speeds:
             R = _speeds_map(at) @ Z
             rcond.append(_rcond_of_speeds(at))
         rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))

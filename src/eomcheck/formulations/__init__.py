@@ -50,14 +50,23 @@ def formulations_for(
     """
     if keys is None:
         return tuple(applicable(scene).values())
-    chosen = tuple(formulation_of(key) for key in dict.fromkeys(keys))
-    for formulation in chosen:
-        if not formulation.applies_to(scene):
-            raise InputError(
-                f"{formulation.key} does not apply to {scene.name}, which gives no "
-                f"{formulation.uses}; these apply: {', '.join(applicable(scene))}"
-            )
-    return chosen
+    return tuple(formulation_for(scene, key) for key in dict.fromkeys(keys))
+
+
+def formulation_for(scene: Scene | type[Scene], key: str) -> Formulation:
+    """Return the formulation called `key`.
+
+    Raises:
+        InputError: it does not apply to `scene`.
+        UnknownNameError: there is none.
+    """
+    formulation = formulation_of(key)
+    if not formulation.applies_to(scene):
+        raise InputError(
+            f"{key} does not apply to the scene {scene.key}, which gives no {formulation.uses}; "
+            f"those that apply: {', '.join(applicable(scene))}"
+        )
+    return formulation
 
 
 __all__ = [
@@ -65,6 +74,7 @@ __all__ = [
     "Formulation",
     "Partition",
     "applicable",
+    "formulation_for",
     "formulation_of",
     "formulations_for",
 ]

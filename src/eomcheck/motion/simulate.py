@@ -12,9 +12,9 @@ import numpy as np
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation, check_consistent, velocity
-from eomcheck.formulations import Formulation, formulation_of
+from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import Steps, integrate, integrator_of
 
@@ -151,8 +151,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 
-    Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
-    and GW (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
+    Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El,
+    GW and Banded (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
 
     Args:
         scene: the scene.
@@ -176,11 +176,13 @@ def simulate(
         reason, up to where it came.
 
     Raises:
-        InputError: values that are not valid, velocities that violate the constraints.
+        InputError: values that are not valid, velocities that violate the constraints, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation or integrator.
         RefusedError: the generalized speeds do not exist.
     """
-    formulation, integrator = formulation_of(key), integrator_of(integrator).key
+    formulation = formulation_for(checked_scene(scene), key)
+    integrator = integrator_of(integrator).key
     for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
         if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
             raise InputError(f"{name} = {value!r}, expected a positive number")

@@ -532,6 +532,11 @@ class Snake(Scene):
         return self.links
 
     @property
+    def s(self) -> int:
+        """2 N quasi-velocities, two per link."""
+        return 2 * self.links
+
+    @property
     def name(self) -> str:
         """snake[N]."""
         return f"snake[{self.links}]"

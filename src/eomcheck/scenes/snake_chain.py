@@ -53,11 +53,12 @@ def wheel_forces(stiffness, theta):
     """Return f (N, 2): the springs turn the links on both sides; None without springs."""
     if stiffness is None:
         return None
-    f = np.zeros((theta.size, 2), stiffness.dtype)
-    for k in range(stiffness.size):
-        torque = stiffness[k] * (theta[k + 1] - theta[k])
-        f[k, 1] += torque
-        f[k + 1, 1] -= torque
+    torque = stiffness * (theta[1:] - theta[:-1])
+    f = np.zeros((theta.size, 2), torque.dtype)
+    f[0, 1] = torque[0]
+    for k in range(1, torque.size):
+        f[k, 1] = torque[k] - torque[k - 1]
+    f[-1, 1] = -torque[-1]
     return f
 
 
