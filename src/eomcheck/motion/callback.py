@@ -26,6 +26,7 @@ from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Scene
 from eomcheck.motion.right_hand_side import (
     rates_from_bodies,
+    rates_from_chain,
     rates_from_speeds,
     rates_from_terms,
 )
@@ -249,10 +250,27 @@ def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str
     return rate
 
 
+def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+    chain, chain_acceleration = scene.chain, scene.chain_acceleration
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(ydot, t, y, arguments):
+        block = _block_at(arguments)
+        q, v = _state_at(block, y)
+        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        qdot, vdot = rates_from_chain(
+            chain, chain_acceleration, solution, parameters, prepared, q, v
+        )
+        _store(block, t, ydot, qdot, vdot)
+
+    return rate
+
+
 _COMPOSERS = {
     ("terms", "q, v, μ"): _with_velocities,
     ("terms", "q, v"): _with_velocities,
     ("terms", "q, v2"): _with_independent,
     ("speeds", "q, u"): _with_speeds,
     ("bodies", "q, u"): _with_bodies,
+    ("chain", "q, v"): _with_chain,
 }
