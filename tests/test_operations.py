@@ -51,7 +51,8 @@ def test_the_very_function_that_is_compiled_has_these_counts(
     parameters = scene.parameters(counting)
     counting.tally.clear()
     columns = np.arange(scene.n)
-    speeds = counting.vector(scene.p if formulation.in_speeds else scene.n)
+    sizes = {"terms": scene.n, "speeds": scene.p, "bodies": scene.p, "chain": scene.s}
+    speeds = counting.vector(sizes[formulation.uses])
     compose = right_hand_side._COMPOSERS[formulation.uses]
     rate = compose(type(scene), formulation.solution)
     rate(parameters, counting.vector(scene.n), speeds, (columns[: scene.r], columns[scene.r :]))
@@ -194,15 +195,14 @@ def test_bandeds_counts_are_those_of_its_parts_by_hand(records):
     """Additions, multiplications, divisions of each part; N is the number of links.
 
     wheel directions   2 N            4 N              0
-    s = V · t          5 N            8 N              0
     joints             9 (N-1)        26 (N-1)         0
     spring torques     2 (N-1) - 1    N-1              0
-    q̈ of ẋ             8              17               0
+    q̇ of x             4              10               0
     """
     N = fmpq_poly([0, 1])
     (banded,) = (f.polynomials for f in fit(records) if f.formulation == "banded")
-    assert banded["additions"] == 2 * N + 5 * N + 9 * (N - 1) + 2 * (N - 1) - 1 + 8
-    assert banded["multiplications"] == 4 * N + 8 * N + 26 * (N - 1) + (N - 1) + 17
+    assert banded["additions"] == 2 * N + 9 * (N - 1) + 2 * (N - 1) - 1 + 4
+    assert banded["multiplications"] == 4 * N + 26 * (N - 1) + (N - 1) + 10
     assert banded["divisions"] == 0
     assert banded["sin and cos"] == N
 

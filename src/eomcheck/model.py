@@ -19,8 +19,8 @@ Numbered, so that an error or a note can point at a rule.
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
 10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-
-    velocities x_k, read off from any v, in which its mass is diagonal, and two equations tie it to
-    body k-1.
+    velocities, read off from any v, in which its mass is diagonal, and two equations tie it to
+    body k-1. x lists them body by body.
 """
 
 from __future__ import annotations
@@ -100,24 +100,22 @@ class Bodies(NamedTuple):
 class Chain(NamedTuple):
     """Bodies that hang on each other in a row (rule 10).
 
-    Of all accelerations that satisfy the constraint of each body by itself, those of body k in the
-    directions of x_k are ẋ_k. Joints add A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 for k >= 2, and forces
-    μ_k there: D_k ẋ_k = f_k + C_kᵀ μ_k + A_{k+1}ᵀ μ_{k+1}. Where v satisfies the constraints, ẋ is
-    the rate of x and A_k x_{k-1} + C_k x_k = 0.
+    Of all accelerations that satisfy the constraint of each body by itself, ẋ_k are those of body k
+    in the directions of x_k. Joint k = 2 .. n_b adds A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 and its forces
+    μ_k: D_k ẋ_k = f_k + C_kᵀ μ_k + A_{k+1}ᵀ μ_{k+1}. Where v satisfies the constraints, ẋ is the
+    rate of x and A_k x_{k-1} + C_k x_k = 0.
     """
 
-    x: Any
-    """Quasi-velocities of the bodies (n_b, 2)."""
     mass: Any
-    """D_k, the diagonals (n_b, 2)."""
+    """The diagonals of all D_k (s,)."""
     force: Any
-    """f_k, active forces along x_k (n_b, 2), or None."""
+    """Active forces f along x (s,), or None."""
     before: Any
-    """A_k of the joint between bodies k-1 and k (n_b-1, 2, 2)."""
+    """A_k (n_b-1, 2, 2)."""
     after: Any
     """C_k (n_b-1, 2, 2)."""
     rest: Any
-    """d_k, what is left of the joint's equations at ẋ = 0 (n_b-1, 2)."""
+    """d_k (n_b-1, 2)."""
 
 
 class Tree(NamedTuple):
@@ -196,12 +194,14 @@ class Scene(ABC):
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
 
-    A chain also has these, which are None for every other scene:
+    A chain has these as well, any other scene leaves them out:
 
-    - `chain(parameters, prepared, q, v) -> Chain`
-    - `chain_acceleration(parameters, prepared, chain, xdot) -> v̇ (n,)`
-    - `chain_multipliers(parameters, prepared, chain, forces) -> λ (r,)`: the multipliers of `terms`
-      from the joint forces μ (n_b-1, 2)
+    - `quasi_velocities(parameters, prepared, q, v) -> x (s,)`
+    - `chain(parameters, prepared, q, x) -> Chain`
+    - `chain_velocity(parameters, prepared, q, x) -> v (n,)`: the consistent v that has this x
+    - `chain_acceleration(parameters, prepared, x, xdot) -> v̇ (n,)`
+    - `chain_multipliers(parameters, prepared, chain, x, forces) -> λ (r,)`: the multipliers of
+      `terms` from the joint forces μ (n_b-1, 2)
     """
 
     key: ClassVar[str]
@@ -220,9 +220,11 @@ class Scene(ABC):
     velocities: ClassVar[Callable[..., Any]]
     energies: ClassVar[Callable[..., Any]]
     constraint: ClassVar[Callable[..., Any]]
-    chain: ClassVar[Callable[..., Any] | None] = None
-    chain_acceleration: ClassVar[Callable[..., Any] | None] = None
-    chain_multipliers: ClassVar[Callable[..., Any] | None] = None
+    quasi_velocities: ClassVar[Callable[..., Any]]
+    chain: ClassVar[Callable[..., Any]]
+    chain_velocity: ClassVar[Callable[..., Any]]
+    chain_acceleration: ClassVar[Callable[..., Any]]
+    chain_multipliers: ClassVar[Callable[..., Any]]
 
     @property
     @abstractmethod

@@ -141,10 +141,15 @@ class Quantities:
         return self.keep(self.call(self.scene.bodies, *arguments))
 
     @cached_property
+    def x(self) -> Array:
+        """Quasi-velocities (s,) of a chain: those of v."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.quasi_velocities, *arguments))
+
+    @cached_property
     def chain(self) -> Chain:
         """The bodies as a chain."""
-        assert self.scene.chain is not None
-        arguments = self.parameters, self.prepared, self.q, self.v
+        arguments = self.parameters, self.prepared, self.q, self.x
         return self.keep(self.call(self.scene.chain, *arguments))
 
     @cached_property
@@ -159,6 +164,12 @@ class Quantities:
         columns = np.arange(self.scene.n)
         return Partition(columns[: self.scene.r], columns[self.scene.r :])
 
+    def speeds_read(self, formulation: Formulation) -> Array:
+        """Return the speeds that the functions of `formulation` read beside q: v, u or x."""
+        if formulation.uses == "terms":
+            return self.v
+        return self.x if formulation.uses == "chain" else self.u
+
     def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
         """Return what `formulation` says, by the paper's partition unless another is given.
 
@@ -170,10 +181,7 @@ class Quantities:
             partition = self.partition if partition is None else partition
             return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
         if formulation.uses == "chain":
-            vdot, forces = self.acceleration_of_chain(formulation)
-            assert self.scene.chain_multipliers is not None
-            here = self.parameters, self.prepared, self.chain
-            return Solution(vdot, self.call(self.scene.chain_multipliers, *here, forces))
+            return self._along_chain(formulation)
         W, rest, _ = self.speeds
         if formulation.uses == "speeds":
             udot = formulation.solution(self.terms.M, self.F, W, rest)
@@ -181,14 +189,9 @@ class Quantities:
             udot = formulation.solution(*self.bodies)
         return Solution(W @ udot + rest, None)
 
-    def acceleration_of_chain(self, formulation: Formulation) -> tuple[Array, Array]:
-        """Return (v̇ (n,), joint forces μ (n_b-1, 2)) of a formulation that uses a chain.
-
-        Raises:
-            RefusedError: a matrix is singular.
-        """
-        _, mass, force, before, after, rest = self.chain
-        xdot, forces = formulation.solution(mass, force, before, after, rest)
-        assert self.scene.chain_acceleration is not None
-        here = self.parameters, self.prepared, self.chain
-        return self.call(self.scene.chain_acceleration, *here, xdot), forces
+    def _along_chain(self, formulation: Formulation) -> Solution:
+        here = self.parameters, self.prepared
+        xdot, forces = formulation.solution(*self.chain)
+        vdot = self.call(self.scene.chain_acceleration, *here, self.x, xdot)
+        multipliers = self.scene.chain_multipliers
+        return Solution(vdot, self.call(multipliers, *here, self.chain, self.x, forces))

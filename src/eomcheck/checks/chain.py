@@ -24,28 +24,32 @@ from eomcheck.tolerance import largest
 
 def joined(chain: Chain, x: Array) -> Array:
     """Return A_k x_{k-1} + C_k x_k (n_b-1, 2)."""
-    rows = [chain.before[k] @ x[k] + chain.after[k] @ x[k + 1] for k in range(len(chain.before))]
+    pairs, joints = x.reshape(-1, 2), range(len(chain.before))
+    rows = [chain.before[j] @ pairs[j] + chain.after[j] @ pairs[j + 1] for j in joints]
     return np.array(rows, x.dtype).reshape(-1, 2)
 
 
+def _is_chain(e: Quantities) -> bool:
+    return hasattr(e.scene, "chain")
+
+
 def _has_joints(e: Quantities) -> bool:
-    return e.scene.chain is not None and len(e.chain.before) > 0
+    return _is_chain(e) and len(e.chain.before) > 0
 
 
-def _size(chain: Chain) -> float:
+def _size(e: Evaluation) -> float:
     """Return the largest sum of magnitudes in `joined`."""
-    sizes = chain._replace(before=np.abs(chain.before), after=np.abs(chain.after))
-    return largest(joined(sizes, np.abs(chain.x)))
+    sizes = e.chain._replace(before=np.abs(e.chain.before), after=np.abs(e.chain.after))
+    return largest(joined(sizes, np.abs(e.x)))
 
 
 def _joint_names(count: int) -> tuple[tuple[str, ...], ...]:
     return numbered("joint ", count), ("first equation", "second equation")
 
 
-def _chain(e: Quantities, prepared: Any, q: Array, v: Array) -> Chain:
-    """Return the chain elsewhere, always by the Python function."""
-    assert e.scene.chain is not None
-    return e.scene.chain(e.parameters, prepared, q, v)
+def _x(e: Quantities, prepared: Any, q: Array, v: Array) -> Array:
+    """Return the quasi-velocities elsewhere, by the Python function."""
+    return e.scene.quasi_velocities(e.parameters, prepared, q, v)
 
 
 # ---- Joints --------------------------------------------------------------------------------------
@@ -57,8 +61,8 @@ def chain_coupling(case: Case) -> Iterator[Finding]:
     at = case.at
     if not _has_joints(at):
         return
-    found, size = joined(at.chain, at.chain.x), _size(at.chain)
-    spread = at.spread(lambda e: joined(e.chain, e.chain.x)) + size
+    found, size = joined(at.chain, at.x), _size(at)
+    spread = at.spread(lambda e: joined(e.chain, e.x)) + size
     names = _joint_names(len(found))
     yield case.compare("A, C", found, np.zeros(found.shape), spread, scale=size, names=names)
 
@@ -67,7 +71,7 @@ def chain_coupling(case: Case) -> Iterator[Finding]:
 def exact_coupling(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Quasi-velocities of a consistent velocity keep the joints together."""
     if _has_joints(at):
-        found = joined(at.chain, at.chain.x)
+        found = joined(at.chain, at.x)
         yield Sides("A, C", found, np.zeros(found.shape, object), _joint_names(len(found)))
 
 
@@ -79,10 +83,11 @@ def chain_remainder(case: Case) -> Iterator[Finding]:
         return
 
     def left(e: Evaluation) -> Array:
-        with_rates = _chain(e, *moving(e, e.v, None))
-        return e.chain.rest - rate(joined(with_rates, e.chain.x + 0j))
+        prepared, q, _ = moving(e, e.v, None)
+        turning = e.scene.chain(e.parameters, prepared, q, e.x + 0j)
+        return e.chain.rest - rate(joined(turning, e.x + 0j))
 
-    size = largest(at.chain.rest) + _size(at.chain) * largest(at.v)
+    size = largest(at.chain.rest) + _size(at) * largest(at.v)
     spread, names = at.spread(left) + size, _joint_names(len(at.chain.rest))
     zero = np.zeros(at.chain.rest.shape)
     yield case.compare("d", left(at), zero, spread, scale=size, names=names)
@@ -96,8 +101,8 @@ def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     if not at.can_move:
         yield Skipped("d", NO_RATE)
         return
-    with_rates = _chain(at, *at.moving(at.v), at.v)
-    expected = dual.rate(joined(with_rates, at.chain.x))
+    turning = at.scene.chain(at.parameters, *at.moving(at.v), at.x)
+    expected = dual.rate(joined(turning, at.x))
     yield Sides("d", at.chain.rest, expected, _joint_names(len(at.chain.rest)))
 
 
@@ -105,14 +110,14 @@ def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
 
 
 def _energy(e: Quantities) -> Any:
-    return (e.chain.mass * e.chain.x * e.chain.x).sum()
+    return (e.chain.mass * e.x * e.x).sum()
 
 
-@claim("chain-energy", "Σ_k x_kᵀ D_k x_k = 2 T", "(25)", "mass of a chain")
+@claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
 def chain_energy(case: Case) -> Iterator[Finding]:
     """The mass is diagonal in the quasi-velocities of a consistent velocity."""
     at = case.at
-    if at.scene.chain is None:
+    if not _is_chain(at):
         return
 
     def direct(e: Evaluation) -> Array:
@@ -125,23 +130,23 @@ def chain_energy(case: Case) -> Iterator[Finding]:
 @identity("chain-energy")
 def exact_energy(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The mass is diagonal in the quasi-velocities of a consistent velocity."""
-    if at.scene.chain is not None:
+    if _is_chain(at):
         T, _ = at.scene.energies(at.parameters, at.prepared, at.q, at.v)
         yield Sides("D", _energy(at), 2 * T, ())
 
 
 def _work(e: Quantities, direction: Array) -> Any:
-    """Return Σ_k f_kᵀ x_k of the quasi-velocities x of any velocity."""
+    """Return fᵀ x of the quasi-velocities x of any velocity."""
     if e.chain.force is None:
         return 0
-    return (e.chain.force * _chain(e, e.prepared, e.q, direction).x).sum()
+    return e.chain.force @ _x(e, e.prepared, e.q, direction)
 
 
-@claim("chain-forces", "Σ_k f_kᵀ ∂x_k/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
+@claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
 def chain_forces(case: Case) -> Iterator[Finding]:
     """The active forces along the chain do the work that Q does, on every coordinate."""
     at = case.at
-    if at.scene.chain is None or (at.terms.Q is None and at.chain.force is None):
+    if not _is_chain(at) or (at.terms.Q is None and at.chain.force is None):
         return
 
     def along_axes(e: Evaluation) -> Array:
@@ -155,24 +160,47 @@ def chain_forces(case: Case) -> Iterator[Finding]:
 @identity("chain-forces")
 def exact_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The active forces along the chain do the work that Q does, on any virtual displacement."""
-    if at.scene.chain is None or (at.terms.Q is None and at.chain.force is None):
+    if not _is_chain(at) or (at.terms.Q is None and at.chain.force is None):
         return
     found = [_work(at, direction) for direction in at.directions]
     expected = [0 if at.terms.Q is None else direction @ at.terms.Q for direction in at.directions]
     yield Sides("f", np.array(found, object), np.array(expected, object), (at.direction_names,))
 
 
+@claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
+def chain_velocity(case: Case) -> Iterator[Finding]:
+    """The quasi-velocities of a consistent velocity give it back."""
+    at = case.at
+    if not _is_chain(at):
+        return
+
+    def left(e: Evaluation) -> Array:
+        return e.call(e.scene.chain_velocity, e.parameters, e.prepared, e.q, e.x) - e.v
+
+    size = largest(at.v)
+    names, zero = (at.scene.coordinate_names,), np.zeros(at.scene.n)
+    yield case.compare("q̇", left(at), zero, at.spread(left) + size, scale=size, names=names)
+
+
+@identity("chain-velocity")
+def exact_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """The quasi-velocities of a consistent velocity give it back."""
+    if _is_chain(at):
+        found = at.scene.chain_velocity(at.parameters, at.prepared, at.q, at.x)
+        yield Sides("q̇", found, at.v, (at.scene.coordinate_names,))
+
+
 @claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain")
 def chain_acceleration(case: Case) -> Iterator[Finding]:
     """The rates of the quasi-velocities give the acceleration back that they were found from."""
     at = case.at
-    if at.scene.chain is None:
+    if not _is_chain(at):
         return
 
     def left(e: Evaluation) -> Array:
         vdot = _allowed_acceleration(e)
-        xdot = rate(_chain(e, *moving(e, e.v, vdot)).x)
-        return e.call(e.scene.chain_acceleration, e.parameters, e.prepared, e.chain, xdot) - vdot
+        xdot = rate(_x(e, *moving(e, e.v, vdot)))
+        return e.call(e.scene.chain_acceleration, e.parameters, e.prepared, e.x, xdot) - vdot
 
     size = largest(_allowed_acceleration(at)) + largest(at.v) * (1 + largest(at.v))
     names = (at.scene.coordinate_names,)
@@ -190,12 +218,12 @@ def _allowed_acceleration(e: Evaluation) -> Array:
 @identity("chain-acceleration")
 def exact_acceleration(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The rates of the quasi-velocities give the acceleration back that they were found from."""
-    if at.scene.chain_acceleration is None:
+    if not _is_chain(at):
         return
     if not at.can_move:
         yield Skipped("q̈", NO_RATE)
         return
     vdot = at.speeds.W @ at.free.v[: at.scene.p] + at.speeds.rest
-    xdot = dual.rate(_chain(at, *at.moving(at.v), dual.duals(at.v, vdot)).x)
-    found = at.scene.chain_acceleration(at.parameters, at.prepared, at.chain, xdot)
+    xdot = dual.rate(_x(at, *at.moving(at.v), dual.duals(at.v, vdot)))
+    found = at.scene.chain_acceleration(at.parameters, at.prepared, at.x, xdot)
     yield Sides("q̈", found, vdot, (at.scene.coordinate_names,))

@@ -25,17 +25,17 @@ def system(mass, force, before, after, rest):
     Rows of ẋ_k: D_k ẋ_k - C_kᵀ μ_k - A_{k+1}ᵀ μ_{k+1} = f_k, rows of μ_k: -A_k ẋ_{k-1} - C_k ẋ_k =
     d_k. Entry (i, j) is in bands[i, 3 + j - i].
     """
-    bodies = mass.shape[0]
-    bands = np.zeros((4 * bodies - 2, 7), before.dtype)
-    right = np.zeros(4 * bodies - 2, rest.dtype)
-    for k in range(bodies):
+    joints = before.shape[0]
+    bands = np.zeros((4 * joints + 2, 7), before.dtype)
+    right = np.zeros(4 * joints + 2, rest.dtype)
+    for k in range(joints + 1):
         i = 4 * k
-        bands[i, 3] = mass[k, 0]
-        bands[i + 1, 3] = mass[k, 1]
+        bands[i, 3] = mass[2 * k]
+        bands[i + 1, 3] = mass[2 * k + 1]
         if force is not None:
-            right[i] = force[k, 0]
-            right[i + 1] = force[k, 1]
-    for k in range(bodies - 1):
+            right[i] = force[2 * k]
+            right[i + 1] = force[2 * k + 1]
+    for k in range(joints):
         i = 4 * k
         bands[i, 5] = bands[i + 2, 1] = -before[k, 0, 0]
         bands[i + 1, 4] = bands[i + 2, 2] = -before[k, 0, 1]
@@ -52,16 +52,15 @@ def system(mass, force, before, after, rest):
 
 @generic
 def solution(mass, force, before, after, rest):
-    """Return (ẋ (n_b, 2), joint forces μ (n_b-1, 2))."""
-    bodies = mass.shape[0]
+    """Return (ẋ (s,), joint forces μ (n_b-1, 2))."""
     bands, right = system(mass, force, before, after, rest)
     found = solve_banded(bands, right, "KKT")
-    xdot = np.zeros((bodies, 2), found.dtype)
-    forces = np.zeros((bodies - 1, 2), found.dtype)
-    for k in range(bodies):
-        xdot[k] = found[4 * k : 4 * k + 2]
-    for k in range(bodies - 1):
-        forces[k] = found[4 * k + 2 : 4 * k + 4]
+    xdot = np.zeros(mass.size, found.dtype)
+    xdot[::2] = found[::4]
+    xdot[1::2] = found[1::4]
+    forces = np.zeros(rest.shape, found.dtype)
+    forces[:, 0] = found[2::4]
+    forces[:, 1] = found[3::4]
     return xdot, forces
 
 
@@ -73,7 +72,7 @@ BANDED = Formulation(
     level="acceleration",
     multipliers=True,
     multipliers_in_paper=None,
-    state="q, v",
+    state="q, x",
     uses="chain",
     partitioned=False,
     limits=(

@@ -5,9 +5,9 @@ A formulation gets its numbers in one of four ways (`uses`), each the function o
 - "terms": `solution(M, F, a, gamma, v, partition) -> (vdot, multipliers or None)`
 - "speeds": `solution(M, F, W, rest) -> udot`
 - "bodies": `solution(*Bodies) -> udot`
-- "chain": `solution(mass, force, before, after, rest) -> (xdot, joint forces)` of a `Chain`
+- "chain": `solution(*Chain) -> (xdot, joint forces)`
 
-v̇ = W u̇ + rest from "speeds" and "bodies", and by the scene's `chain_acceleration` from "chain".
+From "speeds" and "bodies" v̇ = W u̇ + rest, from "chain" it is the scene's `chain_acceleration`.
 F = Q - B. Any of a, gamma, gyroscopic, force may be `None`.
 """
 
@@ -43,7 +43,8 @@ class Formulation:
         multipliers: whether multipliers come out here.
         multipliers_in_paper: whether Table I says so; None where it says nothing.
         state: what an integration carries: "q, v, μ" with μ the integrals of the multipliers,
-            "q, v", "q, v2" with the independent velocities, or "q, u".
+            "q, v", "q, v2" with the independent velocities, "q, u", or "q, x" with the quasi-
+            velocities of a chain.
         uses: which numbers `solution` gets, see the module.
         partitioned: whether it splits the coordinates; then a pivoted split is an option.
         limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
@@ -57,7 +58,7 @@ class Formulation:
     level: Literal["acceleration", "velocity"]
     multipliers: bool
     multipliers_in_paper: bool | None
-    state: Literal["q, v, μ", "q, v", "q, v2", "q, u"]
+    state: Literal["q, v, μ", "q, v", "q, v2", "q, u", "q, x"]
     uses: Literal["terms", "speeds", "bodies", "chain"]
     partitioned: bool
     limits: str
@@ -80,7 +81,7 @@ class Formulation:
 
     def applies_to(self, scene: Scene | type[Scene]) -> bool:
         """Return whether `scene` has what the formulation uses."""
-        return getattr(scene, self.uses, None) is not None
+        return hasattr(scene, self.uses)
 
     def unknowns(self, n: int, r: int, s: int = 0) -> int:
         """Return the number of equations of the final system (Table I).

@@ -2,8 +2,8 @@
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
 function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
-u for ML and Kane and v for the others. A matrix that is singular gives NaN: compiled code must not
-raise.
+v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix that is
+singular gives NaN: compiled code must not raise.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared
 
 
 @generic
-def rates_from_chain(chain, chain_acceleration, solution, parameters, prepared, q, v):
-    """Return (q̇, v̇) of a formulation that uses the bodies as a chain."""
-    here = chain(parameters, prepared, q, v)
-    xdot, _ = solution(here.mass, here.force, here.before, here.after, here.rest)
-    return v, chain_acceleration(parameters, prepared, here, xdot)
+def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x):
+    """Return (q̇, ẋ) of a formulation that uses the bodies as a chain."""
+    mass, force, before, after, rest = chain(parameters, prepared, q, x)
+    xdot, _ = solution(mass, force, before, after, rest)
+    return chain_velocity(parameters, prepared, q, x), xdot
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -98,12 +98,12 @@ def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
 
 
 def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
-    chain, chain_acceleration = scene.chain, scene.chain_acceleration
+    chain, chain_velocity = scene.chain, scene.chain_velocity
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
-    def rate(parameters, q, v, partition):
+    def rate(parameters, q, x, partition):
         prepared = angles(q[start:stop])
-        return rates_from_chain(chain, chain_acceleration, solution, parameters, prepared, q, v)
+        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
 
     return rate
 

@@ -82,11 +82,11 @@ class Motion:
         if formulation.state == "q, u":
             scene.refuse_speeds()
         self.partition = at.partition
-        speeds = at.v
+        if formulation.state == "q, u" and u0 is not None:
+            at.u = u0
+        speeds = at.speeds_read(formulation)
         if formulation.state == "q, v2":
-            speeds = at.v[at.partition.independent]
-        elif formulation.state == "q, u":
-            speeds = at.u if u0 is None else u0
+            speeds = speeds[at.partition.independent]
         integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size
@@ -109,6 +109,9 @@ class Motion:
             at = Evaluation(self.scene, q, np.zeros(n))
             at.u = speeds
             return q, at.velocity
+        if self.formulation.state == "q, x":
+            at = Evaluation(self.scene, q, np.zeros(n))
+            return q, at.call(self.scene.chain_velocity, at.parameters, at.prepared, q, speeds)
         if self.formulation.state == "q, v2":
             at = Evaluation(self.scene, q, np.zeros(n))
             a, b = at.terms.a, at.terms.b
@@ -151,8 +154,9 @@ def simulate(
 ) -> Trajectory:
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 
-    Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El,
-    GW and Banded (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
+    Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
+    and GW (q, v), Em (q, v₂), ML and Kane (q, u), and banded (q, x) with the quasi-velocities. No
+    Python is called in between.
 
     Args:
         scene: the scene.

@@ -30,7 +30,13 @@ from eomcheck.model import (
     Tree,
     finite_array,
 )
-from eomcheck.scenes.snake_chain import chain, chain_acceleration, chain_multipliers
+from eomcheck.scenes.snake_chain import (
+    chain,
+    chain_acceleration,
+    chain_multipliers,
+    chain_velocity,
+    quasi_velocities,
+)
 
 
 class Parameters(NamedTuple):
@@ -435,7 +441,9 @@ class Snake(Scene):
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
     constraint = staticmethod(constraint)
+    quasi_velocities = staticmethod(quasi_velocities)
     chain = staticmethod(chain)
+    chain_velocity = staticmethod(chain_velocity)
     chain_acceleration = staticmethod(chain_acceleration)
     chain_multipliers = staticmethod(chain_multipliers)
 

@@ -89,13 +89,14 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
     at = Quantities(scene, counting, counting.vector(scene.n))
     at.parameters  # noqa: B018  (prepared once, so before counting starts)
     counting.tally.clear()
-    if not formulation.in_speeds:
+    if formulation.uses == "terms":
         at.v = counting.vector(scene.n)
-        if formulation.uses == "chain":
-            at.acceleration_of_chain(formulation)
-        else:
-            M, _, _, a, gamma, _ = at.terms
-            formulation.solution(M, at.F, a, gamma, at.v, at.partition)
+        M, _, _, a, gamma, _ = at.terms
+        formulation.solution(M, at.F, a, gamma, at.v, at.partition)
+    elif formulation.uses == "chain":
+        at.x = counting.vector(scene.s)
+        at.call(scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
+        formulation.solution(*at.chain)
     else:
         at.u = counting.vector(scene.p)
         at.v  # noqa: B018  (this is q̇)

@@ -101,8 +101,8 @@ def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], o
     at = Evaluation(scene, q, np.zeros(scene.n))
     at.u = u
     # Not `velocity`, which looks at the full constraint Jacobian.
-    speeds = u if formulation.in_speeds else at.velocity
-    arguments = (at.parameters, at.q, speeds, at.partition)
+    at.v = at.velocity
+    arguments = (at.parameters, at.q, at.speeds_read(formulation), at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 
 
