@@ -52,61 +52,30 @@ def _x(e: Quantities, prepared: Any, q: Array, v: Array) -> Array:
     return e.scene.quasi_velocities(e.parameters, prepared, q, v)
 
 
-# ---- Joints --------------------------------------------------------------------------------------
+# ---- Bodies --------------------------------------------------------------------------------------
 
 
-@claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
-def chain_coupling(case: Case) -> Iterator[Finding]:
-    """Quasi-velocities of a consistent velocity keep the joints together."""
+@claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
+def chain_velocity(case: Case) -> Iterator[Finding]:
+    """The quasi-velocities of a consistent velocity give it back."""
     at = case.at
-    if not _has_joints(at):
-        return
-    found, size = joined(at.chain, at.x), _size(at)
-    spread = at.spread(lambda e: joined(e.chain, e.x)) + size
-    names = _joint_names(len(found))
-    yield case.compare("A, C", found, np.zeros(found.shape), spread, scale=size, names=names)
-
-
-@identity("chain-coupling")
-def exact_coupling(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
-    """Quasi-velocities of a consistent velocity keep the joints together."""
-    if _has_joints(at):
-        found = joined(at.chain, at.x)
-        yield Sides("A, C", found, np.zeros(found.shape, object), _joint_names(len(found)))
-
-
-@claim("chain-remainder", "d_k = Ȧ_k x_{k-1} + Ċ_k x_k", "(3), (28)", "remainder of a chain")
-def chain_remainder(case: Case) -> Iterator[Finding]:
-    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
-    at = case.at
-    if not _has_joints(at):
+    if not _is_chain(at):
         return
 
     def left(e: Evaluation) -> Array:
-        prepared, q, _ = moving(e, e.v, None)
-        turning = e.scene.chain(e.parameters, prepared, q, e.x + 0j)
-        return e.chain.rest - rate(joined(turning, e.x + 0j))
+        return e.call(e.scene.chain_velocity, e.parameters, e.prepared, e.q, e.x) - e.v
 
-    size = largest(at.chain.rest) + _size(at) * largest(at.v)
-    spread, names = at.spread(left) + size, _joint_names(len(at.chain.rest))
-    zero = np.zeros(at.chain.rest.shape)
-    yield case.compare("d", left(at), zero, spread, scale=size, names=names)
+    size = largest(at.v)
+    names, zero = (at.scene.coordinate_names,), np.zeros(at.scene.n)
+    yield case.compare("q̇", left(at), zero, at.spread(left) + size, scale=size, names=names)
 
 
-@identity("chain-remainder")
-def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
-    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
-    if not _has_joints(at):
-        return
-    if not at.can_move:
-        yield Skipped("d", NO_RATE)
-        return
-    turning = at.scene.chain(at.parameters, *at.moving(at.v), at.x)
-    expected = dual.rate(joined(turning, at.x))
-    yield Sides("d", at.chain.rest, expected, _joint_names(len(at.chain.rest)))
-
-
-# ---- Bodies --------------------------------------------------------------------------------------
+@identity("chain-velocity")
+def exact_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """The quasi-velocities of a consistent velocity give it back."""
+    if _is_chain(at):
+        found = at.scene.chain_velocity(at.parameters, at.prepared, at.q, at.x)
+        yield Sides("q̇", found, at.v, (at.scene.coordinate_names,))
 
 
 def _energy(e: Quantities) -> Any:
@@ -167,27 +136,61 @@ def exact_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     yield Sides("f", np.array(found, object), np.array(expected, object), (at.direction_names,))
 
 
-@claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
-def chain_velocity(case: Case) -> Iterator[Finding]:
-    """The quasi-velocities of a consistent velocity give it back."""
+# ---- Joints --------------------------------------------------------------------------------------
+
+
+@claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
+def chain_coupling(case: Case) -> Iterator[Finding]:
+    """Quasi-velocities of a consistent velocity keep the joints together."""
     at = case.at
-    if not _is_chain(at):
+    if not _has_joints(at):
+        return
+    found, size = joined(at.chain, at.x), _size(at)
+    spread = at.spread(lambda e: joined(e.chain, e.x)) + size
+    names = _joint_names(len(found))
+    yield case.compare("A, C", found, np.zeros(found.shape), spread, scale=size, names=names)
+
+
+@identity("chain-coupling")
+def exact_coupling(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """Quasi-velocities of a consistent velocity keep the joints together."""
+    if _has_joints(at):
+        found = joined(at.chain, at.x)
+        yield Sides("A, C", found, np.zeros(found.shape, object), _joint_names(len(found)))
+
+
+@claim("chain-remainder", "d_k = Ȧ_k x_{k-1} + Ċ_k x_k", "(3), (28)", "remainder of a chain")
+def chain_remainder(case: Case) -> Iterator[Finding]:
+    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
+    at = case.at
+    if not _has_joints(at):
         return
 
     def left(e: Evaluation) -> Array:
-        return e.call(e.scene.chain_velocity, e.parameters, e.prepared, e.q, e.x) - e.v
+        prepared, q, _ = moving(e, e.v, None)
+        turning = e.scene.chain(e.parameters, prepared, q, e.x + 0j)
+        return e.chain.rest - rate(joined(turning, e.x + 0j))
 
-    size = largest(at.v)
-    names, zero = (at.scene.coordinate_names,), np.zeros(at.scene.n)
-    yield case.compare("q̇", left(at), zero, at.spread(left) + size, scale=size, names=names)
+    size = largest(at.chain.rest) + _size(at) * largest(at.v)
+    spread, names = at.spread(left) + size, _joint_names(len(at.chain.rest))
+    zero = np.zeros(at.chain.rest.shape)
+    yield case.compare("d", left(at), zero, spread, scale=size, names=names)
 
 
-@identity("chain-velocity")
-def exact_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
-    """The quasi-velocities of a consistent velocity give it back."""
-    if _is_chain(at):
-        found = at.scene.chain_velocity(at.parameters, at.prepared, at.q, at.x)
-        yield Sides("q̇", found, at.v, (at.scene.coordinate_names,))
+@identity("chain-remainder")
+def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
+    if not _has_joints(at):
+        return
+    if not at.can_move:
+        yield Skipped("d", NO_RATE)
+        return
+    turning = at.scene.chain(at.parameters, *at.moving(at.v), at.x)
+    expected = dual.rate(joined(turning, at.x))
+    yield Sides("d", at.chain.rest, expected, _joint_names(len(at.chain.rest)))
+
+
+# ---- Accelerations -------------------------------------------------------------------------------
 
 
 @claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain")
