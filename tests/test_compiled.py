@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eomcheck import acceleration, speeds_of, velocity
+from eomcheck import acceleration, velocity
 from eomcheck.arithmetic.float64 import FLOAT64, angles, compiled
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
@@ -58,10 +58,9 @@ snakes = pytest.mark.parametrize(
 def rate(snake: Snake, key: str, q, v):
     """Return (q̇, rate of the speeds) by compiled code, speeds being v or u."""
     formulation = FORMULATIONS[key]
-    speeds = v if formulation.uses == "terms" else speeds_of(snake, q, v)
     at = Evaluation(snake, q, v)
     function = right_hand_side(snake, formulation)
-    return function(snake.parameters(FLOAT64), at.q, np.asarray(speeds), at.partition)
+    return function(snake.parameters(FLOAT64), at.q, at.speeds_read(formulation), at.partition)
 
 
 def state(snake: Snake):
@@ -76,10 +75,11 @@ def test_the_compiled_right_hand_side_gives_the_acceleration_of_the_public_path(
     expected = acceleration(snake, key, q, v)
     qdot, speeds_rate = rate(snake, key, q, v)
     at = Evaluation(snake, q, v)
-    if FORMULATIONS[key].uses == "terms":
-        vdot = speeds_rate
-    else:
+    vdot = speeds_rate
+    if FORMULATIONS[key].in_speeds:
         vdot = at.speeds.W @ speeds_rate + at.speeds.rest
+    elif FORMULATIONS[key].uses == "chain":
+        vdot = snake.chain_acceleration(at.parameters, at.prepared, at.x, speeds_rate)
     assert np.abs(vdot - expected.vdot).max() <= 2 * expected.error_bound
     assert expected.error_bound < 1e-6
     assert np.abs(qdot - v).max() <= allowed_error(at.spread(lambda e: e.velocity))
@@ -111,8 +111,8 @@ def test_the_compiled_right_hand_side_does_not_raise_on_nan(key):
     q, v = state(snake)
     q[2] = np.nan
     formulation = FORMULATIONS[key]
-    speeds = v if formulation.uses == "terms" else np.ones(2)
-    partition = Evaluation(snake, np.zeros(snake.n), v).partition
+    at = Evaluation(snake, np.zeros(snake.n), v)
+    speeds, partition = at.speeds_read(formulation), at.partition
     rates = right_hand_side(snake, formulation)(snake.parameters(FLOAT64), q, speeds, partition)
     assert np.isnan(rates[1]).all()
 

@@ -18,8 +18,8 @@ from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.formulations import Formulation, Partition, formulation_for
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
@@ -59,9 +59,7 @@ class Evaluation(Quantities):
     """
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
-        if not isinstance(scene, Scene):
-            raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
-        q, v = scene.check_state(q, v, t)
+        q, v = checked_scene(scene).check_state(q, v, t)
         super().__init__(scene, FLOAT64, q, t)
         self.v = v
         self._noise: Noise | None = None
@@ -280,12 +278,13 @@ def acceleration(
             paper's first r.
 
     Raises:
-        InputError: wrong shapes, values that are not finite, `pivoted` without a partition.
+        InputError: wrong shapes, values that are not finite, `pivoted` without a partition, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         InconsistentVelocityError: v violates the constraints.
         RefusedError: the formulation cannot handle this state.
     """
-    formulation = formulation_of(key)
+    formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
     at.partition_for(formulation, pivoted)
     if consistent:

@@ -7,8 +7,8 @@ from rich.table import Table
 from eomcheck.console import console
 
 
-def _yes(flag: bool) -> str:
-    return "yes" if flag else "no"
+def _yes(flag: bool | None) -> str:
+    return "" if flag is None else "yes" if flag else "no"
 
 
 def _formulations() -> Table:

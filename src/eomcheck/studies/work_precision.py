@@ -16,7 +16,7 @@ from typing import Any
 
 from eomcheck.errors import InputError
 from eomcheck.evaluate import velocity
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import FORMULATIONS, applicable, formulation_of, formulations_for
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.simulate import Motion, Trajectory, simulate
@@ -62,20 +62,22 @@ def plan(
     """Return a plan; what is None is taken whole, of references the paper's robot at rest.
 
     Raises:
-        InputError: no such reference, a tolerance that is not in (0, 1).
+        InputError: no such reference, a formulation that does not apply to its scene, a tolerance
+            that is not in (0, 1).
         UnknownNameError: no such formulation or integrator.
     """
     names = ("paper-rest",) if references is None else tuple(references)
     files = tuple(folder / f"{name}.json" for name in names)
+    keys = tuple(formulations) if formulations else None
     for file in files:
-        load_reference(file)
+        formulations_for(load_reference(file).scene, keys)
     chosen = TOLERANCES if tolerances is None else tuple(tolerances)
     for tolerance in chosen:
         if not 0 < tolerance < 1:
             raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
     return Plan(
         files,
-        tuple(formulation_of(key).key for key in (formulations or FORMULATIONS)),
+        tuple(dict.fromkeys(keys or FORMULATIONS)),
         tuple(integrator_of(key).key for key in (integrators or INTEGRATORS)),
         chosen,
     )
@@ -90,15 +92,16 @@ def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record
 
 def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
     # Tolerances innermost: what is compiled for the first one serves the others.
-    for file, key, integrator, tolerance in product(
-        planned.references, planned.formulations, planned.integrators, planned.tolerances
-    ):
-        yield {
-            "reference": file.stem,
-            "formulation": key,
-            "integrator": integrator,
-            "tolerance": tolerance,
-        }
+    for file in planned.references:
+        known = applicable(load_reference(file).scene)
+        keys = (key for key in planned.formulations if key in known)
+        for key, integrator, tolerance in product(keys, planned.integrators, planned.tolerances):
+            yield {
+                "reference": file.stem,
+                "formulation": key,
+                "integrator": integrator,
+                "tolerance": tolerance,
+            }
 
 
 class _Worker:
