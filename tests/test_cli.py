@@ -250,3 +250,16 @@ def test_accuracy_is_drawn(tmp_path, monkeypatch):
     arguments = ("--links", "1..3", "--examples", "3")
     assert run("draw", "accuracy", str(path), *arguments, monkeypatch=monkeypatch) == 0
     assert path.stat().st_size > 10_000
+
+
+def test_bench_motion_times_the_same_motion_twice(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "motions.json"
+    arguments = ("--formulation", "kane", "--json", str(path))
+    monkeypatch.setattr("eomcheck.studies.motion.END", 0.01)
+    assert run("bench", "motion", *arguments, monkeypatch=monkeypatch) == 0
+    assert "DOP853, rtol = atol = 1e-12" in capsys.readouterr().out
+    (row,) = json.loads(path.read_text(encoding="utf-8"))["motions"]
+    assert row["formulation"] == "kane"
+    # 12 stages a step at least.
+    assert row["right_hand_sides"] > 12
+    assert 0 < row["seconds"] < row["seconds_in_python"]

@@ -302,6 +302,24 @@ def bench_rhs(
         write_records(json, "timings", records)
 
 
+@bench.command("motion")
+def bench_motion(
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Time a motion of the paper's robot, compiled throughout and through Python."""
+    _check_writable(json)
+    from eomcheck.studies.motion import measure_motions
+    from eomcheck.report.benchmarks import print_motions, write_records  # isort: skip
+
+    records = measure_motions(formulation)
+    print_motions(records)
+    if json is not None:
+        write_records(json, "motions", records)
+
+
 @bench.command("tolerance")
 def bench_tolerance(
     links: Links = "1..40",
