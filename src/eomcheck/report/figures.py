@@ -21,12 +21,13 @@ from eomcheck.tolerance import C
 COLORS = dict(
     zip(
         FORMULATIONS,
-        # Okabe and Ito's palette, told apart by colour-blind readers
-        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
-        strict=False,
+        # Okabe and Ito's palette, told apart by colour-blind readers; its yellow, too pale on
+        # white, replaced by Tol's wine
+        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#882255"),
+        strict=True,
     )
 )
-MARKERS = dict(zip(FORMULATIONS, "osD^vP*", strict=False))
+MARKERS = dict(zip(FORMULATIONS, "osD^vP*X", strict=True))
 RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
@@ -95,7 +96,7 @@ def draw_agreement(records: list[Agreement], path: Path) -> None:
     right.set_ylim(FLOOR / 3, 1e3)
     right.set_xlabel("number of links N")
     right.set_ylabel(f"distance from {REFERENCE}, relative to max |q̈|")
-    right.set_title("Seven formulations on random snakes", fontsize=11)
+    right.set_title("All formulations on random snakes", fontsize=11)
     right.annotate(
         "lowest row: equal to the last bit",
         (0.99, 0.045),
