@@ -137,7 +137,7 @@ def draw_accuracy(records: list[Delivered], path: Path) -> None:
     left.set_ylim(bottom=0)
     left.set_title("What doubles deliver, against the enclosed truth", fontsize=11)
     left.grid(alpha=0.25)
-    left.legend(ncols=len(FORMULATIONS), fontsize=9, loc="lower center", frameon=False)
+    left.legend(ncols=4, fontsize=9, loc="lower center", frameon=False)
     right.axvline(C, color="#B00020", lw=1.2, ls="--")
     right.annotate(
         f"C = {C:g}",
