@@ -197,7 +197,9 @@ def test_study_operations_prints_counts_polynomials_systems_and_springs(
     document = json.loads(file.read_text(encoding="utf-8"))
     counted = {(x["formulation"], x["links"]): x for x in document["operations"]}
     assert set(counted) == {(key, links) for key in FORMULATIONS for links in range(2, 10)}
-    assert counted["kane", 7]["solves"] == [{"name": "M_Kane", "order": 2, "columns": 1}]
+    full = {"name": "M_Kane", "order": 2, "columns": 1, "half": None}
+    assert counted["kane", 7]["solves"] == [full]
+    assert counted["banded", 7]["solves"] == [full | {"name": "KKT", "order": 26, "half": 3}]
     for fitted in document["polynomials"]:
         for links in range(2, 10):
             factors = map(Fraction, fitted["coefficients"]["additions"])

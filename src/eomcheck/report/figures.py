@@ -21,12 +21,13 @@ from eomcheck.tolerance import C
 COLORS = dict(
     zip(
         FORMULATIONS,
-        # Okabe and Ito's palette, told apart by colour-blind readers
-        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
-        strict=False,
+        # Okabe and Ito's palette, told apart by colour-blind readers; its yellow, too pale on
+        # white, replaced by Tol's wine
+        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#882255"),
+        strict=True,
     )
 )
-MARKERS = dict(zip(FORMULATIONS, "osD^vP*", strict=False))
+MARKERS = dict(zip(FORMULATIONS, "osD^vP*X", strict=True))
 RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
@@ -100,7 +101,7 @@ def draw_agreement(records: list[Agreement], path: Path) -> None:
     right.set_ylim(FLOOR / 3, 1e3)
     right.set_xlabel("number of links N")
     right.set_ylabel(f"distance from {REFERENCE}, relative to max |q̈|")
-    right.set_title("Seven formulations on random snakes", fontsize=11)
+    right.set_title("All formulations on random snakes", fontsize=11)
     right.annotate(
         "lowest row: equal to the last bit",
         (0.99, 0.045),
@@ -141,7 +142,7 @@ def draw_accuracy(records: list[Delivered], path: Path) -> None:
     left.set_ylim(bottom=0)
     left.set_title("What doubles deliver, against the enclosed truth", fontsize=11)
     left.grid(alpha=0.25)
-    left.legend(ncols=len(FORMULATIONS), fontsize=9, loc="lower center", frameon=False)
+    left.legend(ncols=4, fontsize=9, loc="lower center", frameon=False)
     right.axvline(C, color="#B00020", lw=1.2, ls="--")
     right.annotate(
         f"C = {C:g}",

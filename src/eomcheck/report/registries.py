@@ -21,10 +21,10 @@ def _formulations() -> Table:
         table.add_row(
             f.key,
             f.name,
-            f.equations,
+            f.equations or "not there",
             f.order_text,
             f"{f.level} level",
-            _yes(f.multipliers_in_paper),
+            "not there" if f.multipliers_in_paper is None else _yes(f.multipliers_in_paper),
             _yes(f.multipliers),
             f.limits,
         )
