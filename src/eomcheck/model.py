@@ -102,7 +102,7 @@ class Chain(NamedTuple):
 
     Of all accelerations that satisfy the constraint of each body by itself, ẋ_k are those of body k
     in the directions of x_k. Joint k = 2 .. n_b adds A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 and its forces
-    μ_k: D_k ẋ_k = f_k + C_kᵀ μ_k + A_{k+1}ᵀ μ_{k+1}. Where v satisfies the constraints, ẋ is the
+    ρ_k: D_k ẋ_k = f_k + C_kᵀ ρ_k + A_{k+1}ᵀ ρ_{k+1}. Where v satisfies the constraints, ẋ is the
     rate of x and A_k x_{k-1} + C_k x_k = 0.
     """
 
@@ -201,7 +201,7 @@ class Scene(ABC):
     - `chain_velocity(parameters, prepared, q, x) -> v (n,)`: the consistent v that has this x
     - `chain_acceleration(parameters, prepared, x, xdot) -> v̇ (n,)`
     - `chain_multipliers(parameters, prepared, chain, x, forces) -> λ (r,)`: the multipliers of
-      `terms` from the joint forces μ (n_b-1, 2)
+      `terms` from the joint forces ρ (n_b-1, 2)
     """
 
     key: ClassVar[str]

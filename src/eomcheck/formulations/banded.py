@@ -4,7 +4,7 @@ Of all accelerations that the joints allow, the true one deviates least from the
 
     minimize Σ_k (ẋ_k - D_k⁻¹ f_k)ᵀ D_k (ẋ_k - D_k⁻¹ f_k) / 2,  A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0.
 
-With the unknowns in the order ẋ_1, μ_2, ẋ_2, μ_3, ẋ_3, ... the conditions of the minimum are a
+With the unknowns in the order ẋ_1, ρ_2, ẋ_2, ρ_3, ẋ_3, ... the conditions of the minimum are a
 symmetric system with entries near its diagonal only. No body's mass is inverted, nothing is passed
 along the chain, and elimination with partial pivoting is O(N).
 """
@@ -22,7 +22,7 @@ from eomcheck.formulations.base import Formulation
 def system(mass, force, before, after, rest):
     """Return (bands (4N-2, 7), right-hand side (4N-2,)); body k begins at row 4k.
 
-    Rows of ẋ_k: D_k ẋ_k - C_kᵀ μ_k - A_{k+1}ᵀ μ_{k+1} = f_k, rows of μ_k: -A_k ẋ_{k-1} - C_k ẋ_k =
+    Rows of ẋ_k: D_k ẋ_k - C_kᵀ ρ_k - A_{k+1}ᵀ ρ_{k+1} = f_k, rows of ρ_k: -A_k ẋ_{k-1} - C_k ẋ_k =
     d_k. Entry (i, j) is in bands[i, 3 + j - i].
     """
     joints = before.shape[0]
@@ -52,7 +52,7 @@ def system(mass, force, before, after, rest):
 
 @generic
 def solution(mass, force, before, after, rest):
-    """Return (ẋ (s,), joint forces μ (n_b-1, 2))."""
+    """Return (ẋ (s,), joint forces ρ (n_b-1, 2))."""
     bands, right = system(mass, force, before, after, rest)
     found = solve_banded(bands, right, "KKT")
     xdot = np.zeros(mass.size, found.dtype)

@@ -21,13 +21,14 @@ from eomcheck.tolerance import C
 COLORS = dict(
     zip(
         FORMULATIONS,
-        # Okabe and Ito's palette, told apart by colour-blind readers; its yellow, too pale on
-        # white, replaced by Tol's wine
-        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#882255"),
-        strict=True,
+        # Okabe and Ito's palette, told apart by colour-blind readers, without its yellow, too pale
+        # on white; then Tol's wine, and two to spare
+        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+        + ("#882255", "#999933", "#888888"),
+        strict=False,
     )
 )
-MARKERS = dict(zip(FORMULATIONS, "osD^vP*X", strict=True))
+MARKERS = dict(zip(FORMULATIONS, "osD^vP*Xh<", strict=False))
 RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18

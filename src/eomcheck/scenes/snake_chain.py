@@ -131,8 +131,8 @@ def chain(parameters, angles, q, x):
 def chain_multipliers(parameters, angles, chain, x, forces):
     """Return λ (N,), N: wheel k is held by m_k V̇_k · e_k less what its two joints give along e_k.
 
-    Joint k+1 pulls body k by μ_{k+1}, whose component along e_k is (-sin δ, cos δ) · μ_{k+1}, and
-    joint k pushes it by -μ_k.
+    Joint k+1 pulls body k by ρ_{k+1}, whose component along e_k is (-sin δ, cos δ) · ρ_{k+1}, and
+    joint k pushes it by -ρ_k.
     """
     mass, before = parameters.mass, chain.before
     links = mass.size
