@@ -228,12 +228,13 @@ def kinematics(parameters, angles, q, u):
     length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
     cos, sin = angles.cos, angles.sin
     links = length.size
-    partials, rests = np.zeros((2, links, 1, 2), cos.dtype), np.zeros((2, links, 1), cos.dtype)
+    partials, rests = np.empty((2, links, 1, 2), cos.dtype), np.empty((2, links, 1), cos.dtype)
     s_u, omega_u, s_rest, omega_rest = partials[0], partials[1], rests[0], rests[1]
     s_u[0, 0, 0] = omega_u[0, 0, 1] = 1
+    s_u[0, 0, 1] = omega_u[0, 0, 0] = s_rest[0, 0] = omega_rest[0, 0] = 0
     s, omega = u[0], u[1]
     half = length[0] / 2
-    v = np.zeros(links + 2, cos.dtype)
+    v = np.empty(links + 2, cos.dtype)
     v[0] = s * (cos_alpha[0] * cos[0] - sin_alpha[0] * sin[0]) + half * sin[0] * omega
     v[1] = s * (sin_alpha[0] * cos[0] + cos_alpha[0] * sin[0]) - half * cos[0] * omega
     v[2] = omega
