@@ -13,6 +13,13 @@ import numpy as np
 from eomcheck.errors import InputError, named
 from eomcheck.model import Array
 
+MEMORY = 2000
+"""Most memory for the steps of one run, MB."""
+
+MOST_STEPS = 1_000_000
+"""Most steps of one run unless the caller says otherwise. Near t = 0 no step is too small to be
+told from the time, so that a run whose steps shrink would not end."""
+
 
 class Integrator(NamedTuple):
     """Facts about one integrator.
@@ -84,7 +91,7 @@ def integrate(
     output_times: Array | None = None,
     max_step: float = np.inf,
     first_step: float = 0.0,
-    max_steps: int = 0,
+    max_steps: int = MOST_STEPS,
 ) -> Steps:
     """Integrate from t = 0 to `t_end` by a C callback.
 
@@ -147,7 +154,3 @@ def integrate(
         return Steps(t, y, int(cyrk.c_get_steps(result)), success, message)
     finally:
         cyrk.c_free(result)
-
-
-MEMORY = 2000
-"""Most memory for the steps of one run, MB."""

@@ -16,7 +16,7 @@ from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
-from eomcheck.motion.integrators import Steps, integrate, integrator_of
+from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def simulate(
     u0=None,
     max_step: float = math.inf,
     first_step: float | None = None,
-    max_steps: int = 0,
+    max_steps: int = MOST_STEPS,
 ) -> Trajectory:
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 

@@ -42,7 +42,6 @@ ROLLING = (1.0, 0.5)
 
 LONG = 0.3
 """Motions that take longer than this, in s, are timed twice only."""
-MOST_STEPS = 1_000_000
 
 
 class Solver(NamedTuple):
@@ -170,7 +169,6 @@ def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float, run
         "integrator": settings["integrator"],
         "rtol": tolerance,
         "atol": tolerance,
-        "max_steps": MOST_STEPS,
     }
     steps: list[Steps] = []
     taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)

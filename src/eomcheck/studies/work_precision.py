@@ -32,8 +32,6 @@ TARGETS = (1e-3, 1e-6, 1e-9)
 DISTURBED = 1.05
 """A best run that took more than this many times its CPU time had to share its core."""
 
-MOST_STEPS = 1_000_000
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -125,7 +123,6 @@ class _Worker:
             "integrator": settings["integrator"],
             "rtol": tolerance,
             "atol": tolerance,
-            "max_steps": MOST_STEPS,
         }
         found = simulate(
             reference.scene,
