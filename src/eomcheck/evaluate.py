@@ -16,10 +16,10 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
-from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
+from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.model import Arithmetic, Array, Scene, finite_array
 from eomcheck.quantities import Quantities
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
@@ -66,6 +66,7 @@ class Evaluation(Quantities):
         self.v = v
         self._noise: Noise | None = None
         self._origin = self
+        self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -77,6 +78,11 @@ class Evaluation(Quantities):
         """Return `record`, moved in a sibling."""
         return record if self._noise is None else self._noise.record(record)
 
+    @property
+    def preparing(self) -> Arithmetic:
+        """What prepares; in a sibling, cosines, sines and roots are moved as well."""
+        return FLOAT64 if self._noise is None else Noisy(FLOAT64, self._noise)
+
     @cached_property
     def kinematics(self) -> Any:
         """What speeds and bodies share.
@@ -84,8 +90,14 @@ class Evaluation(Quantities):
         Raises:
             RefusedError: the scene has no generalized speeds here.
         """
-        self.scene.refuse_speeds()
-        return super().kinematics
+        self.scene.refuse_speeds(self.q)
+        if self.scene.natural_speeds:
+            return super().kinematics
+        # A partition solves for velocities: in Python, where a singular matrix is refused.
+        with watching(self._noise) as watch, np.errstate(all="ignore"):
+            found = self.scene.kinematics(self.parameters, self.prepared, self.q, self.u)
+        self._speeds_rcond = watch.rcond
+        return found
 
     @cached_property
     def pivoted_partition(self) -> Partition:
@@ -135,7 +147,10 @@ class Evaluation(Quantities):
                 0.0,
                 f"the acceleration by {formulation.key} overflows: doubles cannot hold it",
             )
-        return Acceleration(vdot, multipliers, watch.rcond, float("inf"))
+        rcond = watch.rcond
+        if formulation.state == "q, u":
+            rcond = self._speeds_rcond | rcond
+        return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
         """Return siblings in which every number is moved, on request the coordinates as well.

@@ -112,7 +112,7 @@ def _engine_results(case: Case) -> Iterator[tuple]:
         if case.result(like) is None:
             continue
         try:
-            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma)
+            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
         except np.linalg.LinAlgError:
             continue
         vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)

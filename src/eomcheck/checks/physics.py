@@ -6,31 +6,27 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from eomcheck.arithmetic.dual import duals, rate
+from eomcheck.arithmetic.entries import objects
 from eomcheck.checks.claim import Case, claim
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.model import Angles, Array
+from eomcheck.model import Array
 from eomcheck.tolerance import largest
-
-TINY = 1e-150
-"""Step of the complex derivative: its square vanishes beside 1, so there is no truncation."""
 
 
 def _power_terms(e: Evaluation, vdot: Array) -> Array:
-    """Return the shares of (q, v) in d(T+U)/dt (2,), W: exact derivatives by a complex step."""
-    value, cos, sin = e.prepared
-    omega = e.v[e.scene.angle_coordinates]
-    step = 1j * TINY
-    moved = Angles(value + step * omega, cos - step * omega * sin, sin + step * omega * cos)
-    along_q = (moved, e.q + step * e.v, e.v + 0j)
-    along_v = (e.prepared, e.q, e.v + step * vdot)
+    """Return the shares of (q, v) in d(T+U)/dt (2,), W, differentiated exactly."""
+    parameters, prepared, q, v = map(objects, (e.parameters, e.prepared, e.q, e.v))
+    along_q = (*e.moving(e.v), v)
+    along_v = (prepared, q, duals(e.v, vdot))
     shares = []
-    for prepared, q, v in (along_q, along_v):
-        T, U = e.scene.energies(e.parameters, prepared, q, v)
-        shares.append(np.imag(T if U is None else T + U) / TINY)
-    return np.array(shares)
+    for moved in (along_q, along_v):
+        T, U = e.scene.energies(parameters, *moved)
+        shares.append(rate(T if U is None else T + U))
+    return np.array(shares, dtype=np.float64)
 
 
 @claim("power-balance", "d(T + U)/dt = 0", "(25)-(26), (31)", "power balance")

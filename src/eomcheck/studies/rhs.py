@@ -79,10 +79,10 @@ def time_call(what: str, links: int, call: Callable[[int], object], repeats: int
 
 
 @numba.njit
-def _repeat(rate, parameters, q, speeds, partition, count):
+def _repeat(rate, parameters, q, speeds, t, partition, count):
     total = 0.0
     for _ in range(count):
-        total += rate(parameters, q, speeds, partition)[1][0]
+        total += rate(parameters, q, speeds, t, partition)[1][0]
     return total
 
 
@@ -100,7 +100,7 @@ def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], o
     rate = right_hand_side(scene, formulation)
     speeds = velocity(scene, q, u) if formulation.uses == "terms" else u
     at = Evaluation(scene, q, np.zeros(scene.n))
-    arguments = (at.parameters, at.q, speeds, at.partition)
+    arguments = (at.parameters, at.q, speeds, at.t, at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 
 
