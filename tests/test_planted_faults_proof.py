@@ -5,15 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.test_planted_faults import (
-    FAULTS,
-    PACKAGE,
-    SNAKE,
-    Fault,
-    changed,
-    formulation_in,
-    planted,
-)
+from tests.faults import ASSEMBLED, FAULTS, Fault
+from tests.scenes import LINKS
+from tests.test_planted_faults import KINDS, PACKAGE, changed, formulation_in, kind_in, planted
 
 from eomcheck.checks import CLAIMS, Finding, identities
 from eomcheck.checks.proof import prove_structure
@@ -21,7 +15,6 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import Scene
 from eomcheck.scenes import Snake
 
-LINKS = 4
 SEED = 0
 
 OTHERWISE = {
@@ -48,6 +41,11 @@ def expected(fault: Fault) -> tuple[str, str]:
     return OTHERWISE.get(fault.old, (fault.claim, fault.says))
 
 
+def structure(kind: type[Scene]) -> Scene:
+    """Return a scene with everything that a kind can have."""
+    return next(kind.structures(LINKS if kind.has_links else None))
+
+
 def first_failure(scene: Scene, formulations: dict) -> Finding | None:
     """Look at one random point; return what fails first in the order of the claims."""
     findings = prove_structure(scene, tuple(formulations.values()), 1, SEED)
@@ -59,8 +57,8 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file == SNAKE:
-            failure = first_failure(module.Snake.coil(LINKS), FORMULATIONS)
+        if fault.file.startswith("scenes/"):
+            failure = first_failure(structure(kind_in(module, fault.file)), FORMULATIONS)
         else:
             key = Path(fault.file).stem
             if hasattr(identities, key):
@@ -90,7 +88,8 @@ def test_every_exception_is_about_a_fault_that_is_planted():
     assert OTHERWISE.keys() <= {fault.old for fault in FAULTS}
 
 
-def test_the_source_as_it_is_shows_no_fault():
-    source = (PACKAGE / SNAKE).read_text(encoding="utf-8")
-    with planted(SNAKE, source) as module:
-        assert first_failure(module.Snake.coil(LINKS), FORMULATIONS) is None
+@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED))
+def test_the_source_as_it_is_shows_no_fault(file: str):
+    source = (PACKAGE / file).read_text(encoding="utf-8")
+    with planted(file, source) as module:
+        assert first_failure(structure(kind_in(module, file)), FORMULATIONS) is None

@@ -19,8 +19,9 @@ from eomcheck.arithmetic.linear import watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Arithmetic, Array, Scene, finite_array
+from eomcheck.model import Arithmetic, Array, Scene, Terms, finite_array
 from eomcheck.quantities import Quantities
+from eomcheck.scenes.assembled import Assembled
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
 LOST = 2.0**-12
@@ -82,6 +83,17 @@ class Evaluation(Quantities):
     def preparing(self) -> Arithmetic:
         """What prepares; in a sibling, cosines, sines and roots are moved as well."""
         return FLOAT64 if self._noise is None else Noisy(FLOAT64, self._noise)
+
+    @cached_property
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b; in a sibling, bodies' Jacobians that they are made of are moved."""
+        scene = self.scene
+        if self._noise is None or not isinstance(scene, Assembled) or scene.assemble is None:
+            return super().terms
+        # Where inertia forces cancel in B, only this shows what rounding has done to them.
+        here = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.keep(self.call(scene.jacobians, *here))
+        return self.keep(self.call(scene.assemble, *here, jacobians))
 
     @cached_property
     def kinematics(self) -> Any:
@@ -352,6 +364,34 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
             break
         v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
     return v
+
+
+CLOSING_STEPS = 50
+"""Newton steps after which the search for a closed position gives up."""
+
+
+def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
+    """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
+
+    Newton's method, with the smallest correction in each step.
+
+    Raises:
+        InputError: wrong shape, or values that are not finite.
+        RefusedError: no such position is found.
+    """
+    q, v = scene.check_state(q, np.zeros(scene.n), t)
+    if scene.position_residual is None:
+        return q
+    step = np.inf
+    for _ in range(CLOSING_STEPS):
+        at = Evaluation(scene, q, v, t)
+        residual = at.call(scene.position_residual, at.parameters, at.prepared, at.q)
+        last, correction = step, np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
+        step, q = largest(correction), q - correction
+        # Steps shrink until nothing but rounding is left.
+        if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
+            return q
+    raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
 
 
 def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:

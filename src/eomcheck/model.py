@@ -284,7 +284,17 @@ class Scene(ABC):
         """
         if links is not None:
             raise InputError(f"links = {links!r}: {cls.key} has no number of links to choose")
-        yield cls()
+        try:
+            yield cls()
+        except TypeError as error:
+            raise InputError(
+                f"{cls.__name__} has no defaults for all its arguments: {error}"
+            ) from None
+
+    @classmethod
+    def example(cls) -> Scene:
+        """Return the scene of this kind that is looked at first."""
+        return next(cls.structures(3 if cls.has_links else None))
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:

@@ -138,6 +138,34 @@ class Run:
         except _Falsified as falsified:
             self.minimal = falsified.finding
 
+    def look_at_kind(
+        self,
+        kind: type[Scene],
+        selection: Selection,
+        links: tuple[int, int],
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at the example of a kind, at rest and moving, and at `examples` random scenes.
+
+        Args:
+            kind: the kind of scene.
+            selection: what takes part.
+            links: smallest and largest number of links, for a kind that has one.
+            examples: number of random scenes, each in one state.
+            seed: of the draws.
+            on_case: called after each case.
+        """
+        example = kind.example()
+        self.look_at(example, State(*example.initial_state()), selection)
+        on_case()
+        moving = strategies.states(example).map(lambda state: (example, state))
+        self.explore(moving, selection, 1, seed, on_case)
+        if self.minimal is None:
+            drawn = strategies.scene_states(strategies.scenes(kind, *links))
+            self.explore(drawn, selection, examples, seed, on_case)
+
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
         if "coverage" in selection.claims and self.drawn:

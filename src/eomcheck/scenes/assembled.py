@@ -99,17 +99,26 @@ def gyroscopic_moments(inertia, omega):
     return moments
 
 
-def _terms(scene: type[Assembled]) -> Callable:
-    jacobians, forces = scene.jacobians, scene.forces
-    constraints, drift = scene.constraints, scene.drift
+def _assemble(scene: type[Assembled]) -> Callable:
+    forces, constraints, drift = scene.forces, scene.constraints, scene.drift
 
-    def terms(parameters, prepared, q, v):
-        J, J_w, rest, rest_w, gyroscopic = jacobians(parameters, prepared, q, v)
+    def assemble(parameters, prepared, q, v, bodies):
+        J, J_w, rest, rest_w, gyroscopic = bodies
         mass, inertia = parameters.mass, parameters.inertia
         M, B = inertia_terms(mass, inertia, J, J_w, rest, rest_w, gyroscopic)
         a, b = constraints(parameters, prepared, q)
         Q = forces(parameters, prepared, q, v)
         return Terms(M, Q, B, a, drift(parameters, prepared, q, v), b)
+
+    return assemble
+
+
+def _terms(scene: type[Assembled]) -> Callable:
+    jacobians, assemble = scene.jacobians, scene.assemble
+    assert assemble is not None
+
+    def terms(parameters, prepared, q, v):
+        return assemble(parameters, prepared, q, v, jacobians(parameters, prepared, q, v))
 
     return terms
 
@@ -283,6 +292,7 @@ def no_potential(parameters, prepared, q):
 
 
 _COMPOSED: dict[str, Callable[[type[Assembled]], Callable]] = {
+    "assemble": _assemble,
     "terms": _terms,
     "kinematics": _kinematics,
     "speeds_of": _speeds_of,
@@ -308,10 +318,12 @@ class Assembled(Scene):
     - with constraints: `constraints(parameters, prepared, q) -> (a, b)`,
       `drift(parameters, prepared, q, v) -> gamma` and `constraint(parameters, prepared, q, v) -> c`
 
-    With natural generalized speeds also `kinematics`, `speeds`, `bodies`, `speeds_of`.
+    With natural generalized speeds also `kinematics`, `speeds`, `bodies`, `speeds_of`. `assemble`
+    makes `terms` of Jacobians that are known; it is None where `terms` is written.
     """
 
     jacobians: ClassVar[Callable[..., Any]]
+    assemble: ClassVar[Callable[..., Any] | None]
     forces: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
     potential: ClassVar[Callable[..., Any]] = staticmethod(no_potential)
     constraints = staticmethod(no_constraints)
@@ -333,3 +345,5 @@ class Assembled(Scene):
                 _made.add(function)
                 setattr(cls, name, staticmethod(generic(function)))
         cls.natural_speeds = cls.kinematics not in _made
+        if cls.terms not in _made:
+            cls.assemble = None

@@ -470,6 +470,11 @@ class Snake(Scene):
         return cls([1.0] * 7, [1.0] * 7, [0.0833] * 7, [5000.0] * 6, alpha, theta)
 
     @classmethod
+    def example(cls) -> Snake:
+        """Return the paper's robot."""
+        return cls.paper()
+
+    @classmethod
     def coil(cls, links: int) -> Snake:
         """Return the paper's robot with any number of links, α_i = 7° i/N, coiled by 308°.
 
