@@ -23,6 +23,7 @@ class Fault:
 
 SNAKE = "scenes/snake.py"
 PENDULUM = "scenes/chain_pendulum.py"
+SLEIGH = "scenes/sleigh.py"
 ASSEMBLED = "scenes/assembled.py"
 FAULTS = [
     # M
@@ -236,6 +237,24 @@ FAULTS = [
         PENDULUM, "y = y + length[i] * sin", "y = y - length[i] * sin", "generalized-forces", "θ"
     ),
     Fault(PENDULUM, "half * v[i] * angles.cos", "half * v[i] * angles.sin", "mass-matrix", "θ_"),
+    # The sleigh.
+    Fault(SLEIGH, "= -moment * sin\n", "= moment * sin\n", "mass-matrix", "sign"),
+    Fault(SLEIGH, " + moment * offset", "", "mass-matrix", "entry (θ, θ)"),
+    Fault(SLEIGH, "B[1] = -moment", "B[1] = moment", "bias", "row y: sign"),
+    Fault(SLEIGH, "angle.sin[0], -angle", "angle.sin[0], angle", "constraint-jacobian", "y): sign"),
+    Fault(SLEIGH, "= omega * (v", "= -omega * (v", "constraint-drift", "row edge: sign"),
+    Fault(SLEIGH, "W[1, 0] = cos, sin", "W[1, 0] = sin, cos", "null-space-speeds", "w′"),
+    Fault(SLEIGH, "rest[0] = -u", "rest[0] = u", "speeds-remainder", "remainder"),
+    Fault(
+        SLEIGH, "u[0] * angle.sin[0], u[1]", "-u[0] * angle.sin[0], u[1]", "speeds-velocity", "q̇"
+    ),
+    Fault(
+        SLEIGH, "v[1] * angle.sin[0], v[2]", "v[1] * angle.cos[0], v[2]", "speeds-velocity", "ml"
+    ),
+    Fault(SLEIGH, "= 1, offset", "= 1, 2 * offset", "kane-ml-mass", "M_Kane"),
+    Fault(SLEIGH, "= -offset * u[1]", "= offset * u[1]", "kane-ml-force", "N q̇"),
+    Fault(SLEIGH, "[0, 1] = u[0] * u[1]", "[0, 1] = -u[0] * u[1]", "kane-ml-force", "N q̇"),
+    Fault(SLEIGH, "V[0, 0] = v[0] - p", "V[0, 0] = v[0] + p", "mass-matrix", "[casadi]"),
     # What is composed for every scene that gives Jacobians.
     Fault(
         ASSEMBLED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"

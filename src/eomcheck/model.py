@@ -247,14 +247,14 @@ class Scene(ABC):
     position_residual: ClassVar[Callable[..., Any] | None] = None
 
     @property
-    @abstractmethod
     def n(self) -> int:
         """Number of coordinates."""
+        return len(self.coordinate_names)
 
     @property
-    @abstractmethod
     def r(self) -> int:
         """Number of constraints."""
+        return len(self.constraint_names)
 
     @property
     def p(self) -> int:
@@ -262,9 +262,9 @@ class Scene(ABC):
         return self.n - self.r
 
     @property
-    @abstractmethod
     def name(self) -> str:
-        """What reports call this scene with these parameters."""
+        """What reports call this scene, by default its key."""
+        return self.key
 
     @property
     def structure(self) -> str:

@@ -86,14 +86,15 @@ class PinocchioEngine(Engine):
         """Return a size of the momenta that RNEA turns with the bodies, m ω V and their moments.
 
         In frames that move with the bodies these appear even where the whole chain only translates,
-        and cancel: B does not depend on ẋ and ẏ.
+        and cancel: B does not depend on ẋ and ẏ. V × m V does, component by component.
         """
         projected = np.abs(self.coordinates).T @ np.abs(self._joint_bias(q, v))
-        force = sum(
-            body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
-            for body, velocity in zip(self.model.inertias, self.data.v, strict=True)
-        )
-        return largest(projected) + float(force) * max(1.0, self._reach)
+        force = crossed = 0.0
+        for body, velocity in zip(self.model.inertias, self.data.v, strict=True):
+            x, y, z = np.abs(velocity.linear)
+            force += body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
+            crossed += body.mass * (x * y + y * z + z * x)
+        return largest(projected) + float(force) * max(1.0, self._reach) + float(crossed)
 
     def acceleration(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from eomcheck.model import Scene
 from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
 
 SCENES: dict[str, type[Scene]] = {
@@ -11,8 +12,9 @@ SCENES: dict[str, type[Scene]] = {
     for scene in (
         Snake,
         ChainPendulum,
+        Sleigh,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "ChainPendulum", "Snake"]
+__all__ = ["SCENES", "ChainPendulum", "Sleigh", "Snake"]
