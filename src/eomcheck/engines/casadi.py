@@ -57,6 +57,15 @@ class CasadiEngine(DerivingEngine):
         """Return B (n,) = d/dt (∂T/∂v) - ∂T/∂q at v̇ = 0."""
         return self._evaluate("bias", q, v, t)
 
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return the size of the inertia forces in B, V_qᵀ I V and V_vᵀ I V_q v, term by term.
+
+        Along axes that turn with a body they appear and cancel where B is small or vanishes.
+        """
+        V_v, V_q, inertia = (np.abs(self._evaluate(x, q, v, t)) for x in ("V_v", "V_q", "inertia"))
+        v = np.abs(v)
+        return largest(2.0 * V_q.T @ inertia @ V_v @ v + V_v.T @ inertia @ V_q @ v)
+
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (n,) = -∂U/∂q - ∂R/∂v, zeros without potential and dissipation."""
         return self._evaluate("forces", q, v, t)
@@ -91,11 +100,11 @@ class CasadiEngine(DerivingEngine):
         partial = V_v @ v_u
         N_Kane = partial.T @ (inertia @ (V_q + V_v @ v_q))
         G_Kane = partial.T @ (inertia @ (V_t + V_v @ v_t))
-        gyroscopic = self._evaluate("gyroscopic", q, v, t)
+        forward, backward = self._evaluate("gyroscopic", q, v, t).T
         terms = (np.abs(V_q) + np.abs(V_v) @ np.abs(inverse) @ np.abs(fixed_q)) @ np.abs(v)
         terms = terms + np.abs(V_t) + np.abs(V_v) @ np.abs(inverse) @ np.abs(fixed_t)
-        size = np.abs(partial).T @ (np.abs(inertia) @ terms + np.abs(gyroscopic))
-        remainder = N_Kane @ v + G_Kane + partial.T @ gyroscopic
+        size = np.abs(partial).T @ (np.abs(inertia) @ terms + np.abs(forward) + np.abs(backward))
+        remainder = N_Kane @ v + G_Kane + partial.T @ (forward - backward)
         return remainder, largest(size), float(np.linalg.cond(fixed_v))
 
     def acceleration(
@@ -127,7 +136,7 @@ def _flatten(parameters) -> Array:
     return np.concatenate(present) if present else np.zeros(0)
 
 
-VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t", "gyroscopic")
+VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t")
 """Outputs that are vectors; the others are matrices, also where they have one column."""
 
 
@@ -168,7 +177,7 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         "V_q": ca.jacobian(V_all, q),
         "V_t": ca.jacobian(V_all, t),
         "inertia": ca.diagcat(*np.repeat(parameters.mass, V.shape[1]), *map(_matrix(ca), inertia)),
-        "gyroscopic": ca.vertcat(ca.SX(V.size, 1), *map(_gyroscopic(ca), inertia, omega)),
+        "gyroscopic": ca.vertcat(ca.SX(V.size, 2), *map(_gyroscopic(ca), inertia, omega)),
         "fixed_v": ca.jacobian(fixed, v),
         "fixed_q": ca.jacobian(fixed, q),
         "fixed_t": ca.jacobian(fixed, t),
@@ -197,16 +206,19 @@ def _matrix(ca: Any) -> Callable:
 
 
 def _gyroscopic(ca: Any) -> Callable:
-    """Return the function (I, ω) -> ω × I ω (e,), which vanishes in the plane."""
+    """Return the function (I, ω) -> (e, 2), the products in ω × I ω and those to subtract."""
     matrix = _matrix(ca)
 
-    def product(inertia, omega):
+    def products(inertia, omega):
         if omega.size < 3:
-            return ca.SX(omega.size, 1)
+            return ca.SX(omega.size, 2)
         omega = ca.vertcat(*omega)
-        return ca.cross(omega, matrix(inertia) @ omega)
+        momentum = matrix(inertia) @ omega
+        after, last = [1, 2, 0], [2, 0, 1]
+        forward, backward = omega[after] * momentum[last], omega[last] * momentum[after]
+        return ca.horzcat(forward, backward)
 
-    return product
+    return products
 
 
 def _scalars(x) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from eomcheck.model import Scene
 from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
 
@@ -13,8 +14,9 @@ SCENES: dict[str, type[Scene]] = {
         Snake,
         ChainPendulum,
         Sleigh,
+        RollingDisk,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "ChainPendulum", "Sleigh", "Snake"]
+__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake"]
