@@ -25,6 +25,10 @@ SNAKE = "scenes/snake.py"
 PENDULUM = "scenes/chain_pendulum.py"
 SLEIGH = "scenes/sleigh.py"
 ASSEMBLED = "scenes/assembled.py"
+CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
+COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
+REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
+RESULT = "equations-residual", "[banded]"
 FAULTS = [
     # M
     Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
@@ -211,6 +215,31 @@ FAULTS = [
     Fault(
         "formulations/ml.py", "solve(M_ML, F_ML", "solve(M_ML, -F_ML", "equations-residual", "[ml]"
     ),
+    # a chain
+    Fault(CHAIN, "+ Vy * sin_phi[k]", "- Vy * sin_phi[k]", "chain-velocity", "velocity of a chain"),
+    Fault(CHAIN, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"),
+    Fault(CHAIN, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
+    Fault(CHAIN, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"),
+    Fault(CHAIN, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
+    Fault(CHAIN, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
+    Fault(CHAIN, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
+    Fault(CHAIN, "sin_delta, -before", "sin_delta, before", *COUPLING),
+    Fault(CHAIN, "= -1, half", "= -1, -half", *COUPLING),
+    Fault(CHAIN, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
+    Fault(CHAIN, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
+    Fault(CHAIN, "s * omega - turning", "-s * omega - turning", *REMAINDER),
+    Fault(CHAIN, " - spin * sin_alpha[k]", "", *REMAINDER),
+    Fault(CHAIN, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
+    Fault(CHAIN, "[j + 1] += across", "[j + 1] -= across", *RESULT),
+    Fault(CHAIN, "-mass[k] * x", "mass[k] * x", *RESULT),
+    Fault(BANDED, "right[i + 2] = rest", "right[i + 2] = -rest", *RESULT),
+    Fault(BANDED, "bands[i + 3, 0] = -before", "_ = -before", *RESULT),
+    Fault(BANDED, "bands[i, 6] = bands", "bands", *RESULT),
+    Fault(
+        BANDED, "right[i + 1] = force", "right[i + 1] = -force", "equations-residual", "[banded]"
+    ),
+    Fault(BANDED, "mass[2 * k + 1]\n", "mass[2 * k]\n", *RESULT),
+    Fault(BANDED, "xdot[::2] = found[::4]", "xdot[::2] = found[1::4]", *RESULT),
     Fault("formulations/kane.py", "range(i + 1)", "range(i)", "kane-ml-mass", "M_Kane"),
     Fault(
         "formulations/kane.py",

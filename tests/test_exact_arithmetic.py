@@ -146,6 +146,9 @@ def test_a_wrong_sign_in_the_constraint_drift_does_not_go_unnoticed(
     at.terms = at.terms._replace(gamma=-at.terms.gamma)
     at.speeds = at.speeds._replace(rest=-at.speeds.rest)
     at.bodies = at.bodies._replace(remainder=-at.bodies.remainder)
+    # One link has no joint, but the tip of link 1 moves on with s_1 ω_1.
+    at.chain = at.chain._replace(rest=-at.chain.rest)
+    at.x = np.array([-at.x[0], *at.x[1:]], object)
     assert not equal(at.solution(formulation).vdot, right)
 
 

@@ -11,8 +11,8 @@ from eomcheck.arithmetic.ball import ball, midpoints
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.enclosure import Enclosure, enclose
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import Formulation, formulation_of
-from eomcheck.model import Array, Scene
+from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.model import Array, Scene, checked_scene
 from eomcheck.tolerance import largest
 
 TRUTH = "kane"
@@ -107,7 +107,7 @@ def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = Fa
         InputError, UnknownNameError: as `eomcheck.enclose`.
         RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
     """
-    formulation = formulation_of(key)
+    formulation = formulation_for(checked_scene(scene), key)
     return certify(formulation, *true_state(scene, q, u, t), pivoted)
 
 

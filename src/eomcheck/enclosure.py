@@ -11,8 +11,8 @@ import numpy as np
 from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.formulations import Formulation, Partition, formulation_for
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 
 GUARD_BITS = 64
@@ -72,13 +72,11 @@ def enclose(
 
     Raises:
         InputError: wrong shapes, values that are not finite, `digits` below 1, `pivoted` without a
-            partition.
+            partition, a formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
     """
-    formulation = formulation_of(key)
-    if not isinstance(scene, Scene):
-        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+    formulation = formulation_for(checked_scene(scene), key)
     q, _ = scene.check_state(q, np.zeros(scene.n), t)
     u = finite_array("u", u, (scene.p,))
     if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or digits < 1:

@@ -18,8 +18,8 @@ from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Arithmetic, Array, Scene, Terms, finite_array
+from eomcheck.formulations import Formulation, Partition, formulation_for
+from eomcheck.model import Arithmetic, Array, Scene, Terms, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 from eomcheck.scenes.assembled import Assembled
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
@@ -60,9 +60,7 @@ class Evaluation(Quantities):
     """
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
-        if not isinstance(scene, Scene):
-            raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
-        q, v = scene.check_state(q, v, t)
+        q, v = checked_scene(scene).check_state(q, v, t)
         super().__init__(scene, FLOAT64, q, t)
         self.v = v
         self._noise: Noise | None = None
@@ -199,7 +197,7 @@ class Evaluation(Quantities):
         change = noise.entries(self.v) - self.v
         if self.terms.a is None:
             return change
-        residual = _violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
+        residual = violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
             try:
@@ -307,12 +305,13 @@ def acceleration(
             paper's first r.
 
     Raises:
-        InputError: wrong shapes, values that are not finite, `pivoted` without a partition.
+        InputError: wrong shapes, values that are not finite, `pivoted` without a partition, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         InconsistentVelocityError: v violates the constraints.
         RefusedError: the formulation cannot handle this state.
     """
-    formulation = formulation_of(key)
+    formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
     at.partition_for(formulation, pivoted)
     if consistent:
@@ -322,8 +321,8 @@ def acceleration(
     return replace(result, error_bound=allowed_error(spread))
 
 
-def _violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, what rounding allows of it), each (r,)."""
+def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
+    """Return (a v + b, what rounding allows of it), each (r,), m/s; `at` has constraints."""
     a, b = at.terms.a, at.terms.b
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b
@@ -339,7 +338,7 @@ def check_consistent(at: Evaluation) -> None:
     """
     if at.terms.a is None:
         return
-    residual, allowed = _violation(at, at.v)
+    residual, allowed = violation(at, at.v)
     with np.errstate(invalid="ignore"):
         excess = np.abs(residual) - allowed
     if (excess > 0).any():
@@ -359,7 +358,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
     if at.terms.a is None:
         return v
     for _ in range(3):
-        residual, allowed = _violation(at, v)
+        residual, allowed = violation(at, v)
         if (np.abs(residual) <= allowed / 4).all():
             break
         v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]

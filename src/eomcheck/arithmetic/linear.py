@@ -64,15 +64,54 @@ def watching(noise: Noise | None = None) -> Iterator[Watch]:
         _watch.reset(token)
 
 
-def singular_below(size: int) -> float:
+def noise_present() -> Noise | None:
+    """Return the noise by which matrices are to be moved, if any."""
+    watch = _watch.get()
+    return None if watch is None else watch.noise
+
+
+def record(
+    name: str, size: int, rcond: float, matrix: np.ndarray, terms: int | None = None
+) -> None:
+    """Record a matrix that was factored, except while noise moves it.
+
+    Args:
+        name: of the matrix.
+        size: its order.
+        rcond: its reciprocal condition number.
+        matrix: itself, or its bands.
+        terms: most terms in a sum that elimination forms, by default the order.
+
+    Raises:
+        RefusedError: it is singular to working precision.
+    """
+    watch = _watch.get()
+    if watch is not None:
+        if watch.noise is not None:
+            return
+        watch.solves.append(Solve(name, size, rcond))
+    allowed = singular_below(size if terms is None else terms)
+    if not rcond > allowed:
+        raise RefusedError(
+            name,
+            rcond,
+            allowed,
+            f"the {size} x {size} matrix {name} is singular to working precision: its "
+            f"reciprocal condition number is {rcond:.2g}, allowed is above {allowed:.2g}",
+            matrix,
+        )
+
+
+def singular_below(terms: int) -> float:
     """Return the reciprocal condition number at and below which a scaled matrix is singular.
 
     LU with partial pivoting solves (A + E) x = b exactly, where each column of E is at most about
-    size * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
-    factor near 1 that is met in practice). At rcond <= size * eps some such A + E is singular, so
-    no digit of x is determined.
+    terms * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
+    factor near 1 that is met in practice); `terms` is the number of terms in the sums that
+    elimination forms, the order of a full matrix. At rcond <= terms * eps some such A + E is
+    singular, so no digit of x is determined.
     """
-    return size * EPS
+    return terms * EPS
 
 
 def solve(A, b, name):
@@ -102,8 +141,7 @@ def _lapack_solve(A, b, name):
     size = A.shape[0]
     if size == 0:
         return b.copy()
-    watch = _watch.get()
-    noise = watch.noise if watch is not None else None
+    noise = noise_present()
     # First columns, then rows: neither the units of the unknowns nor those of the equations matter.
     scale = column_scale(A)
     A = A * scale
@@ -113,19 +151,7 @@ def _lapack_solve(A, b, name):
         A = noise.by_column(A)
     lu, pivots, _ = _getrf(A)
     rcond = _gecon(lu, np.abs(A).sum(axis=0).max())[0] if np.isfinite(lu).all() else 0.0
-    if noise is None:
-        if watch is not None:
-            watch.solves.append(Solve(name, size, float(rcond)))
-        if not rcond > singular_below(size):
-            raise RefusedError(
-                name,
-                float(rcond),
-                singular_below(size),
-                f"the {size} x {size} matrix {name} is singular to working precision: its "
-                f"reciprocal condition number is {rcond:.2g}, allowed is above "
-                f"{singular_below(size):.2g}",
-                A,
-            )
+    record(name, size, float(rcond), A)
     x = _getrs(lu, pivots, b)[0] if np.diagonal(lu).all() else np.full(b.shape, np.nan)
     x = x * (scale if b.ndim == 1 else scale[:, None])
     # Each right-hand side is rounded by itself: where results are summed and cancel, it shows.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from eomcheck.errors import named
-from eomcheck.formulations import au, el, em, gw, im, kane, ml
+from collections.abc import Iterable, Sequence
+
+from eomcheck.errors import InputError, named
+from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
 from eomcheck.formulations.base import Formulation, Partition
+from eomcheck.model import Scene
 
 FORMULATIONS: dict[str, Formulation] = {
     formulation.key: formulation
@@ -16,9 +19,10 @@ FORMULATIONS: dict[str, Formulation] = {
         em.EM,
         ml.ML,
         kane.KANE,
+        banded.BANDED,
     )
 }
-"""Key -> formulation, in the order of the paper's Table I."""
+"""Key -> formulation: those of the paper in the order of its Table I, then ours."""
 
 
 def formulation_of(key: str) -> Formulation:
@@ -30,4 +34,64 @@ def formulation_of(key: str) -> Formulation:
     return named("formulation", key, FORMULATIONS)
 
 
-__all__ = ["FORMULATIONS", "Formulation", "Partition", "formulation_of"]
+def applicable(scene: Scene | type[Scene]) -> dict[str, Formulation]:
+    """Return the formulations that apply to `scene`, by key."""
+    return {key: f for key, f in FORMULATIONS.items() if f.applies_to(scene)}
+
+
+def formulations_for(
+    scene: Scene | type[Scene], keys: Iterable[str] | None = None
+) -> tuple[Formulation, ...]:
+    """Return the formulations called `keys`, each once; by default all that apply to `scene`.
+
+    Raises:
+        InputError: one of them does not apply.
+        UnknownNameError: there is no such formulation.
+    """
+    return formulations_among((scene,), keys)
+
+
+def formulations_among(
+    scenes: Sequence[Scene | type[Scene]], keys: Iterable[str] | None = None
+) -> tuple[Formulation, ...]:
+    """Return those called `keys`, each once; by default all that apply to any of `scenes`.
+
+    Raises:
+        InputError: one of them applies to none of `scenes`.
+        UnknownNameError: there is no such formulation.
+    """
+    apply = {key for scene in scenes for key in applicable(scene)}
+    if keys is None:
+        return tuple(f for key, f in FORMULATIONS.items() if key in apply)
+    return tuple(
+        formulation_of(key) if key in apply else formulation_for(scenes[0], key)
+        for key in dict.fromkeys(keys)
+    )
+
+
+def formulation_for(scene: Scene | type[Scene], key: str) -> Formulation:
+    """Return the formulation called `key`.
+
+    Raises:
+        InputError: it does not apply to `scene`.
+        UnknownNameError: there is none.
+    """
+    formulation = formulation_of(key)
+    if not formulation.applies_to(scene):
+        raise InputError(
+            f"{key} does not apply to the scene {scene.key}, which gives no {formulation.uses}; "
+            f"those that apply: {', '.join(applicable(scene))}"
+        )
+    return formulation
+
+
+__all__ = [
+    "FORMULATIONS",
+    "Formulation",
+    "Partition",
+    "applicable",
+    "formulation_for",
+    "formulation_of",
+    "formulations_among",
+    "formulations_for",
+]

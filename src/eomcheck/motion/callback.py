@@ -8,6 +8,7 @@ State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
 - "q, v": velocities
 - "q, v2": the independent velocities of the partition
 - "q, u": generalized speeds
+- "q, x": quasi-velocities of a chain
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Scene
 from eomcheck.motion.right_hand_side import (
     rates_from_bodies,
+    rates_from_chain,
     rates_from_speeds,
     rates_from_terms,
 )
@@ -53,7 +55,7 @@ class Table:
         parameters: a NamedTuple of arrays of doubles, any of them None.
         partition: the partition that El and Em use.
         n: number of coordinates.
-        speeds: number of entries of v, v2 or u in the state.
+        speeds: number of entries of v, v2, u or x in the state.
         size: number of entries of the whole state.
     """
 
@@ -253,10 +255,25 @@ def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str
     return rate
 
 
+def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+    prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
+
+    def rate(ydot, t, y, arguments):
+        block = _block_at(arguments)
+        q, x = _state_at(block, y)
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
+        qdot, xdot = rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+        _store(block, t, ydot, qdot, xdot)
+
+    return rate
+
+
 _COMPOSERS = {
     ("terms", "q, v, μ"): _with_velocities,
     ("terms", "q, v"): _with_velocities,
     ("terms", "q, v2"): _with_independent,
     ("speeds", "q, u"): _with_speeds,
     ("bodies", "q, u"): _with_bodies,
+    ("chain", "q, x"): _with_chain,
 }

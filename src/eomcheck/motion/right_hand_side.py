@@ -2,8 +2,8 @@
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
 function of (parameters, q, speeds, t, partition) that returns (q̇, rate of the speeds). The speeds
-are v for the formulations that use Lagrange's terms and u for ML and Kane. A matrix that is
-singular gives NaN: compiled code must not raise.
+are v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix
+that is singular gives NaN: compiled code must not raise.
 """
 
 from __future__ import annotations
@@ -47,6 +47,14 @@ def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, pr
     vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
     udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
     return v, udot
+
+
+@generic
+def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x):
+    """Return (q̇, ẋ) of a formulation that uses the bodies as a chain."""
+    mass, force, before, after, rest = chain(parameters, prepared, q, x)
+    xdot, _ = solution(mass, force, before, after, rest)
+    return chain_velocity(parameters, prepared, q, x), xdot
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -94,4 +102,19 @@ def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
     return rate
 
 
-_COMPOSERS = {"terms": _from_terms, "speeds": _from_speeds, "bodies": _from_bodies}
+def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
+    prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
+
+    def rate(parameters, q, x, t, partition):
+        prepared = prepare(FLOAT64, parameters, q, t)
+        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+
+    return rate
+
+
+_COMPOSERS = {
+    "terms": _from_terms,
+    "speeds": _from_speeds,
+    "bodies": _from_bodies,
+    "chain": _from_chain,
+}

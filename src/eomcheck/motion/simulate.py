@@ -12,9 +12,9 @@ import numpy as np
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation, check_consistent, velocity
-from eomcheck.formulations import Formulation, formulation_of
+from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, State, finite_array
+from eomcheck.model import Array, Scene, State, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import Steps, integrate, integrator_of
 
@@ -82,11 +82,11 @@ class Motion:
         if formulation.state == "q, u":
             scene.refuse_speeds(at.q)
         self.partition = at.partition
-        speeds = at.v
+        if formulation.state == "q, u" and u0 is not None:
+            at.u = u0
+        speeds = at.speeds_read(formulation)
         if formulation.state == "q, v2":
-            speeds = at.v[at.partition.independent]
-        elif formulation.state == "q, u":
-            speeds = at.u if u0 is None else u0
+            speeds = speeds[at.partition.independent]
         integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size
@@ -109,6 +109,9 @@ class Motion:
             at = Evaluation(self.scene, q, np.zeros(n), t)
             at.u = speeds
             return q, at.velocity
+        if self.formulation.state == "q, x":
+            at = Evaluation(self.scene, q, np.zeros(n), t)
+            return q, at.call(self.scene.chain_velocity, at.parameters, at.prepared, q, speeds)
         if self.formulation.state == "q, v2":
             at = Evaluation(self.scene, q, np.zeros(n), t)
             a, b = at.terms.a, at.terms.b
@@ -152,7 +155,8 @@ def simulate(
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 
     Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
-    and GW (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
+    and GW (q, v), Em (q, v₂), ML and Kane (q, u), and banded (q, x) with the quasi-velocities. No
+    Python is called in between.
 
     Args:
         scene: the scene.
@@ -176,11 +180,13 @@ def simulate(
         reason, up to where it came.
 
     Raises:
-        InputError: values that are not valid, velocities that violate the constraints.
+        InputError: values that are not valid, velocities that violate the constraints, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation or integrator.
         RefusedError: the generalized speeds do not exist.
     """
-    formulation, integrator = formulation_of(key), integrator_of(integrator).key
+    formulation = formulation_for(checked_scene(scene), key)
+    integrator = integrator_of(integrator).key
     for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
         if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
             raise InputError(f"{name} = {value!r}, expected a positive number")
@@ -202,14 +208,21 @@ def simulate(
         max_steps=max_steps,
     )
     seconds = time.perf_counter() - start
-    counts = motion.table.counts
+    return trajectory(motion, found, integrator, rtol, atol, seconds)
+
+
+def trajectory(
+    motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
+) -> Trajectory:
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
+    scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
     states = [State(*motion.split(y, t), t) for y, t in zip(found.y, found.t, strict=True)]
     finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v, _ in states], dtype=bool)
     states = [state for state, good in zip(states, finite, strict=True) if good]
     done = found.success and bool(finite.all())
     return Trajectory(
         scene,
-        key,
+        formulation.key,
         integrator,
         rtol,
         atol,

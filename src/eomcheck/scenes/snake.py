@@ -31,6 +31,13 @@ from eomcheck.model import (
     Tree,
 )
 from eomcheck.scenes.fields import set_array, whole_links
+from eomcheck.scenes.snake_chain import (
+    chain,
+    chain_acceleration,
+    chain_multipliers,
+    chain_velocity,
+    quasi_velocities,
+)
 
 
 class Parameters(NamedTuple):
@@ -443,6 +450,11 @@ class Snake(Scene):
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
     constraint = staticmethod(constraint)
+    quasi_velocities = staticmethod(quasi_velocities)
+    chain = staticmethod(chain)
+    chain_velocity = staticmethod(chain_velocity)
+    chain_acceleration = staticmethod(chain_acceleration)
+    chain_multipliers = staticmethod(chain_multipliers)
 
     def __post_init__(self):
         try:
@@ -541,6 +553,11 @@ class Snake(Scene):
     def r(self) -> int:
         """N constraints, one per wheel."""
         return self.links
+
+    @property
+    def s(self) -> int:
+        """2 N quasi-velocities, two per link."""
+        return 2 * self.links
 
     @property
     def name(self) -> str:

@@ -13,7 +13,7 @@ import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import InputError
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.model import Scene
 from eomcheck.scenes.named import ALL, kinds_of
 from eomcheck.studies.provenance import sources
@@ -32,7 +32,7 @@ class ProofJobs:
 
     Attributes:
         scenes: one per structure.
-        formulations: keys.
+        formulations: keys; a scene is proved by those of them that apply to it.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.
     """
@@ -57,16 +57,15 @@ def proof_jobs(
         links: numbers of links, for kinds that have one; by default `LINKS`.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.
-        formulations: keys, all by default.
+        formulations: keys, by default all that apply.
 
     Raises:
-        InputError: `points` below 1, or no such number of links.
+        InputError: `points` below 1, no such number of links, or a formulation that does not apply.
         UnknownNameError: no such scene or formulation.
     """
     kinds = kinds_of(scene)
     check_points(points)
-    keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
-    chosen = tuple(formulation_of(key).key for key in keys)
+    chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
     scenes = tuple(
         one
         for kind in kinds
@@ -90,7 +89,7 @@ def numbers_of_links(
 
 
 def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[dict]:
-    chosen = tuple(map(formulation_of, formulations))
+    chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
     return [finding.as_dict() for finding in prove_structure(scene, chosen, points, seed)]
 
 
