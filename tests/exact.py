@@ -8,12 +8,10 @@ from fractions import Fraction
 import numpy as np
 
 from eomcheck.model import Angles, Scene
-from eomcheck.scenes import SCENES
+from eomcheck.scenes import Snake
 
-SMALL_SCENES: list[Scene] = [
-    scene for kind in SCENES.values() for links in (1, 2, 3, 5) for scene in kind.structures(links)
-]
-"""Scenes that differ in size and in what is absent."""
+SMALL_SCENES: list[Scene] = [scene for links in (1, 2, 3, 5) for scene in Snake.structures(links)]
+"""Snakes that differ in size and in what is absent; tests/test_scenes.py proves every scene."""
 
 
 class RandomFractions:

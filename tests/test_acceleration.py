@@ -354,9 +354,8 @@ def test_no_formulation_is_further_from_the_exact_acceleration_than_its_error_bo
     """The doubles of the state, taken for the fractions that they are, solved without rounding."""
     scene, (q, v, _) = case
     exact = ExactFloats()
-    terms = scene.terms(
-        scene.parameters(exact), scene.prepare(exact, q), exact.numbers(q), exact.numbers(v)
-    )
+    parameters, q, v = scene.parameters(exact), exact.numbers(q), exact.numbers(v)
+    terms = scene.terms(parameters, scene.prepare(exact, parameters, q, 0), q, v)
     F = -terms.B if terms.Q is None else terms.Q - terms.B
     truth, _ = FORMULATIONS["au"].solution(terms.M, F, terms.a, terms.gamma, None, None)
     for key in FORMULATIONS:

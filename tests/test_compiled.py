@@ -60,7 +60,7 @@ def rate(snake: Snake, key: str, q, v):
     formulation = FORMULATIONS[key]
     at = Evaluation(snake, q, v)
     function = right_hand_side(snake, formulation)
-    return function(snake.parameters(FLOAT64), at.q, at.speeds_read(formulation), at.partition)
+    return function(snake.parameters(FLOAT64), at.q, at.speeds_read(formulation), 0.0, at.partition)
 
 
 def state(snake: Snake):
@@ -113,7 +113,9 @@ def test_the_compiled_right_hand_side_does_not_raise_on_nan(key):
     formulation = FORMULATIONS[key]
     at = Evaluation(snake, np.zeros(snake.n), v)
     speeds, partition = at.speeds_read(formulation), at.partition
-    rates = right_hand_side(snake, formulation)(snake.parameters(FLOAT64), q, speeds, partition)
+    rates = right_hand_side(snake, formulation)(
+        snake.parameters(FLOAT64), q, speeds, 0.0, partition
+    )
     assert np.isnan(rates[1]).all()
 
 
@@ -142,8 +144,8 @@ def test_compiled_scene_functions_give_what_they_give_uncompiled(snake):
                 assert np.abs(found - expected).max(initial=0.0) <= spread, (name, i)
 
 
-def call_net_force(Q, B):
-    return net_force(Q, B)
+def call_net_force(M, Q, B):
+    return net_force(M, Q, B)
 
 
 def call_velocity(u, W, offset):
@@ -163,15 +165,17 @@ def in_every_way(function, caller):
 
 @in_every_way(net_force, call_net_force)
 def test_the_net_force_leaves_out_what_is_absent(function):
-    Q, B = np.array([1.0, 2.0]), np.array([0.5, -1.0])
-    assert function()(Q, B).tolist() == [0.5, 3.0]
-    assert function()(None, B).tolist() == [-0.5, 1.0]
-    assert function()(Q, None).tolist() == [1.0, 2.0]
+    M, Q, B = np.eye(2), np.array([1.0, 2.0]), np.array([0.5, -1.0])
+    assert function()(M, Q, B).tolist() == [0.5, 3.0]
+    assert function()(M, None, B).tolist() == [-0.5, 1.0]
+    assert function()(M, Q, None).tolist() == [1.0, 2.0]
+    assert function()(M, None, None).tolist() == [0.0, 0.0]
 
 
 @in_every_way(velocity_of_speeds, call_velocity)
-def test_the_velocity_leaves_out_an_absent_offset(function):
+def test_the_velocity_leaves_out_what_is_absent(function):
     W, u = np.array([[1.0], [2.0]]), np.array([3.0])
+    assert function()(u, None, None).tolist() == [3.0]
     assert function()(u, W, None).tolist() == [3.0, 6.0]
     assert function()(u, W, np.array([1.0, -1.0])).tolist() == [4.0, 5.0]
 

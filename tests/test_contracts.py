@@ -38,7 +38,7 @@ functions = pytest.mark.parametrize(
 )
 
 ALLOCATION = {"zeros", "zeros_like", "concatenate", "ascontiguousarray"}
-METHODS = {"reshape"}
+METHODS = {"reshape", "angles", "root"}
 OF_CHAINS = (
     "quasi_velocities",
     "chain",
@@ -59,14 +59,19 @@ def nodes(function: Callable, *kinds: type) -> Iterator:
         yield from (node for node in ast.walk(statement) if isinstance(node, kinds))
 
 
+def names_of(function: Callable) -> dict[str, object]:
+    """Return the names that a function sees: those of its module, and what it closes over."""
+    return function.__globals__ | inspect.getclosurevars(function).nonlocals
+
+
 def objects_called(function: Callable) -> Iterator[tuple[str, object]]:
     """Yield (as written, object or name of a method) of each call."""
     for call in nodes(function, ast.Call):
         match call.func:
             case ast.Name(id=name):
-                yield name, function.__globals__.get(name, getattr(builtins, name, None))
+                yield name, names_of(function).get(name, getattr(builtins, name, None))
             case ast.Attribute(value=ast.Name(id=name), attr=attribute):
-                holder = function.__globals__.get(name)
+                holder = names_of(function).get(name)
                 known = isinstance(holder, ModuleType)
                 yield f"{name}.{attribute}", getattr(holder, attribute) if known else attribute
             case _:
@@ -83,9 +88,9 @@ def power_of_two(x: object) -> bool:
 
 def test_every_function_of_every_scene_and_formulation_is_marked_as_generic():
     for scene in SCENES.values():
-        for name in ("terms", "kinematics", "speeds", "bodies", "speeds_of"):
+        for name in ("prepare", "terms", "kinematics", "speeds", "bodies", "speeds_of"):
             assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
-        for name in ("velocities", "energies", "constraint"):
+        for name in ("velocities", "energies", "constraint", "constraints"):
             assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
         for name in OF_CHAINS if hasattr(scene, "chain") else ():
             assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"

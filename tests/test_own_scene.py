@@ -237,7 +237,7 @@ def test_a_compiled_scene_without_constraints_moves_freely(key):
     assert result.vdot.tolist() == [-1.5, -5.0]
     assert result.multipliers is None
     partition = Evaluation(scene, q, v).partition
-    rates = right_hand_side(scene, formulation)(scene.parameters(FLOAT64), q, v, partition)
+    rates = right_hand_side(scene, formulation)(scene.parameters(FLOAT64), q, v, 0.0, partition)
     assert [rate.tolist() for rate in rates] == [[0.5, -0.5], [-1.5, -5.0]]
 
 

@@ -178,7 +178,7 @@ class Nameless(Free):
         ((Snake, []), "links = [] holds no number of links"),
         ((Snake,), f"links = None: {Snake!r} is no scene, so its links must be given"),
         ((3, 2), "scene = 3, expected a scene or a kind of scene such as Snake"),
-        ((Nameless, 2), "free has no number of links to choose"),
+        ((Nameless, 2), "links = 2: free has no number of links to choose"),
     ],
 )
 def test_bad_input_is_refused_in_one_sentence(arguments: tuple[Any, ...], message: str):

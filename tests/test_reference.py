@@ -121,8 +121,8 @@ def slip(scene: Scene, q: np.ndarray, v: np.ndarray) -> float:
     with precision(160):
         q, v = (np.array([flint.arb(str(x)).mid() for x in y]) for y in (q, v))
         balls = reference.Balls()
-        prepared = scene.prepare(balls, q)
-        c = scene.constraint(scene.parameters(balls), prepared, q, v)
+        parameters = scene.parameters(balls)
+        c = scene.constraint(parameters, scene.prepare(balls, parameters, q, 0), q, v)
         return max(abs(float(x)) for x in c)
 
 
@@ -410,6 +410,10 @@ class Horizontal(Free):
 
     def __init__(self):
         self._values = ([1.0], np.zeros(0), (8.0,), [0.0])
+
+    @staticmethod
+    def prepare(arithmetic, parameters, q, t):
+        return arithmetic.angles(q)
 
     @staticmethod
     def terms(parameters, angles, q, v):

@@ -246,14 +246,14 @@ def test_a_wheel_across_its_link_has_no_generalized_speeds_behind_it(angle, whee
     alpha = np.zeros(3)
     alpha[wheel] = angle
     with pytest.raises(RefusedError, match=rf"wheel_angle\[{wheel}\]") as caught:
-        Snake(**VALID | {"wheel_angle": alpha}).refuse_speeds()
+        Snake(**VALID | {"wheel_angle": alpha}).refuse_speeds(np.zeros(5))
     assert caught.value.what == "cos α"
     assert caught.value.rcond <= caught.value.threshold
 
 
 @pytest.mark.parametrize("alpha", [[np.pi / 2, 0.0, 0.0], [0.0, 1.57, -1.57], [np.pi] * 3])
 def test_the_first_wheel_may_stand_across_and_others_nearly(alpha):
-    assert Snake(**VALID | {"wheel_angle": alpha}).refuse_speeds() is None
+    assert Snake(**VALID | {"wheel_angle": alpha}).refuse_speeds(np.zeros(5)) is None
 
 
 # ---- Mechanics -----------------------------------------------------------------------------------

@@ -157,9 +157,35 @@ def test_bounds_of_zero_leave_nothing_but_the_heading(state):
     assert not state.v.any()
 
 
-@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
-def test_every_scene_of_the_registry_can_be_drawn(scene):
-    assert scene is Snake, f"write a strategy for {scene.key} and test it here"
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_scenes_of_every_kind_are_drawn_from_their_ranges(kind):
+    scenes = drawn(strategies.scenes(kind, 2, 4), 20)
+    assert {scene.links for scene in scenes} <= {2, 3, 4} if kind.has_links else True
+    for scene in scenes:
+        ranges = kind.ranges(scene.links if kind.has_links else None)
+        assert ranges
+        for name, one in ranges.items():
+            value = getattr(scene, name)
+            assert value is not None or one.optional
+            if value is not None:
+                assert np.shape(value) == one.shape
+                assert ((one.low <= value) & (value <= one.high)).all()
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_numbers_of_links_that_a_kind_has_not_are_refused(kind):
+    if kind.has_links:
+        with pytest.raises(InputError, match="min_links = 0"):
+            strategies.scenes(kind, 0, 3)
+    else:
+        assert drawn(strategies.scenes(kind), 1)
+        with pytest.raises(InputError, match="no number of links"):
+            next(kind.structures(3))
+
+
+@given(strategies.snakes(2, 2), strategies.scenes(Snake, 2, 2))
+def test_snakes_are_the_scenes_of_their_kind(snake, scene):
+    assert type(snake) is type(scene) is Snake
 
 
 @given(strategies.scene_states(strategies.snakes()))

@@ -108,6 +108,9 @@ def interval(text: str) -> tuple[int, int]:
 
 
 Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
+Kind = Annotated[
+    str, typer.Option(help="Kind of scene, all of them, or one in a file: path/to/file.py:Class.")
+]
 Examples = Annotated[int, typer.Option(help="Number of random snakes and states.")]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
@@ -118,8 +121,11 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the results to 
 
 @app.command()
 def validate(
-    links: Links = "1..12",
-    examples: Examples = 60,
+    scene: Kind = "snake",
+    links: Annotated[
+        str | None, typer.Option(help="Number of links of the random scenes, N or N..M. [1..12]")
+    ] = None,
+    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 60,
     seed: Seed = 0,
     engine: Annotated[
         list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")
@@ -129,38 +135,37 @@ def validate(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Check every claim on the paper's robot and on random snakes."""
-    low, high = interval(links)
+    """Check every claim on the example of a scene (the paper's robot) and on random ones."""
+    bounds = interval("1..12" if links is None else links)
     _at_least_one(examples=examples)
     _check_writable(json)
 
-    from eomcheck import strategies
     from eomcheck.checks.validate import Run, Selection
     from eomcheck.console import console, progress
-    from eomcheck.model import State
-    from eomcheck.report.findings import print_run, write_json
-    from eomcheck.scenes import Snake
+    from eomcheck.report.findings import print_run, print_scenes, write_json
+    from eomcheck.scenes.named import kinds_of
 
-    selection = Selection.of(formulation, engine)
+    kinds = kinds_of(scene)
+    if links is not None and not any(kind.has_links for kind in kinds):
+        raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
+    selection = Selection.of(formulation, engine, scenes=kinds)
     for made in selection.engines:
         made.version()  # a missing library is bad input, said before anything is computed
-    run, interrupted = Run(), False
-    paper = Snake.paper()
-    with progress("checking", examples + 2) as advance:
+    runs = {kind.key: Run() for kind in kinds}
+    interrupted = False
+    with progress("checking", (examples + 2) * len(kinds)) as advance:
         try:
-            run.look_at(paper, State(*paper.initial_state()), selection)
-            advance()
-            at_paper = strategies.states(paper).map(lambda state: (paper, state))
-            run.explore(at_paper, selection, 1, seed, advance)
-            drawn = strategies.scene_states(strategies.snakes(low, high))
-            if run.minimal is None:
-                run.explore(drawn, selection, examples, seed, advance)
+            for kind in kinds:
+                runs[kind.key].look_at_kind(kind, selection, bounds, examples, seed, advance)
         except KeyboardInterrupt:
             interrupted = True
-    findings = run.finish(selection)
-    print_run(run, selection)
+    findings = [finding for run in runs.values() for finding in run.finish(selection)]
+    if len(kinds) == 1:
+        print_run(runs[kinds[0].key], selection)
+    else:
+        print_scenes(runs, selection)
     if json is not None:
-        write_json(json, findings, run, selection)
+        write_json(json, runs.values(), selection)
         typer.echo(f"written: {json}")
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
@@ -172,21 +177,22 @@ def validate(
 @app.command()
 def prove(
     links: Annotated[
-        str, typer.Option(help="Numbers of links to prove for, such as 2..100 or 1..12,20,50.")
-    ] = "1..12,20,50,100",
+        str | None,
+        typer.Option(help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]"),
+    ] = None,
     points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
     seed: Annotated[
         int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
     ] = None,
-    scene: Annotated[str, typer.Option(help="Kind of scene.")] = "snake",
+    scene: Kind = "snake",
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to prove; repeat for more. Default all.")
     ] = None,
     executor: Where = "local",
     json: Json = None,
 ) -> None:
-    """Prove the claims that are identities, for all parameters and states of N links at once."""
-    numbers = whole_numbers(links)
+    """Prove the claims that are identities, for all parameters and states of a scene at once."""
+    numbers = None if links is None else whole_numbers(links)
     _check_writable(json)
 
     from eomcheck.report.proofs import print_proofs

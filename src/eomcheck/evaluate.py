@@ -16,11 +16,12 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
-from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
+from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition, formulation_for
-from eomcheck.model import Array, Scene, checked_scene, finite_array
+from eomcheck.model import Arithmetic, Array, Scene, Terms, checked_scene, finite_array
 from eomcheck.quantities import Quantities
+from eomcheck.scenes.assembled import Assembled
 from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
 LOST = 2.0**-12
@@ -64,6 +65,7 @@ class Evaluation(Quantities):
         self.v = v
         self._noise: Noise | None = None
         self._origin = self
+        self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -75,6 +77,22 @@ class Evaluation(Quantities):
         """Return `record`, moved in a sibling."""
         return record if self._noise is None else self._noise.record(record)
 
+    @property
+    def preparing(self) -> Arithmetic:
+        """What prepares; in a sibling, cosines, sines and roots are moved as well."""
+        return FLOAT64 if self._noise is None else Noisy(FLOAT64, self._noise)
+
+    @cached_property
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b; in a sibling, bodies' Jacobians that they are made of are moved."""
+        scene = self.scene
+        if self._noise is None or not isinstance(scene, Assembled) or scene.assemble is None:
+            return super().terms
+        # Where inertia forces cancel in B, only this shows what rounding has done to them.
+        here = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.keep(self.call(scene.jacobians, *here))
+        return self.keep(self.call(scene.assemble, *here, jacobians))
+
     @cached_property
     def kinematics(self) -> Any:
         """What speeds and bodies share.
@@ -82,8 +100,14 @@ class Evaluation(Quantities):
         Raises:
             RefusedError: the scene has no generalized speeds here.
         """
-        self.scene.refuse_speeds()
-        return super().kinematics
+        self.scene.refuse_speeds(self.q)
+        if self.scene.natural_speeds:
+            return super().kinematics
+        # A partition solves for velocities: in Python, where a singular matrix is refused.
+        with watching(self._noise) as watch, np.errstate(all="ignore"):
+            found = self.scene.kinematics(self.parameters, self.prepared, self.q, self.u)
+        self._speeds_rcond = watch.rcond
+        return found
 
     @cached_property
     def pivoted_partition(self) -> Partition:
@@ -133,7 +157,10 @@ class Evaluation(Quantities):
                 0.0,
                 f"the acceleration by {formulation.key} overflows: doubles cannot hold it",
             )
-        return Acceleration(vdot, multipliers, watch.rcond, float("inf"))
+        rcond = watch.rcond
+        if formulation.state == "q, u":
+            rcond = self._speeds_rcond | rcond
+        return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
         """Return siblings in which every number is moved, on request the coordinates as well.
@@ -336,6 +363,34 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
             break
         v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
     return v
+
+
+CLOSING_STEPS = 50
+"""Newton steps after which the search for a closed position gives up."""
+
+
+def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
+    """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
+
+    Newton's method, with the smallest correction in each step.
+
+    Raises:
+        InputError: wrong shape, or values that are not finite.
+        RefusedError: no such position is found.
+    """
+    q, v = scene.check_state(q, np.zeros(scene.n), t)
+    if scene.position_residual is None:
+        return q
+    step = np.inf
+    for _ in range(CLOSING_STEPS):
+        at = Evaluation(scene, q, v, t)
+        residual = at.call(scene.position_residual, at.parameters, at.prepared, at.q)
+        last, correction = step, np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
+        step, q = largest(correction), q - correction
+        # Steps shrink until nothing but rounding is left.
+        if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
+            return q
+    raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
 
 
 def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:

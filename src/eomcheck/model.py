@@ -2,8 +2,8 @@
 
 Numbered, so that an error or a note can point at a rule.
 
-1.  Units are SI. Everything public takes the time t (s), by default 0; a scene's functions see
-    it through `prepare` only. The velocity v is always q̇.
+1.  Units are SI. Everything public takes the time t (s), by default 0; of a scene's functions only
+    `prepare` sees it. The velocity v is always q̇.
 2.  n coordinates, r constraints, p = n - r generalized speeds.
 3.  `Terms`: M v̇ = Q - B + aᵀλ, the constraints a v + b = 0 and their rate a v̇ = -gamma, where
     gamma = ȧ v + ḃ. F = Q - B. Q and B stay apart so that a failure names the term.
@@ -14,7 +14,8 @@ Numbered, so that an error or a note can point at a rule.
 6.  An absent term is `None`, never an array of zeros: no constraint, no b, no spring, no
     gyroscopic part. Functions test `None` on their own arguments only.
 7.  The functions of a scene are written once, under `@generic`, for every kind of number. What is
-    not rational (sines, cosines) is prepared before, per arithmetic, and handed in.
+    not rational (sines, cosines, distances, what a clock drives) is prepared before by `prepare`,
+    which alone is handed an arithmetic, and handed in.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
@@ -31,6 +32,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
 
 Array = np.ndarray
@@ -66,7 +68,10 @@ class Terms(NamedTuple):
 
 
 class Speeds(NamedTuple):
-    """How velocities follow from generalized speeds (rule 4; paper, Eq. (20))."""
+    """How velocities follow from generalized speeds (rule 4; paper, Eq. (20)).
+
+    All three are None where nothing is constrained and u is v itself.
+    """
 
     W: Any
     """The paper's w′ (n, p)."""
@@ -74,6 +79,16 @@ class Speeds(NamedTuple):
     """The part of v̇ that is left at u̇ = 0 (n,)."""
     offset: Any
     """The paper's x′ (n,), or None."""
+
+
+@generic
+def velocity(u, W, offset):
+    """Return v = W u + offset (n,); u itself without W."""
+    if W is None:
+        return u
+    if offset is None:
+        return W @ u
+    return W @ u + offset
 
 
 class Bodies(NamedTuple):
@@ -162,10 +177,21 @@ class Symmetry(NamedTuple):
     """(n, n): the moved scene has v̇ = image @ (v̇ of the scene as it was)."""
 
 
-class Arithmetic(Protocol):
-    """How a kind of number takes over the doubles that a scene was given.
+class Range(NamedTuple):
+    """What a number, or each entry of an array, is drawn from."""
 
-    `angles` also takes numbers of this kind, and keeps them as the `value` of the angles.
+    low: float
+    high: float
+    shape: tuple[int, ...] = ()
+    """() for a number."""
+    optional: bool = False
+    """Whether it may also be None: absent."""
+
+
+class Arithmetic(Protocol):
+    """How a kind of number takes over the doubles that a scene was given, and what is not rational.
+
+    `angles` and `root` also take numbers of this kind; `angles` keeps them as its `value`.
     """
 
     def numbers(self, x: Array) -> Array:
@@ -176,25 +202,41 @@ class Arithmetic(Protocol):
         """Return the angles x (k,) with their cosines and sines."""
         ...
 
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of x (k,)."""
+        ...
+
+
+@generic
+def nothing(arithmetic, parameters, q, t):
+    """Prepare nothing."""
+    return
+
 
 class Scene(ABC):
     """A mechanical system: parameters that check themselves, and its equations (rules 1-9).
 
     The equations are generic functions held as static attributes. All take first `parameters`, a
     NamedTuple made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the
-    bodies that `velocities` lists, and `prepared`, which `prepare(arithmetic, q, t)` makes:
+    bodies that `velocities` lists, and `prepared`, which the first of them makes:
 
+    - `prepare(arithmetic, parameters, q, t)`: what is not rational in q and t, by the methods
+      `angles` and `root` of the arithmetic; None by default
     - `terms(parameters, prepared, q, v) -> Terms`
     - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
     - `speeds(parameters, prepared, kinematics) -> Speeds`
-    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W, or None if there
-      is no such shorter way
+    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W; None, and no
+      function, where there is no such shorter way
     - `bodies(parameters, prepared, kinematics) -> Bodies`
     - `speeds_of(parameters, prepared, q, v) -> u`
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
+    - `dissipation(parameters, prepared, q, v) -> R`, W: half the power that dampers take, -∂R/∂v
+      being their part of Q; None, and no function, where there are none
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+    - `position_residual(parameters, prepared, q) -> (r,)`, of which `constraint` is the rate; None,
+      and no function, where constraints are not holonomic
 
     A chain has these as well, any other scene leaves them out:
 
@@ -210,9 +252,20 @@ class Scene(ABC):
     compiled: ClassVar[bool] = True
     """Whether numba can compile the functions; if not, doubles run them in Python."""
     conserves_energy: ClassVar[bool]
+    why_not_conserved: ClassVar[str] = ""
+    """What changes the energy where it is not conserved."""
+    depends_on_time: ClassVar[bool] = False
+    """Whether anything in it depends on t."""
+    natural_speeds: ClassVar[bool] = True
+    """Whether the generalized speeds are a choice of the scene's own. If they are a partition of
+    the velocities, the modified Lagrange method is the embedding method by another name, and its
+    agreement is no separate evidence."""
+    has_links: ClassVar[bool] = False
+    """Whether scenes of this kind have a number of links to choose."""
     angle_coordinates: ClassVar[slice]
     """Which coordinates are angles."""
 
+    prepare: ClassVar[Callable[..., Any]] = staticmethod(nothing)
     terms: ClassVar[Callable[..., Any]]
     constraints: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
@@ -222,7 +275,9 @@ class Scene(ABC):
     speeds_of: ClassVar[Callable[..., Any]]
     velocities: ClassVar[Callable[..., Any]]
     energies: ClassVar[Callable[..., Any]]
+    dissipation: ClassVar[Callable[..., Any] | None] = None
     constraint: ClassVar[Callable[..., Any]]
+    position_residual: ClassVar[Callable[..., Any] | None] = None
     quasi_velocities: ClassVar[Callable[..., Any]]
     chain: ClassVar[Callable[..., Any]]
     chain_velocity: ClassVar[Callable[..., Any]]
@@ -230,14 +285,14 @@ class Scene(ABC):
     chain_multipliers: ClassVar[Callable[..., Any]]
 
     @property
-    @abstractmethod
     def n(self) -> int:
         """Number of coordinates."""
+        return len(self.coordinate_names)
 
     @property
-    @abstractmethod
     def r(self) -> int:
         """Number of constraints."""
+        return len(self.constraint_names)
 
     @property
     def p(self) -> int:
@@ -245,14 +300,9 @@ class Scene(ABC):
         return self.n - self.r
 
     @property
-    def s(self) -> int:
-        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
-        return 0
-
-    @property
-    @abstractmethod
     def name(self) -> str:
-        """What reports call this scene with these parameters."""
+        """What reports call this scene, by default its key."""
+        return self.key
 
     @property
     def structure(self) -> str:
@@ -261,13 +311,47 @@ class Scene(ABC):
         return ", ".join((self.name, *absent))
 
     @classmethod
-    def structures(cls, links: int) -> Iterator[Scene]:
-        """Yield one scene of `links` links for each choice of terms that can be absent.
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
+        """Yield one scene for each choice of terms that can be absent.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
 
         Raises:
             InputError: a scene of this kind has no such number of links.
         """
-        raise InputError(f"{cls.key} has no number of links to choose")
+        if links is not None:
+            raise InputError(f"links = {links!r}: {cls.key} has no number of links to choose")
+        try:
+            yield cls()
+        except TypeError as error:
+            raise InputError(
+                f"{cls.__name__} has no defaults for all its arguments: {error}"
+            ) from None
+
+    @classmethod
+    def example(cls) -> Scene:
+        """Return the scene of this kind that is looked at first."""
+        return next(cls.structures(3 if cls.has_links else None))
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary scenes of this kind are drawn from, by name of argument.
+
+        Arguments that are not named keep their defaults.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+        """
+        return {}
+
+    def coordinate_ranges(self) -> tuple[Range, ...] | None:
+        """Return what each coordinate of ordinary states is drawn from.
+
+        None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
+        what is drawn is where the search for a closed position starts.
+        """
+        return None
 
     @property
     @abstractmethod
@@ -283,20 +367,12 @@ class Scene(ABC):
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return the parameters in the numbers of `arithmetic`."""
 
-    def prepare(self, arithmetic: Arithmetic, q: Array, t: Any = 0.0) -> Any:
-        """Return what is not rational in (q, t), by default the `Angles` among the coordinates.
-
-        q, t and the result are numbers of `arithmetic`. Angles that are prepared apart from each
-        other are unrelated variables where identities are proved.
-        """
-        return arithmetic.angles(q[self.angle_coordinates])
-
     @abstractmethod
     def initial_state(self) -> tuple[Array, Array]:
         """Return a consistent (q, v) to start from."""
 
-    def refuse_speeds(self) -> None:
-        """Raise `RefusedError` if the natural generalized speeds do not exist."""
+    def refuse_speeds(self, q: Array) -> None:
+        """Raise `RefusedError` if the natural generalized speeds do not exist at q (n,)."""
         return
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:

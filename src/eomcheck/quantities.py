@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.arithmetic.dual import Dual, Recorder, Replay, duals
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.model import Arithmetic, Array, Bodies, Chain, Scene, Speeds, Terms
+from eomcheck.model import Arithmetic, Array, Bodies, Chain, Scene, Speeds, Terms, velocity
 
 
 class Solution(NamedTuple):
@@ -27,9 +28,11 @@ class Solution(NamedTuple):
 
 
 @generic
-def net_force(Q, B):
-    """Return F = Q - B (n,); at most one of them is None."""
+def net_force(M, Q, B):
+    """Return F = Q - B (n,), either of them None where it is absent."""
     if Q is None:
+        if B is None:
+            return np.zeros(M.shape[0], M.dtype)
         return -B
     if B is None:
         return Q
@@ -37,11 +40,11 @@ def net_force(Q, B):
 
 
 @generic
-def velocity(u, W, offset):
-    """Return v = W u + offset (n,)."""
-    if offset is None:
-        return W @ u
-    return W @ u + offset
+def rate_of_velocity(udot, W, rest):
+    """Return v̇ = W u̇ + rest (n,); u̇ itself without W."""
+    if W is None:
+        return udot
+    return W @ udot + rest
 
 
 def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
@@ -86,7 +89,11 @@ class Quantities:
         return function(*arguments)
 
     def keep(self, record: Any) -> Any:
-        """Return `record` as it is used from here on: literals become numbers of the arithmetic."""
+        """Return `record` as it is used from here on."""
+        return self.in_numbers(record)
+
+    def in_numbers(self, record: Any) -> Any:
+        """Return `record` with its literals as numbers of the arithmetic."""
         literal = getattr(self.arithmetic, "literal", None)
         return record if literal is None else with_literals(record, literal)
 
@@ -98,7 +105,29 @@ class Quantities:
     @cached_property
     def prepared(self) -> Any:
         """What is not rational in q and t."""
-        return self.keep(self.scene.prepare(self.arithmetic, self.q, self.t))
+        prepare, parameters = self.scene.prepare, self.parameters
+        return self.in_numbers(prepare(self._recorder, parameters, self.q, self.t))
+
+    @cached_property
+    def _recorder(self) -> Recorder:
+        return Recorder(self.preparing)
+
+    @property
+    def preparing(self) -> Arithmetic:
+        """The arithmetic that prepares what is not rational."""
+        return self.arithmetic
+
+    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+        """Return (prepared, q) while q changes at `qdot`, in dual numbers.
+
+        Args:
+            qdot: rates of the coordinates (n,).
+            clock: whether time passes, or q changes at a fixed time.
+        """
+        self.prepared  # noqa: B018  (what it is made of is needed)
+        q, t = duals(self.q, qdot), Dual(self.t, int(clock))
+        replay = Replay(self._recorder.made)
+        return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
     @cached_property
     def v(self) -> Array:
@@ -120,7 +149,7 @@ class Quantities:
     def F(self) -> Array:
         """F = Q - B (n,)."""
         M, Q, B, *_ = self.terms
-        return np.zeros(self.scene.n, M.dtype) if Q is None and B is None else net_force(Q, B)
+        return net_force(M, Q, B)
 
     @cached_property
     def kinematics(self) -> Any:
@@ -194,7 +223,7 @@ class Quantities:
             udot = formulation.solution(self.terms.M, self.F, W, rest)
         else:
             udot = formulation.solution(*self.bodies)
-        return Solution(W @ udot + rest, None)
+        return Solution(rate_of_velocity(udot, W, rest), None)
 
     def _along_chain(self, formulation: Formulation) -> Solution:
         here = self.parameters, self.prepared

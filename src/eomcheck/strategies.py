@@ -1,4 +1,4 @@
-"""hypothesis strategies: snakes, consistent states, and hostile ones.
+"""hypothesis strategies: scenes of every kind, consistent states, and hostile ones.
 
 They describe what is valid, not how it is distributed, and refuse bad bounds when they are called,
 not when they are drawn from::
@@ -16,17 +16,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
+from hypothesis import reject
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
-from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation, consistent_velocity
-from eomcheck.model import Scene, State, finite_array
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluate import Evaluation, closed_position, consistent_velocity
+from eomcheck.model import Range, Scene, State, finite_array
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake import whole_links
+from eomcheck.scenes.fields import whole_links
+
+S = TypeVar("S", bound=Scene)
 
 NEGLIGIBLE = 1e-6
 """Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""
@@ -47,7 +51,12 @@ def _interval(name: str, bounds: tuple[float, float], lowest: float) -> SearchSt
 
 def _symmetric(name: str, bound: float) -> SearchStrategy[float]:
     _interval(name, (0.0, bound), 0.0)
-    return st.floats(-bound, bound).map(lambda x: x if abs(x) >= NEGLIGIBLE else 0.0)
+    return st.floats(-bound, bound).map(without_tiny)
+
+
+def without_tiny(x: float) -> float:
+    """Return x, or 0 for what is negligible."""
+    return x if abs(x) >= NEGLIGIBLE else 0.0
 
 
 def _vector(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[float]]:
@@ -87,64 +96,118 @@ def snakes(
     """
     links = _links(min_links, max_links)
     smallest = np.nextafter(0.0, 1.0)
-    masses = _interval("mass", mass, smallest)
-    lengths = _interval("length", length, smallest)
-    inertias = _interval("inertia", inertia, 0.0)
-    springs = _interval("stiffness", stiffness, 0.0)
-    wheels = _symmetric("wheel_angle", wheel_angle)
+    _interval("mass", mass, smallest)
+    _interval("length", length, smallest)
+    _interval("inertia", inertia, 0.0)
+    _interval("stiffness", stiffness, 0.0)
+    _symmetric("wheel_angle", wheel_angle)
+    bounds = {
+        "mass": mass,
+        "length": length,
+        "inertia": inertia,
+        "stiffness": stiffness,
+        "wheel_angle": (-wheel_angle, wheel_angle),
+    }
 
     def build(n: int) -> SearchStrategy[Snake]:
-        return st.builds(
-            Snake,
-            mass=_vector(masses, n),
-            length=_vector(lengths, n),
-            inertia=_vector(inertias, n),
-            stiffness=st.none() | _vector(springs, n - 1) | _vector(springs, n - 1),
-            wheel_angle=_vector(wheels, n),
-        )
+        ranges = Snake.ranges(n)
+        for name, (low, high) in bounds.items():
+            ranges[name] = ranges[name]._replace(low=low, high=high)
+        return _from_ranges(Snake, ranges)
 
     return links.flatmap(build)
 
 
+def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrategy[S]:
+    """Return a strategy for scenes of a kind, drawn from its `ranges`.
+
+    Args:
+        kind: the kind of scene.
+        min_links: smallest number of links, for a kind that has one.
+        max_links: largest number of links.
+
+    Raises:
+        InputError: numbers of links that no such scene can have.
+    """
+    links = _links(min_links, max_links) if kind.has_links else st.none()
+    return links.flatmap(lambda n: _from_ranges(kind, kind.ranges(n)))
+
+
+def _from_ranges(kind: type[S], ranges: dict[str, Range]) -> SearchStrategy[S]:
+    return st.builds(kind, **{name: _parameter(one) for name, one in ranges.items()})
+
+
+def _parameter(one: Range) -> SearchStrategy:
+    """Return a strategy for a number or nested lists of numbers; for None as well if optional."""
+    values: SearchStrategy = _entry(one)
+    for size in reversed(one.shape):
+        values = _vector(values, size)
+    return st.none() | values | values if one.optional else values
+
+
+def _entry(one: Range) -> SearchStrategy[float]:
+    numbers = st.floats(one.low, one.high)
+    return numbers.map(without_tiny) if one.low < 0.0 < one.high else numbers
+
+
 def states(
-    scene: Scene, *, position: float = 10.0, angle: float = 1.0, speed: float = 5.0
+    scene: Scene,
+    *,
+    position: float = 10.0,
+    angle: float = 1.0,
+    speed: float = 5.0,
+    time: float = 10.0,
 ) -> SearchStrategy[State]:
-    """Return a strategy for states of `scene` whose velocity satisfies the constraints.
+    """Return a strategy for states of `scene` that satisfy the constraints.
 
     The velocity is drawn in an orthonormal basis of the null space of a, so that no generalized
-    speeds need exist. Angles are drawn around a curved pose with any heading: equal draws, which
-    hypothesis is fond of, then are no stretched pose, where El and Em have to refuse
-    (`hostile_states` has those).
+    speeds need exist. Coordinates are drawn from the scene's `coordinate_ranges`. If it gives none,
+    angles are drawn around a curved pose with any heading: equal draws, which hypothesis is fond
+    of, then are no stretched pose, where El and Em have to refuse (`hostile_states` has those).
 
     Args:
         scene: the scene.
-        position: largest coordinate that is not an angle.
-        angle: largest distance of an angle from the curved pose, rad.
+        position: largest coordinate that is not an angle, if the scene gives no ranges.
+        angle: largest distance of an angle from the curved pose, rad, likewise.
         speed: largest component of v along a basis vector.
+        time: latest time, s, where the scene depends on time.
 
     Raises:
         InputError: negative or infinite bounds.
     """
-    is_angle = np.zeros(scene.n, dtype=bool)
-    is_angle[scene.angle_coordinates] = True
-    along, turned = _symmetric("position", position), _symmetric("angle", angle)
-    coordinates = st.tuples(*(turned if flag else along for flag in is_angle))
     components = _vector(_symmetric("speed", speed), scene.p)
-    curved = CURVATURE * np.cumsum(is_angle) * is_angle
-    return st.builds(
-        lambda q, heading, c: _state(scene, np.array(q) + curved + heading * is_angle, np.array(c)),
-        coordinates,
-        _symmetric("heading", math.pi),
-        components,
-    )
+    along, turned = _symmetric("position", position), _symmetric("angle", angle)
+    clock = _interval("time", (0.0, time), 0.0) if scene.depends_on_time else st.just(0.0)
+    ranges = scene.coordinate_ranges()
+    if ranges is not None:
+        coordinates = st.tuples(*map(_entry, ranges))
+        drawn = st.builds(_state, st.just(scene), coordinates, components, clock)
+    else:
+        is_angle = np.zeros(scene.n, dtype=bool)
+        is_angle[scene.angle_coordinates] = True
+        coordinates = st.tuples(*(turned if flag else along for flag in is_angle))
+        curved = CURVATURE * np.cumsum(is_angle) * is_angle
+        drawn = st.builds(
+            lambda q, heading, c, t: _state(scene, q + curved + heading * is_angle, c, t),
+            coordinates.map(np.array),
+            _symmetric("heading", math.pi),
+            components,
+            clock,
+        )
+    return drawn
 
 
-def _state(scene: Scene, q: np.ndarray, components: np.ndarray) -> State:
-    at = Evaluation(scene, q, np.zeros(scene.n))
+def _state(scene: Scene, q, components, t: float) -> State:
+    """Return the consistent state at q, or near it; a draw near which none is closed is no case."""
+    try:
+        q = closed_position(scene, q, t)
+    except RefusedError:
+        reject()
+    components, at = np.array(components), Evaluation(scene, q, np.zeros(scene.n), t)
     if at.terms.a is None:
-        return State(q, components)
+        return State(q, components, t)
     basis = null_space(at.terms.a)[:, : components.size]
-    return State(q, consistent_velocity(at, basis @ components[: basis.shape[1]]))
+    return State(q, consistent_velocity(at, basis @ components[: basis.shape[1]]), t)
 
 
 def scene_states(
@@ -199,6 +262,4 @@ def hostile_states(scene: Scene) -> SearchStrategy[State]:
     )
     straight = st.floats(-math.pi, math.pi).map(lambda x: [x] * scene.n)
     anywhere = _vector(st.floats(-1e9, 1e9), scene.n)
-    return st.builds(
-        lambda q, c: _state(scene, np.array(q), np.array(c)), straight | anywhere, components
-    )
+    return st.builds(lambda q, c: _state(scene, q, c, 0.0), straight | anywhere, components)

@@ -41,6 +41,10 @@ class Balls:
         cos, sin = (np.array([pair[i] for pair in pairs], object) for i in (1, 0))
         return Angles(value, cos, sin)
 
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of the balls x (k,)."""
+        return each(lambda y: y.sqrt(), x)
+
     def literal(self, x: int) -> flint.arb:
         """Return the literal x as an exact ball."""
         return flint.arb(x)

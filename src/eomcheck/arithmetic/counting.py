@@ -10,7 +10,8 @@ Generic functions never branch on a value, so a `Counted` needs none: every oper
     doubles perform it. One on two literals is not seen (a snake has three, of Em at N = 1).
 4.  A product of matrices with K terms in each sum costs K multiplications and K - 1 additions per
     entry, which is what numpy's `@` does on objects: it starts from the first product.
-5.  A cosine and a sine of the same angle are one trigonometric pair.
+5.  A cosine and a sine of the same angle are one trigonometric pair. Square roots are counted by
+    themselves.
 6.  A linear system is listed, with its order and its number of right-hand sides, not eliminated.
 """
 
@@ -48,11 +49,13 @@ class Tally:
     multiplications: int = 0
     divisions: int = 0
     trigonometric_pairs: int = 0
+    roots: int = 0
     systems: list[System] = field(default_factory=list)
 
     def clear(self) -> None:
         """Start again from nothing."""
-        self.additions = self.multiplications = self.divisions = self.trigonometric_pairs = 0
+        self.additions = self.multiplications = self.divisions = 0
+        self.trigonometric_pairs = self.roots = 0
         self.systems.clear()
 
 
@@ -115,6 +118,11 @@ class Counting:
         """Return the angles x (k,) with their cosines and sines: k trigonometric pairs."""
         self.tally.trigonometric_pairs += x.size
         return Angles(self.numbers(x), self.numbers(x), self.numbers(x))
+
+    def root(self, x: Array) -> Array:
+        """Return the square roots of x (k,)."""
+        self.tally.roots += x.size
+        return self.numbers(x)
 
 
 def _solve(A: Array, b: Array, name: str, half: int | None = None) -> Array:

@@ -195,6 +195,10 @@ class Degrees:
         value = x if x.dtype == object else self.numbers(x)
         return Angles(value, self.numbers(x), self.numbers(x))
 
+    def root(self, x: Array) -> Array:
+        """Return the square roots of x (k,) as variables."""
+        return self.numbers(x)
+
     def literal(self, x: int) -> Any:
         """Return the literal x as a number; 0 stays what it is, for it makes sums shorter."""
         return _constant(x) if x else 0

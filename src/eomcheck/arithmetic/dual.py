@@ -13,7 +13,7 @@ import numpy as np
 
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
-from eomcheck.model import Angles, Array
+from eomcheck.model import Angles, Arithmetic, Array
 
 
 class Dual:
@@ -94,6 +94,11 @@ def dual_angles(angles: Angles, rates: Array) -> Angles:
     )
 
 
+def dual_root(root: Array, rates: Array) -> Array:
+    """Return square roots (k,) while what they are of changes at `rates` (k,)."""
+    return duals(root, rates / (2 * root))
+
+
 def rate(x) -> Any:
     """Return the derivatives in x, same shape; 0 where x does not depend on ε."""
     if isinstance(x, Dual):
@@ -101,3 +106,48 @@ def rate(x) -> Any:
     if np.ndim(x) == 0:
         return 0
     return each(rate, x)
+
+
+class Recorder:
+    """An arithmetic that remembers the angles and roots it made."""
+
+    def __init__(self, arithmetic: Arithmetic):
+        self._arithmetic = arithmetic
+        self.made: list[Any] = []
+
+    def numbers(self, x: Array) -> Array:
+        """Return x as the arithmetic does."""
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,) as the arithmetic does."""
+        self.made.append(self._arithmetic.angles(x))
+        return self.made[-1]
+
+    def root(self, x: Array) -> Array:
+        """Return the roots of x (k,) as the arithmetic does."""
+        self.made.append(self._arithmetic.root(x))
+        return self.made[-1]
+
+
+class Replay:
+    """An arithmetic that makes the same angles and roots again, in order, while they change."""
+
+    def __init__(self, made: list[Any]):
+        self._made = iter(made)
+
+    def numbers(self, x: Array) -> Array:
+        """Tell that nobody knows a rate.
+
+        Raises:
+            NotImplementedError: always.
+        """
+        raise NotImplementedError("nobody told the rate of what is prepared")
+
+    def angles(self, x: Array) -> Angles:
+        """Return the next angles (k,), turning at the rates of x."""
+        return dual_angles(next(self._made), rate(x))
+
+    def root(self, x: Array) -> Array:
+        """Return the next roots (k,), changing with x."""
+        return dual_root(next(self._made), rate(x))

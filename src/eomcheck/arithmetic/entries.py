@@ -24,3 +24,8 @@ def map_record(function: Callable[[Any], Any], record: Any) -> Any:
         parts = [map_record(function, part) for part in record]
         return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
     return function(record)
+
+
+def objects(record: Any) -> Any:
+    """Return a record whose arrays hold objects, so that what is made like them can hold any."""
+    return map_record(lambda part: np.asarray(part, object), record)

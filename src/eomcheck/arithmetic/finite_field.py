@@ -64,6 +64,13 @@ class FiniteField:
         t = np.array([self._parameter() for _ in range(x.size)], object)
         return Angles(value, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
 
+    def root(self, x: Array) -> Array:
+        """Return random elements for the square roots of x (k,), of which half do not exist.
+
+        What is proved then holds for any value in the place of the root.
+        """
+        return self.numbers(x)
+
     def literal(self, x: int) -> flint.nmod:
         """Return the literal x as an element."""
         return flint.nmod(x, self.prime)

@@ -21,8 +21,15 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.ccallback import CFunc
+from numba.core.datamodel.models import OpaqueModel
 from numba.core.sigutils import normalize_signature
-from numba.extending import overload, register_jitable
+from numba.extending import (
+    overload,
+    overload_method,
+    register_jitable,
+    register_model,
+    typeof_impl,
+)
 
 import eomcheck
 from eomcheck.arithmetic.absent import settle_absent
@@ -41,7 +48,10 @@ def angles(x):
 
 
 class Float64:
-    """The arithmetic of machine doubles (`eomcheck.model.Arithmetic`)."""
+    """The arithmetic of machine doubles (`eomcheck.model.Arithmetic`).
+
+    It is also known to numba: compiled code calls the same methods.
+    """
 
     def numbers(self, x: np.ndarray) -> np.ndarray:
         """Return x as doubles, a contiguous copy."""
@@ -51,8 +61,41 @@ class Float64:
         """Return the angles x (k,) with their cosines and sines."""
         return angles(self.numbers(x))
 
+    def root(self, x: np.ndarray) -> np.ndarray:
+        """Return the positive square roots of x (k,)."""
+        return np.sqrt(x)
+
 
 FLOAT64 = Float64()
+
+
+class _Float64Type(numba.types.Dummy):
+    """`Float64` in compiled code: nothing but its methods."""
+
+
+_FLOAT64_TYPE = _Float64Type("Float64")
+register_model(_Float64Type)(OpaqueModel)
+
+
+@typeof_impl.register(Float64)
+def _(arithmetic, context):
+    return _FLOAT64_TYPE
+
+
+@overload_method(_Float64Type, "angles")
+def _compiled_angles(arithmetic, x):
+    def call(arithmetic, x):
+        return angles(x)
+
+    return call
+
+
+@overload_method(_Float64Type, "root")
+def _compiled_root(arithmetic, x):
+    def call(arithmetic, x):
+        return np.sqrt(x)
+
+    return call
 
 
 SMALL = 8

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.arithmetic.entries import map_record
+from eomcheck.model import Angles, Arithmetic
 
 STEP = 2.0**-46
 """h: 64 eps, above rounding, and so small that a result that is lost altogether, which changes by
@@ -53,3 +54,22 @@ class Noise:
         This is the backward error of elimination with partial pivoting (Higham 2002, Thm. 9.3).
         """
         return A + np.abs(A).max(axis=0, initial=0.0) * self.changes(A.shape)
+
+
+class Noisy:
+    """An arithmetic whose cosines, sines and roots are moved as well."""
+
+    def __init__(self, arithmetic: Arithmetic, noise: Noise):
+        self._arithmetic, self._noise = arithmetic, noise
+
+    def numbers(self, x: np.ndarray) -> np.ndarray:
+        """Return x as the arithmetic does."""
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: np.ndarray) -> Angles:
+        """Return the angles x (k,), their cosines and sines, all moved."""
+        return self._noise.record(self._arithmetic.angles(x))
+
+    def root(self, x: np.ndarray) -> np.ndarray:
+        """Return the positive square roots of x (k,), moved."""
+        return self._noise.entries(self._arithmetic.root(x))

@@ -92,6 +92,10 @@ class Expressions:
         )
         return Angles(value, cos, sin)
 
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of the expressions x (k,)."""
+        return each(lambda y: self.heyoka.sqrt(self.expression(y)), x)
+
 
 def _solve(A: Array, b: Array, name: str) -> Array:
     """Eliminate without pivoting: M_Kane is symmetric and positive, and nothing can be compared."""

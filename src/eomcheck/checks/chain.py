@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic import dual
+from eomcheck.arithmetic.dual import duals, rate
+from eomcheck.arithmetic.entries import objects
 from eomcheck.checks.claim import Case, claim, numbered
-from eomcheck.checks.complex_step import moving, rate
 from eomcheck.checks.finding import Finding
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import NO_RATE, Formulations, Sides, Skipped, identity
@@ -167,9 +167,9 @@ def chain_remainder(case: Case) -> Iterator[Finding]:
         return
 
     def left(e: Evaluation) -> Array:
-        prepared, q, _ = moving(e, e.v, None)
-        turning = e.scene.chain(e.parameters, prepared, q, e.x + 0j)
-        return e.chain.rest - rate(joined(turning, e.x + 0j))
+        x = objects(e.x)
+        turning = e.scene.chain(objects(e.parameters), *e.moving(e.v), x)
+        return np.asarray(e.chain.rest - rate(joined(turning, x)), np.float64)
 
     size = largest(at.chain.rest) + _size(at) * largest(at.v)
     spread, names = at.spread(left) + size, _joint_names(len(at.chain.rest))
@@ -186,7 +186,7 @@ def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
         yield Skipped("d", NO_RATE)
         return
     turning = at.scene.chain(at.parameters, *at.moving(at.v), at.x)
-    expected = dual.rate(joined(turning, at.x))
+    expected = rate(joined(turning, at.x))
     yield Sides("d", at.chain.rest, expected, _joint_names(len(at.chain.rest)))
 
 
@@ -202,7 +202,8 @@ def chain_acceleration(case: Case) -> Iterator[Finding]:
 
     def left(e: Evaluation) -> Array:
         vdot = _allowed_acceleration(e)
-        xdot = rate(_x(e, *moving(e, e.v, vdot)))
+        here = objects(e.parameters), *e.moving(e.v), duals(e.v, vdot)
+        xdot = np.asarray(rate(e.scene.quasi_velocities(*here)), np.float64)
         return e.call(e.scene.chain_acceleration, e.parameters, e.prepared, e.x, xdot) - vdot
 
     size = largest(_allowed_acceleration(at)) + largest(at.v) * (1 + largest(at.v))
@@ -227,6 +228,6 @@ def exact_acceleration(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
         yield Skipped("q̈", NO_RATE)
         return
     vdot = at.speeds.W @ at.free.v[: at.scene.p] + at.speeds.rest
-    xdot = dual.rate(_x(at, *at.moving(at.v), dual.duals(at.v, vdot)))
+    xdot = rate(_x(at, *at.moving(at.v), duals(at.v, vdot)))
     found = at.scene.chain_acceleration(at.parameters, at.prepared, at.x, xdot)
     yield Sides("q̈", found, vdot, (at.scene.coordinate_names,))

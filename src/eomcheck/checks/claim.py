@@ -67,6 +67,11 @@ class Case:
     engines: tuple[Engine, ...]
     claim: Claim | None = None
 
+    @property
+    def state(self) -> State:
+        """(q, v, t)."""
+        return State(self.at.q, self.at.v, self.at.t)
+
     @cached_property
     def finite(self) -> bool:
         """Whether every term is a finite number; only then can the other claims be looked at."""
@@ -163,12 +168,11 @@ class Case:
             where = worst_entry(found - expected, names) if found.ndim else "value"
             what = diagnose(found, expected, allowed) if found.ndim else ""
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
-        state = State(self.at.q, self.at.v, self.at.t)
         return Finding(
             self.claim.id,
             subject,
             self.at.scene,
-            state,
+            self.state,
             observed,
             allowed,
             verdict,

@@ -103,6 +103,17 @@ def _part_in(formulation: Formulation, T: Array, part: str, e: Evaluation) -> Ar
     return getattr(e.acceleration_in(formulation, T), part)
 
 
+def _responses(at: Evaluation) -> tuple[float, float]:
+    """Return the largest change of v̇ and of λ per change of all entries of F by one unit."""
+    M, a = at.terms.M, at.terms.a
+    if a is None:
+        return float(np.linalg.norm(np.linalg.inv(M), np.inf)), 0.0
+    Z = null_space(a)
+    response = Z @ np.linalg.solve(Z.T @ M @ Z, Z.T)
+    multipliers = np.linalg.pinv(a.T) @ (M @ response - np.eye(len(M)))
+    return float(np.linalg.norm(response, np.inf)), float(np.linalg.norm(multipliers, np.inf))
+
+
 def _engine_results(case: Case) -> Iterator[tuple]:
     """Yield (engine, its result, spread of its v̇, spread of its λ) where that can be judged."""
     at = case.at
@@ -112,14 +123,17 @@ def _engine_results(case: Case) -> Iterator[tuple]:
         if case.result(like) is None:
             continue
         try:
-            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma)
+            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
+            by_force, multipliers_by_force = _responses(at)
         except np.linalg.LinAlgError:
             continue
+        size = engine.bias_size(*case.state)
         vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)
+        vdot_spread += by_force * size
         multiplier_spread = 0.0
         if result.multipliers is not None:
             part = partial(_part_in, like, T, "multipliers")
-            multiplier_spread = at.spread(part, coordinates=True)
+            multiplier_spread = at.spread(part, coordinates=True) + multipliers_by_force * size
         yield engine, result, vdot_spread, multiplier_spread
 
 

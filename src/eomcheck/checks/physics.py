@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from eomcheck.arithmetic.dual import duals, rate
+from eomcheck.arithmetic.entries import objects
 from eomcheck.checks.claim import Case, claim
-from eomcheck.checks.complex_step import moving, rate
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
@@ -17,12 +18,15 @@ from eomcheck.tolerance import largest
 
 
 def _power_terms(e: Evaluation, vdot: Array) -> Array:
-    """Return the shares of (q, v) in d(T+U)/dt (2,), W: exact derivatives by a complex step."""
+    """Return the shares of (q, v) in d(T+U)/dt (2,), W, differentiated exactly."""
+    parameters, prepared, q, v = map(objects, (e.parameters, e.prepared, e.q, e.v))
+    along_q = (*e.moving(e.v), v)
+    along_v = (prepared, q, duals(e.v, vdot))
     shares = []
-    for state in (moving(e, e.v, None), moving(e, None, vdot)):
-        T, U = e.scene.energies(e.parameters, *state)
+    for moved in (along_q, along_v):
+        T, U = e.scene.energies(parameters, *moved)
         shares.append(rate(T if U is None else T + U))
-    return np.array(shares)
+    return np.array(shares, dtype=np.float64)
 
 
 @claim("power-balance", "d(T + U)/dt = 0", "(25)-(26), (31)", "power balance")

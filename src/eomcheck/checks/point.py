@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from eomcheck.arithmetic.dual import Dual, dual_angles, duals, rate
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.model import Angles, Arithmetic, Array, Scene
+from eomcheck.model import Arithmetic, Array, Scene
 from eomcheck.quantities import Quantities, Solution
 
 
@@ -78,55 +77,10 @@ class Point(Quantities):
         return self._solutions[key]
 
     @cached_property
-    def prepared(self) -> Any:
-        """What is not rational in q and t; the angles among it are remembered."""
-        self._recorder = _Recorder(self.arithmetic)
-        return self.keep(self.scene.prepare(self._recorder, self.q, self.t))
-
-    @cached_property
     def can_move(self) -> bool:
-        """Whether all that is prepared from q and t is angles, which can be differentiated."""
+        """Whether all that is prepared is angles and roots, which can be differentiated."""
         try:
             self.moving(0 * self.q)
         except (TypeError, AttributeError, NotImplementedError):
             return False
         return True
-
-    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
-        """Return (prepared, q) while q changes at `qdot`, in dual numbers.
-
-        Args:
-            qdot: rates of the coordinates (n,).
-            clock: whether time passes, or q changes at a fixed time.
-        """
-        self.prepared  # noqa: B018  (its angles are needed)
-        q, t = duals(self.q, qdot), Dual(self.t, int(clock))
-        return self.keep(self.scene.prepare(_Replay(self._recorder.made), q, t)), q
-
-
-class _Recorder:
-    """An arithmetic that remembers the angles it made."""
-
-    def __init__(self, arithmetic: Arithmetic):
-        self._arithmetic = arithmetic
-        self.made: list[Angles] = []
-
-    def numbers(self, x: Array) -> Array:
-        return self._arithmetic.numbers(x)
-
-    def angles(self, x: Array) -> Angles:
-        self.made.append(self._arithmetic.angles(x))
-        return self.made[-1]
-
-
-class _Replay:
-    """An arithmetic that makes the same angles again, in the same order, while they turn."""
-
-    def __init__(self, made: list[Angles]):
-        self._made = iter(made)
-
-    def numbers(self, x: Array) -> Array:
-        raise NotImplementedError("nobody told the rate of what is prepared")
-
-    def angles(self, x: Array) -> Angles:
-        return dual_angles(next(self._made), rate(x))

@@ -41,7 +41,7 @@ def prove(
     Args:
         scene: a scene, which stands for all that have its size and its absent terms; or a kind of
             scene, of which all `links` are proved, with and without the terms that can be absent.
-        links: numbers of links, for a kind of scene.
+        links: numbers of links, for a kind of scene that has one.
         points: random points per identity, each modulo a prime of its own.
         seed: of the draws; by default from the operating system, as the probabilities assume.
         formulations: keys of the formulations to look at, by default all that apply.
@@ -51,7 +51,7 @@ def prove(
         that all points agree by chance.
 
     Raises:
-        InputError: `points` or a number of links below 1; a kind of scene without `links`; a
+        InputError: `points` or a number of links below 1; a kind of scene without its `links`; a
             formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
     """
@@ -89,14 +89,17 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
     Raises:
         InputError: see `prove`.
     """
-    if links is None:
-        if not isinstance(scene, Scene):
-            raise InputError(f"links = None: {scene!r} is no scene, so its links must be given")
+    if links is None and isinstance(scene, Scene):
         yield scene
         return
     kind = type(scene) if isinstance(scene, Scene) else scene
     if not (isinstance(kind, type) and issubclass(kind, Scene)):
         raise InputError(f"scene = {scene!r}, expected a scene or a kind of scene such as Snake")
+    if links is None:
+        if kind.has_links:
+            raise InputError(f"links = None: {scene!r} is no scene, so its links must be given")
+        yield from kind.structures()
+        return
     counts = tuple(links) if isinstance(links, Iterable) else (links,)
     if not counts:
         raise InputError(f"links = {links!r} holds no number of links")

@@ -188,8 +188,9 @@ def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides | Skipped
 @identity("null-space-speeds")
 def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The w′ of the generalized speeds spans the null space of a."""
-    a, W = at.terms.a, at.speeds.W
+    a = at.terms.a
     if a is not None:
+        W = at.speeds.W
         names = (at.scene.constraint_names, _speed_names(at))
         yield Sides("ml, kane", a @ W, np.zeros((len(a), W.shape[1]), object), names)
 
@@ -214,6 +215,8 @@ def speeds_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     if at.terms.a is not None:
         names = (at.scene.constraint_names,)
         yield Sides("ml, kane", at.terms.a @ at.speeds.rest, -at.terms.gamma, names)
+    if at.speeds.W is None:
+        return
     if not at.can_move:
         yield Skipped("rest", NO_RATE)
     else:

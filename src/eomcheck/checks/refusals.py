@@ -105,7 +105,7 @@ def refusals(case: Case) -> Iterator[Finding]:
                 case.claim.id,
                 formulation.key,
                 case.at.scene,
-                State(case.at.q, case.at.v, case.at.t),
+                case.state,
                 rcond,
                 refusal.threshold,
                 "passed" if justified else "failed",

@@ -59,9 +59,9 @@ def mass_matrix(case: Case) -> Iterator[Finding]:
     return _against_engines(
         case,
         lambda e: e.terms.M,
-        lambda engine: engine.mass_matrix(case.at.q),
+        lambda engine: engine.mass_matrix(case.at.q, case.at.t),
         derived=False,
-        size=lambda engine: engine.mass_matrix_size(case.at.q),
+        size=lambda engine: engine.mass_matrix_size(case.at.q, case.at.t),
     )
 
 
@@ -72,9 +72,9 @@ def bias(case: Case) -> Iterator[Finding]:
     return _against_engines(
         case,
         lambda e: zero if e.terms.B is None else e.terms.B,
-        lambda engine: engine.bias(case.at.q, case.at.v),
+        lambda engine: engine.bias(*case.state),
         derived=False,
-        size=lambda engine: engine.bias_size(case.at.q, case.at.v),
+        size=lambda engine: engine.bias_size(*case.state),
     )
 
 
@@ -83,9 +83,7 @@ def generalized_forces(case: Case) -> Iterator[Finding]:
     """Compare Q with the derivative of the potential energy."""
     if case.at.terms.Q is None:
         return iter(())
-    return _against_engines(
-        case, lambda e: e.terms.Q, lambda engine: engine.forces(case.at.q, case.at.v)
-    )
+    return _against_engines(case, lambda e: e.terms.Q, lambda engine: engine.forces(*case.state))
 
 
 @claim("constraint-jacobian", "a = ∂c/∂q̇", "(2), (28)", "constraint Jacobian")
@@ -96,7 +94,7 @@ def constraint_jacobian(case: Case) -> Iterator[Finding]:
     return _against_engines(
         case,
         lambda e: e.terms.a,
-        lambda engine: engine.constraint_jacobian(case.at.q, case.at.v),
+        lambda engine: engine.constraint_jacobian(*case.state),
     )
 
 
@@ -108,7 +106,7 @@ def constraint_drift(case: Case) -> Iterator[Finding]:
     return _against_engines(
         case,
         lambda e: e.terms.gamma,
-        lambda engine: engine.constraint_drift(case.at.q, case.at.v),
+        lambda engine: engine.constraint_drift(*case.state),
     )
 
 

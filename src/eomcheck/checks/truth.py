@@ -9,7 +9,7 @@ import numpy as np
 
 from eomcheck.certified import TRUE_DIGITS, certify, true_state
 from eomcheck.checks.claim import Case, claim, pairs
-from eomcheck.checks.finding import Finding, State, Verdict
+from eomcheck.checks.finding import Finding, Verdict
 from eomcheck.enclosure import Enclosure, enclosure
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
@@ -29,9 +29,9 @@ def _enclosed(case: Case, formulation: Formulation) -> Enclosure | str:
 
 
 def _finding(case: Case, claim: str, subject: str, apart: int, verdict: Verdict, detail: str):
-    at = case.at
-    state = State(at.q, at.v, at.t)
-    return Finding(claim, subject, at.scene, state, float(apart), 0.0, verdict, EVIDENCE, detail)
+    return Finding(
+        claim, subject, case.at.scene, case.state, float(apart), 0.0, verdict, EVIDENCE, detail
+    )
 
 
 @claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
@@ -72,5 +72,5 @@ def true_errors(case: Case) -> Iterator[Finding]:
         yield replace(
             true.compare(formulation.key, found.vdot, truth.doubles(), spread, evidence=EVIDENCE),
             digits=found.digits,
-            state=State(here.q, here.v, here.t),
+            state=case.state,
         )

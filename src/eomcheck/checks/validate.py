@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import hypothesis
@@ -22,7 +22,7 @@ from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
 from eomcheck.errors import InputError, named
 from eomcheck.evaluate import Evaluation, check_consistent
-from eomcheck.formulations import Formulation, formulations_for
+from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Scene, checked_scene
 from eomcheck.scenes import Snake
 
@@ -42,19 +42,19 @@ class Selection:
         engines: Iterable[str] | None = None,
         claims: Iterable[str] | None = None,
         *,
-        scene: Scene | type[Scene] = Snake,
+        scenes: Sequence[Scene | type[Scene]] = (Snake,),
     ) -> Selection:
-        """Look the names up; None stands for all that apply to `scene`, an empty list for none.
+        """Look the names up; None stands for all that apply to any scene, an empty list for none.
 
         Raises:
-            InputError: a formulation does not apply to `scene`.
+            InputError: a formulation applies to none of `scenes`.
             UnknownNameError: a name is not registered.
         """
         names = ENGINES if engines is None else dict.fromkeys(engines)
         ids = tuple(CLAIMS if claims is None else dict.fromkeys(claims))
         for one in ids:
             named("claim", one, CLAIMS)
-        return cls(formulations_for(scene, formulations), tuple(map(engine_of, names)), ids)
+        return cls(formulations_among(scenes, formulations), tuple(map(engine_of, names)), ids)
 
 
 @dataclass
@@ -141,6 +141,34 @@ class Run:
         except _Falsified as falsified:
             self.minimal = falsified.finding
 
+    def look_at_kind(
+        self,
+        kind: type[Scene],
+        selection: Selection,
+        links: tuple[int, int],
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at the example of a kind, at rest and moving, and at `examples` random scenes.
+
+        Args:
+            kind: the kind of scene.
+            selection: what takes part.
+            links: smallest and largest number of links, for a kind that has one.
+            examples: number of random scenes, each in one state.
+            seed: of the draws.
+            on_case: called after each case.
+        """
+        example = kind.example()
+        self.look_at(example, State(*example.initial_state()), selection)
+        on_case()
+        moving = strategies.states(example).map(lambda state: (example, state))
+        self.explore(moving, selection, 1, seed, on_case)
+        if self.minimal is None:
+            drawn = strategies.scene_states(strategies.scenes(kind, *links))
+            self.explore(drawn, selection, examples, seed, on_case)
+
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
         if "coverage" in selection.claims and self.drawn:
@@ -158,7 +186,8 @@ class _Falsified(AssertionError):
 
 def _case(scene: Scene, state: State, selection: Selection) -> Case:
     engines = tuple(engine(scene) for engine in selection.engines if engine.represents(scene))
-    return Case(Evaluation(scene, *state), selection.formulations, engines)
+    formulations = tuple(f for f in selection.formulations if f.applies_to(scene))
+    return Case(Evaluation(scene, *state), formulations, engines)
 
 
 def check(
@@ -191,7 +220,7 @@ def check(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    selection = Selection.of(formulations, engines, claims, scene=checked_scene(scene))
+    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     state = State(*scene.check_state(q, v, t), t)
     if consistent:
         check_consistent(Evaluation(scene, *state))
@@ -226,7 +255,7 @@ def validate(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    selection = Selection.of(formulations, engines, claims, scene=checked_scene(scene))
+    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), selection)
     run.explore(strategies.states(scene).map(lambda s: (scene, s)), selection, examples, seed)

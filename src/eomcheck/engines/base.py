@@ -22,6 +22,8 @@ class EngineAcceleration(NamedTuple):
 class Engine(ABC):
     """An outside library with its own model of a scene, in the scene's coordinates and signs.
 
+    Every quantity is one at a state (q, v, t), t in s.
+
     Only the file of an engine imports its library, and only when the engine is made.
 
     Args:
@@ -52,24 +54,30 @@ class Engine(ABC):
         """Return whether the library can represent `scene`."""
 
     @abstractmethod
-    def mass_matrix(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
 
     @abstractmethod
-    def bias(self, q: Array, v: Array) -> Array:
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,)."""
 
-    def mass_matrix_size(self, q: Array) -> float:
+    def mass_matrix_size(self, q: Array, t: float = 0.0) -> float:
         """Return the size of the terms that the library sums to M, where that exceeds M itself."""
         return 0.0
 
-    def bias_size(self, q: Array, v: Array) -> float:
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return the size of the terms that the library sums to B, where that exceeds B itself."""
         return 0.0
 
     @abstractmethod
     def acceleration(
-        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
     ) -> EngineAcceleration:
         """Return the constrained acceleration.
 
@@ -78,23 +86,25 @@ class Engine(ABC):
 
 
 class DerivingEngine(Engine):
-    """An engine that derives forces and constraints itself, from energies and c(q, q̇)."""
+    """An engine that derives forces and constraints itself, from energies and c(q, q̇, t)."""
 
     @abstractmethod
-    def forces(self, q: Array, v: Array) -> Array:
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (n,)."""
 
     @abstractmethod
-    def constraint_jacobian(self, q: Array, v: Array) -> Array:
+    def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return a (r, n)."""
 
     @abstractmethod
-    def constraint_drift(self, q: Array, v: Array) -> Array:
+    def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return gamma (r,)."""
 
     @abstractmethod
-    def kane_inertia_remainder(self, q: Array, v: Array) -> tuple[Array, float, float]:
-        """Return (N_Kane q̇ (p,), size of the terms summed, condition of what was inverted)."""
+    def kane_inertia_remainder(
+        self, q: Array, v: Array, t: float = 0.0
+    ) -> tuple[Array, float, float]:
+        """Return (N_Kane q̇ + G_Kane (p,), size of the terms, condition of what was inverted)."""
 
 
 def required(module: str) -> Any:

@@ -1,20 +1,23 @@
 """CasADi: everything by automatic differentiation of energies and constraints.
 
-Nothing of the scene's M, a or recursions enters: `energies`, `constraint`, `velocities` and
-`speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by differentiation
-(Eqs. (4), (25)-(28)). The symbolic model depends on the kind and size of the scene only; its
-parameters are inputs, so that one model serves all snakes of N links.
+Nothing of the scene's M, a or recursions enters: `energies`, `dissipation`, `constraint`,
+`velocities` and `speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by
+differentiation (Eqs. (4), (25)-(28)). The symbolic model depends on the kind and size of the scene
+only; its parameters are inputs, so that one model serves all snakes of N links.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.engines.base import DerivingEngine, EngineAcceleration, required
 from eomcheck.model import Angles, Array, Scene
+from eomcheck.tolerance import largest
 
 
 class CasadiEngine(DerivingEngine):
@@ -27,7 +30,7 @@ class CasadiEngine(DerivingEngine):
         super().__init__(scene)
         parameters = scene.parameters(FLOAT64)
         self._parameters = _flatten(parameters)
-        key = (type(scene), scene.n, tuple(value is None for value in parameters))
+        key = (type(scene), scene.n, scene.r, tuple(value is None for value in parameters))
         if key not in _MODELS:
             _MODELS[key] = _symbolic_model(scene)
         self._model = _MODELS[key]
@@ -42,59 +45,82 @@ class CasadiEngine(DerivingEngine):
         """Return True: every scene has energies and constraints."""
         return True
 
-    def _evaluate(self, name: str, q: Array, v: Array, *more: Array) -> Array:
-        result = np.asarray(self._model[name](q, v, self._parameters, *more))
-        return result[:, 0] if result.shape[1] == 1 and name != "constraint_jacobian" else result
+    def _evaluate(self, name: str, q: Array, v: Array, t: float) -> Array:
+        result = np.asarray(self._model[name](q, v, t, self._parameters))
+        return result[:, 0] if name in VECTORS else result
 
-    def mass_matrix(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) = ∂²T/∂v²."""
-        return self._evaluate("mass_matrix", q, np.zeros_like(q))
+        return self._evaluate("mass_matrix", q, np.zeros_like(q), t)
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) = d/dt (∂T/∂v) - ∂T/∂q at v̇ = 0."""
-        return self._evaluate("bias", q, v)
+        return self._evaluate("bias", q, v, t)
 
-    def forces(self, q: Array, v: Array) -> Array:
-        """Return Q (n,) = -∂U/∂q, zeros without a potential."""
-        return self._evaluate("forces", q, v)
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return the size of the inertia forces in B, V_qᵀ I V and V_vᵀ I V_q v, term by term.
 
-    def constraint_jacobian(self, q: Array, v: Array) -> Array:
-        """Return a (r, n) = ∂c/∂v."""
-        return self._evaluate("constraint_jacobian", q, v)
-
-    def constraint_drift(self, q: Array, v: Array) -> Array:
-        """Return gamma (r,) = (∂c/∂q) v."""
-        return self._evaluate("constraint_drift", q, v)
-
-    def kane_inertia_remainder(self, q: Array, v: Array) -> tuple[Array, float, float]:
-        """Return (N_Kane q̇ (p,), size, condition), N_Kane (p, n) formed in full by Eq. (23).
-
-        The velocities V_k(q, v(q, u)) are differentiated in q at constant u. v(q, u) is not known
-        here in closed form; it is the solution of c(q, v) = 0 and speeds_of(q, v) = u, and the
-        rule for implicit functions gives its derivatives. `size` is that of the terms summed, and
-        `condition` that of the matrix inverted.
+        Along axes that turn with a body they appear and cancel where B is small or vanishes.
         """
-        n = q.size
-        V_v, V_q, inertia = (self._evaluate(x, q, v) for x in ("V_v", "V_q", "inertia"))
-        fixed_v, fixed_q = self._evaluate("fixed_v", q, v), self._evaluate("fixed_q", q, v)
-        r = fixed_v.shape[0] - (n - self.scene.r)
+        V_v, V_q, inertia = (np.abs(self._evaluate(x, q, v, t)) for x in ("V_v", "V_q", "inertia"))
+        v = np.abs(v)
+        return largest(2.0 * V_q.T @ inertia @ V_v @ v + V_v.T @ inertia @ V_q @ v)
+
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return Q (n,) = -∂U/∂q - ∂R/∂v, zeros without potential and dissipation."""
+        return self._evaluate("forces", q, v, t)
+
+    def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return a (r, n) = ∂c/∂v."""
+        return self._evaluate("constraint_jacobian", q, v, t)
+
+    def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return gamma (r,) = (∂c/∂q) v + ∂c/∂t."""
+        return self._evaluate("constraint_drift", q, v, t)
+
+    def kane_inertia_remainder(
+        self, q: Array, v: Array, t: float = 0.0
+    ) -> tuple[Array, float, float]:
+        """Return (N_Kane q̇ + G_Kane (p,), size, condition), formed in full by Eq. (23).
+
+        The velocities V_k(q, v(q, u, t)) are differentiated in q and t at constant u. v(q, u, t) is
+        not known here in closed form; it is the solution of c(q, v, t) = 0 and speeds_of(q, v) = u,
+        and the rule for implicit functions gives its derivatives. In space ω × I ω is added.
+        `size` is that of the terms summed, and `condition` that of the matrix inverted.
+        """
+        V_v, V_q, V_t, inertia = (
+            self._evaluate(x, q, v, t) for x in ("V_v", "V_q", "V_t", "inertia")
+        )
+        fixed_v, fixed_q, fixed_t = (
+            self._evaluate(x, q, v, t) for x in ("fixed_v", "fixed_q", "fixed_t")
+        )
         inverse = np.linalg.inv(fixed_v)
-        v_u = inverse[:, r:]
-        v_q = -inverse @ fixed_q
+        v_u = inverse[:, self.scene.r :]
+        v_q, v_t = -inverse @ fixed_q, -inverse @ fixed_t
         partial = V_v @ v_u
-        N_Kane = partial.T @ (inertia[:, None] * (V_q + V_v @ v_q))
-        terms = np.abs(V_q) + np.abs(V_v) @ np.abs(inverse) @ np.abs(fixed_q)
-        size = np.abs(partial).T @ (inertia * (terms @ np.abs(v)))
-        return N_Kane @ v, float(size.max()), float(np.linalg.cond(fixed_v))
+        N_Kane = partial.T @ (inertia @ (V_q + V_v @ v_q))
+        G_Kane = partial.T @ (inertia @ (V_t + V_v @ v_t))
+        forward, backward = self._evaluate("gyroscopic", q, v, t).T
+        terms = (np.abs(V_q) + np.abs(V_v) @ np.abs(inverse) @ np.abs(fixed_q)) @ np.abs(v)
+        terms = terms + np.abs(V_t) + np.abs(V_v) @ np.abs(inverse) @ np.abs(fixed_t)
+        size = np.abs(partial).T @ (np.abs(inertia) @ terms + np.abs(forward) + np.abs(backward))
+        remainder = N_Kane @ v + G_Kane + partial.T @ (forward - backward)
+        return remainder, largest(size), float(np.linalg.cond(fixed_v))
 
     def acceleration(
-        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ from the KKT system of CasADi's own M, B, Q, a and gamma."""
-        M, F = self.mass_matrix(q), self.forces(q, v) - self.bias(q, v)
+        M, F = self.mass_matrix(q, t), self.forces(q, v, t) - self.bias(q, v, t)
         if self.scene.r == 0:
             return EngineAcceleration(np.linalg.solve(M, F), None)
-        jacobian, drift = self.constraint_jacobian(q, v), self.constraint_drift(q, v)
+        jacobian, drift = self.constraint_jacobian(q, v, t), self.constraint_drift(q, v, t)
         r = drift.size
         kkt = np.block([[M, jacobian.T], [jacobian, np.zeros((r, r))]])
         x = np.linalg.solve(kkt, np.concatenate((F, -drift)))
@@ -110,11 +136,15 @@ def _flatten(parameters) -> Array:
     return np.concatenate(present) if present else np.zeros(0)
 
 
+VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t")
+"""Outputs that are vectors; the others are matrices, also where they have one column."""
+
+
 def _symbolic_model(scene: Scene) -> dict[str, Any]:
-    """Return CasADi functions of (q, v, parameters), by name."""
+    """Return CasADi functions of (q, v, t, parameters), by name."""
     ca = required("casadi")
     like: Any = scene.parameters(FLOAT64)
-    q, v = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n)
+    q, v, t = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n), ca.SX.sym("t")
     flat = ca.SX.sym("parameters", _flatten(like).size)
 
     symbols = iter(_scalars(flat))
@@ -125,32 +155,70 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         for value in like
     )
     parameters = type(like)(*fields)
-    angle = _scalars(q)[scene.angle_coordinates]
-    angles = Angles(angle, _map(ca.cos, angle), _map(ca.sin, angle))
-    state = (parameters, angles, _scalars(q), _scalars(v))
+    prepared = scene.prepare(_Symbols(ca), parameters, _scalars(q), t)
+    state = (parameters, prepared, _scalars(q), _scalars(v))
 
     T, U = scene.energies(*state)
     U = ca.SX(0) if U is None else U
+    R = ca.SX(0) if scene.dissipation is None else scene.dissipation(*state)
     V, omega = scene.velocities(*state)
+    inertia = parameters.inertia.reshape(len(V), omega.shape[1], omega.shape[1])
     V_all = ca.vertcat(*V.ravel(), *omega.ravel())
     c = ca.SX(0, 1) if scene.r == 0 else ca.vertcat(*scene.constraint(*state))
     fixed = ca.vertcat(c, *scene.speeds_of(*state))
     momentum = ca.gradient(T, v)
     outputs = {
         "mass_matrix": ca.jacobian(momentum, v),
-        "bias": ca.jtimes(momentum, q, v) - ca.gradient(T, q),
-        "forces": -ca.gradient(U, q),
+        "bias": ca.jtimes(momentum, q, v) + ca.jacobian(momentum, t) - ca.gradient(T, q),
+        "forces": -ca.gradient(U, q) - ca.gradient(R, v),
         "constraint_jacobian": ca.jacobian(c, v),
-        "constraint_drift": ca.jtimes(c, q, v),
+        "constraint_drift": ca.jtimes(c, q, v) + ca.jacobian(c, t),
         "V_v": ca.jacobian(V_all, v),
         "V_q": ca.jacobian(V_all, q),
-        "inertia": ca.vertcat(
-            *np.repeat(parameters.mass, V.shape[1]), *np.repeat(parameters.inertia, omega.shape[1])
-        ),
+        "V_t": ca.jacobian(V_all, t),
+        "inertia": ca.diagcat(*np.repeat(parameters.mass, V.shape[1]), *map(_matrix(ca), inertia)),
+        "gyroscopic": ca.vertcat(ca.SX(V.size, 2), *map(_gyroscopic(ca), inertia, omega)),
         "fixed_v": ca.jacobian(fixed, v),
         "fixed_q": ca.jacobian(fixed, q),
+        "fixed_t": ca.jacobian(fixed, t),
     }
-    return {name: ca.Function(name, [q, v, flat], [ca.densify(x)]) for name, x in outputs.items()}
+    return {
+        name: ca.Function(name, [q, v, t, flat], [ca.densify(x)]) for name, x in outputs.items()
+    }
+
+
+class _Symbols:
+    """The arithmetic of CasADi symbols (`eomcheck.model.Arithmetic`), as far as scenes use it."""
+
+    def __init__(self, ca: Any):
+        self._ca = ca
+
+    def angles(self, x: Array) -> Angles:
+        return Angles(x, each(self._ca.cos, x), each(self._ca.sin, x))
+
+    def root(self, x: Array) -> Array:
+        return each(self._ca.sqrt, x)
+
+
+def _matrix(ca: Any) -> Callable:
+    """Return the function that makes a CasADi matrix of an array of symbols."""
+    return lambda entries: ca.reshape(ca.vertcat(*entries.T.ravel()), *entries.shape)
+
+
+def _gyroscopic(ca: Any) -> Callable:
+    """Return the function (I, ω) -> (e, 2), the products in ω × I ω and those to subtract."""
+    matrix = _matrix(ca)
+
+    def products(inertia, omega):
+        if omega.size < 3:
+            return ca.SX(omega.size, 2)
+        omega = ca.vertcat(*omega)
+        momentum = matrix(inertia) @ omega
+        after, last = [1, 2, 0], [2, 0, 1]
+        forward, backward = omega[after] * momentum[last], omega[last] * momentum[after]
+        return ca.horzcat(forward, backward)
+
+    return products
 
 
 def _scalars(x) -> np.ndarray:
@@ -159,10 +227,3 @@ def _scalars(x) -> np.ndarray:
     for i in range(x.shape[0]):
         scalars[i] = x[i]
     return scalars
-
-
-def _map(function, x: np.ndarray) -> np.ndarray:
-    mapped = np.empty(x.size, object)
-    for i in range(x.size):
-        mapped[i] = function(x[i])
-    return mapped

@@ -65,11 +65,11 @@ class PinocchioEngine(Engine):
         upper = np.triu(np.array(self._pin.crba(self.model, self.data, self.coordinates @ q)))
         return upper + upper.T - np.diag(np.diagonal(upper))
 
-    def mass_matrix(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) = Tᵀ M_x T by the composite rigid body algorithm."""
         return self.coordinates.T @ self._joint_mass_matrix(q) @ self.coordinates
 
-    def mass_matrix_size(self, q: Array) -> float:
+    def mass_matrix_size(self, q: Array, t: float = 0.0) -> float:
         """Return the largest entry of |T|ᵀ |M_x| |T|: relative angles carry all links behind."""
         T = np.abs(self.coordinates)
         return largest(T.T @ np.abs(self._joint_mass_matrix(q)) @ T)
@@ -78,25 +78,32 @@ class PinocchioEngine(Engine):
         T = self.coordinates
         return np.array(self._pin.nonLinearEffects(self.model, self.data, T @ q, T @ v))
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) = Tᵀ B_x by the recursive Newton-Euler algorithm."""
         return self.coordinates.T @ self._joint_bias(q, v)
 
-    def bias_size(self, q: Array, v: Array) -> float:
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return a size of the momenta that RNEA turns with the bodies, m ω V and their moments.
 
         In frames that move with the bodies these appear even where the whole chain only translates,
-        and cancel: B does not depend on ẋ and ẏ.
+        and cancel: B does not depend on ẋ and ẏ. V × m V does, component by component.
         """
         projected = np.abs(self.coordinates).T @ np.abs(self._joint_bias(q, v))
-        force = sum(
-            body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
-            for body, velocity in zip(self.model.inertias, self.data.v, strict=True)
-        )
-        return largest(projected) + float(force) * max(1.0, self._reach)
+        force = crossed = 0.0
+        for body, velocity in zip(self.model.inertias, self.data.v, strict=True):
+            x, y, z = np.abs(velocity.linear)
+            force += body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
+            crossed += body.mass * (x * y + y * z + z * x)
+        return largest(projected) + float(force) * max(1.0, self._reach) + float(crossed)
 
     def acceleration(
-        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ by `pinocchio.forwardDynamics` with our a, gamma and Q."""
         T, back = self.coordinates, self._back

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from eomcheck.errors import InputError, named
 from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
@@ -48,9 +48,25 @@ def formulations_for(
         InputError: one of them does not apply.
         UnknownNameError: there is no such formulation.
     """
+    return formulations_among((scene,), keys)
+
+
+def formulations_among(
+    scenes: Sequence[Scene | type[Scene]], keys: Iterable[str] | None = None
+) -> tuple[Formulation, ...]:
+    """Return those called `keys`, each once; by default all that apply to any of `scenes`.
+
+    Raises:
+        InputError: one of them applies to none of `scenes`.
+        UnknownNameError: there is no such formulation.
+    """
+    apply = {key for scene in scenes for key in applicable(scene)}
     if keys is None:
-        return tuple(applicable(scene).values())
-    return tuple(formulation_for(scene, key) for key in dict.fromkeys(keys))
+        return tuple(f for key, f in FORMULATIONS.items() if key in apply)
+    return tuple(
+        formulation_of(key) if key in apply else formulation_for(scenes[0], key)
+        for key in dict.fromkeys(keys)
+    )
 
 
 def formulation_for(scene: Scene | type[Scene], key: str) -> Formulation:
@@ -76,5 +92,6 @@ __all__ = [
     "applicable",
     "formulation_for",
     "formulation_of",
+    "formulations_among",
     "formulations_for",
 ]

@@ -21,7 +21,7 @@ import numpy as np
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic, overload, register_jitable
 
-from eomcheck.arithmetic.float64 import angles, compiled_callback
+from eomcheck.arithmetic.float64 import FLOAT64, compiled_callback
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Scene
@@ -188,13 +188,13 @@ def _integrate(integrals, multipliers):
 
 
 def _with_velocities(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    terms = scene.terms
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, terms = scene.prepare, scene.terms
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, v = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
         partition = _partition_at(block)
         qdot, vdot, lambda_ = rates_from_terms(
             terms, solution, parameters, prepared, q, v, partition
@@ -205,13 +205,13 @@ def _with_velocities(scene: type[Scene], solution: Callable, kind: type, shapes:
 
 
 def _with_independent(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    terms, constraints = scene.terms, scene.constraints
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, terms, constraints = scene.prepare, scene.terms, scene.constraints
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, v2 = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
         partition = _partition_at(block)
         a, b = constraints(parameters, prepared, q)
         v = velocity_of_independent(a, b, v2, partition)
@@ -222,13 +222,14 @@ def _with_independent(scene: type[Scene], solution: Callable, kind: type, shapes
 
 
 def _with_speeds(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    terms, kinematics, speeds = scene.terms, scene.kinematics, scene.speeds
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, terms = scene.prepare, scene.terms
+    kinematics, speeds = scene.kinematics, scene.speeds
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, u = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
         qdot, udot = rates_from_speeds(
             terms, kinematics, speeds, solution, parameters, prepared, q, u
         )
@@ -238,13 +239,14 @@ def _with_speeds(scene: type[Scene], solution: Callable, kind: type, shapes: str
 
 
 def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+    prepare = scene.prepare
     kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, u = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
         v, udot = rates_from_bodies(
             kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
         )
@@ -254,13 +256,13 @@ def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str
 
 
 def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    chain, chain_velocity = scene.chain, scene.chain_velocity
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, x = _state_at(block, y)
-        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        parameters = parameters_at(block, kind, shapes)
+        prepared = prepare(FLOAT64, parameters, q, t)
         qdot, xdot = rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
         _store(block, t, ydot, qdot, xdot)
 

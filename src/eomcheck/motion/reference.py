@@ -92,7 +92,7 @@ def taylor_reference(
     """
     q0, times = _checked(scene, q0, times)
     u0 = finite_array("u0", u0, (scene.p,))
-    scene.refuse_speeds()
+    scene.refuse_speeds(q0)
     began = perf_counter()
     numbers = Expressions()
     integrator, outputs = _taylor_system(scene, numbers, np.concatenate((q0, u0)), times[0])
@@ -191,7 +191,7 @@ def consistent_velocity(scene: Scene, q0, u0, bits: int = EXTENDED_BITS) -> Arra
     """
     q0, _ = scene.check_state(q0, np.zeros(scene.n))
     u0 = finite_array("u0", u0, (scene.p,))
-    scene.refuse_speeds()
+    scene.refuse_speeds(q0)
     balls = Balls()
     with precision(bits):
         at = Quantities(scene, balls, balls.numbers(q0))

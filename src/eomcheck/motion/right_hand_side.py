@@ -1,9 +1,9 @@
 """One right-hand side, compiled end to end: sines and cosines, terms, formulation, solve.
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
-function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
-v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix that is
-singular gives NaN: compiled code must not raise.
+function of (parameters, q, speeds, t, partition) that returns (q̇, rate of the speeds). The speeds
+are v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix
+that is singular gives NaN: compiled code must not raise.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.generic import generic
 from eomcheck.formulations import Formulation
-from eomcheck.model import Scene
-from eomcheck.quantities import net_force, velocity
+from eomcheck.model import Scene, velocity
+from eomcheck.quantities import net_force
 
 
 @generic
 def rates_from_terms(terms, solution, parameters, prepared, q, v, partition):
     """Return (q̇, v̇, λ or None) of a formulation that uses Lagrange's terms."""
     M, Q, B, a, gamma, _ = terms(parameters, prepared, q, v)
-    vdot, multipliers = solution(M, net_force(Q, B), a, gamma, v, partition)
+    vdot, multipliers = solution(M, net_force(M, Q, B), a, gamma, v, partition)
     return v, vdot, multipliers
 
 
@@ -32,7 +32,7 @@ def rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared,
     W, rest, offset = speeds(parameters, prepared, kinematics(parameters, prepared, q, u))
     v = velocity(u, W, offset)
     now = terms(parameters, prepared, q, v)
-    return v, solution(now.M, net_force(now.Q, now.B), W, rest)
+    return v, solution(now.M, net_force(now.M, now.Q, now.B), W, rest)
 
 
 @generic
@@ -68,11 +68,10 @@ def _right_hand_side(scene: type[Scene], formulation: Formulation) -> Callable:
 
 
 def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
-    terms = scene.terms
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, terms = scene.prepare, scene.terms
 
-    def rate(parameters, q, v, partition):
-        prepared = angles(q[start:stop])
+    def rate(parameters, q, v, t, partition):
+        prepared = prepare(FLOAT64, parameters, q, t)
         qdot, vdot, _ = rates_from_terms(terms, solution, parameters, prepared, q, v, partition)
         return qdot, vdot
 
@@ -80,22 +79,22 @@ def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
 
 
 def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
-    terms, kinematics, speeds = scene.terms, scene.kinematics, scene.speeds
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, terms = scene.prepare, scene.terms
+    kinematics, speeds = scene.kinematics, scene.speeds
 
-    def rate(parameters, q, u, partition):
-        prepared = angles(q[start:stop])
+    def rate(parameters, q, u, t, partition):
+        prepared = prepare(FLOAT64, parameters, q, t)
         return rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared, q, u)
 
     return rate
 
 
 def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
+    prepare = scene.prepare
     kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
-    def rate(parameters, q, u, partition):
-        prepared = angles(q[start:stop])
+    def rate(parameters, q, u, t, partition):
+        prepared = prepare(FLOAT64, parameters, q, t)
         return rates_from_bodies(
             kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
         )
@@ -104,11 +103,10 @@ def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
 
 
 def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
-    chain, chain_velocity = scene.chain, scene.chain_velocity
-    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+    prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
 
-    def rate(parameters, q, x, partition):
-        prepared = angles(q[start:stop])
+    def rate(parameters, q, x, t, partition):
+        prepared = prepare(FLOAT64, parameters, q, t)
         return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
 
     return rate

@@ -14,7 +14,7 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation, check_consistent, velocity
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, checked_scene, finite_array
+from eomcheck.model import Array, Scene, State, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 
@@ -80,7 +80,7 @@ class Motion:
         self.scene, self.formulation = scene, formulation
         at = Evaluation(scene, q0, v0)
         if formulation.state == "q, u":
-            scene.refuse_speeds()
+            scene.refuse_speeds(at.q)
         self.partition = at.partition
         if formulation.state == "q, u" and u0 is not None:
             at.u = u0
@@ -99,21 +99,21 @@ class Motion:
         self.table.reset()
         return integrate(self.callback.address, self.table.arguments, self.y0, t_end, **options)
 
-    def split(self, y: Array) -> tuple[Array, Array]:
-        """Return (q (n,), v (n,)) of a state vector; NaN where it is not finite."""
+    def split(self, y: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (q (n,), v (n,)) of a state vector at time t, s; NaN where it is not finite."""
         n = self.scene.n
         if not np.isfinite(y).all():
             return np.full(n, np.nan), np.full(n, np.nan)
         q, speeds = y[:n], y[n : n + self.speeds]
         if self.formulation.state == "q, u":
-            at = Evaluation(self.scene, q, np.zeros(n))
+            at = Evaluation(self.scene, q, np.zeros(n), t)
             at.u = speeds
             return q, at.velocity
         if self.formulation.state == "q, x":
-            at = Evaluation(self.scene, q, np.zeros(n))
+            at = Evaluation(self.scene, q, np.zeros(n), t)
             return q, at.call(self.scene.chain_velocity, at.parameters, at.prepared, q, speeds)
         if self.formulation.state == "q, v2":
-            at = Evaluation(self.scene, q, np.zeros(n))
+            at = Evaluation(self.scene, q, np.zeros(n), t)
             a, b = at.terms.a, at.terms.b
             return q, at.call(velocity_of_independent, a, b, speeds, self.partition)
         return q, speeds
@@ -216,8 +216,8 @@ def trajectory(
 ) -> Trajectory:
     """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
     scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
-    states = [motion.split(y) for y in found.y]
-    finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v in states], dtype=bool)
+    states = [State(*motion.split(y, t), t) for y, t in zip(found.y, found.t, strict=True)]
+    finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v, _ in states], dtype=bool)
     states = [state for state, good in zip(states, finite, strict=True) if good]
     done = found.success and bool(finite.all())
     return Trajectory(
@@ -227,8 +227,8 @@ def trajectory(
         rtol,
         atol,
         found.t[finite],
-        np.array([q for q, _ in states]).reshape(-1, scene.n),
-        np.array([v for _, v in states]).reshape(-1, scene.n),
+        np.array([state.q for state in states]).reshape(-1, scene.n),
+        np.array([state.v for state in states]).reshape(-1, scene.n),
         *_along(scene, formulation, states),
         int(counts[CALLS]),
         found.steps,
@@ -265,12 +265,12 @@ def _initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
 
 
 def _along(
-    scene: Scene, formulation: Formulation, states: list[tuple[Array, Array]]
+    scene: Scene, formulation: Formulation, states: list[State]
 ) -> tuple[Array | None, Array, Array | None]:
     """Return multipliers (k, r), energy (k,) and constraint residual (k, r) along a motion."""
     multipliers, energy, residual = [], [], []
-    for q, v in states:
-        at = Evaluation(scene, q, v)
+    for state in states:
+        at = Evaluation(scene, *state)
         here = at.parameters, at.prepared, at.q, at.v
         T, U = at.call(scene.energies, *here)
         energy.append(T if U is None else T + U)
@@ -297,9 +297,9 @@ def _reason(motion: Motion, found: Steps) -> str:
     y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
     why = "it overflows, or a matrix is singular there"
     try:
-        q, v = motion.split(y)
+        q, v = motion.split(y, when)
         # A velocity that the independent ones do not determine is what a_1 refuses as well.
-        at = Evaluation(motion.scene, q, np.nan_to_num(v))
+        at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
         at.acceleration(motion.formulation)
     except RefusedError as refusal:
         why = str(refusal)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -85,15 +85,49 @@ def group(findings: Iterable[Finding], key) -> dict[Any, list[Finding]]:
     return groups
 
 
+CELLS = (
+    "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
+    "checked, ·: not concerned)."
+)
+
+
+def scenes_table(runs: Mapping[str, Run]) -> Table:
+    """Return claims × scenes; a cell is the worst observed / allowed."""
+    table = Table(header_style="bold", expand=False, pad_edge=False)
+    table.add_column("claim", no_wrap=True)
+    for key in runs:
+        table.add_column(key, justify="right")
+    columns = [group(run.findings, lambda f: f.claim) for run in runs.values()]
+    for id in CLAIMS:
+        if any(id in found for found in columns):
+            table.add_row(id, *(_cell(found.get(id, [])) for found in columns))
+    table.add_section()
+    for what, count in (
+        ("states", lambda run: run.cases),
+        ("findings", lambda run: len(run.findings)),
+        ("of them inconclusive", lambda run: _open(run.findings)),
+        ("refused by some", lambda run: sum(bool(one.refused) for one in run.drawn)),
+        ("time", lambda run: f"{sum(run.seconds.values()):.0f} s"),
+    ):
+        table.add_row(what, *(str(count(run)) for run in runs.values()))
+    return table
+
+
+def print_scenes(runs: Mapping[str, Run], selection: Selection) -> None:
+    """Print one table of all scenes, and what fails on each."""
+    _print_head(sum(run.cases for run in runs.values()), selection)
+    console.print(scenes_table(runs))
+    console.print(CELLS)
+    failing = [run for run in runs.values() if print_failures(run)]
+    if not failing:
+        _print_passed([finding for run in runs.values() for finding in run.findings])
+
+
 def print_run(run: Run, selection: Selection) -> None:
     """Print the table, what it says, and the smallest failing state as Python."""
-    engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
-    console.print(f"eomcheck {__version__}, {engines}, {run.cases} states")
+    _print_head(run.cases, selection)
     console.print(findings_table(run, selection))
-    console.print(
-        "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
-        "checked, ·: not concerned)."
-    )
+    console.print(CELLS)
     certified = [f for f in run.findings if f.digits is not None]
     if certified:
         found = group(certified, lambda f: f.subject)
@@ -103,28 +137,47 @@ def print_run(run: Run, selection: Selection) -> None:
     for finding in run.findings:
         if finding.claim == "coverage":
             console.print(f"coverage: {finding.detail}")
+    if not print_failures(run):
+        _print_passed(run.findings)
+
+
+def _print_head(states: int, selection: Selection) -> None:
+    engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
+    console.print(f"eomcheck {__version__}, {engines}, {states} states")
+
+
+def _open(findings: list[Finding]) -> int:
+    return sum(finding.verdict == "inconclusive" for finding in findings)
+
+
+def _print_passed(findings: list[Finding]) -> None:
+    open_ = _open(findings)
+    passed = len(findings) - open_
+    console.print(f"[bold green]{passed} findings passed, {open_} inconclusive, 0 failed.[/]")
+
+
+def print_failures(run: Run) -> bool:
+    """Print what fails, and the smallest failing state as Python; return whether anything does."""
     failed = [finding for finding in run.findings if finding.verdict == "failed"]
-    if not failed:
-        open_ = sum(finding.verdict == "inconclusive" for finding in run.findings)
-        passed = len(run.findings) - open_
-        console.print(f"[bold green]{passed} findings passed, {open_} inconclusive, 0 failed.[/]")
-        return
     for found in group(failed, lambda f: (f.claim, f.subject)).values():
         console.print(escape(str(found[0])), style="red", highlight=False, soft_wrap=True)
     smallest = run.minimal or next((f for f in failed if f.claim != "coverage"), None)
     if smallest is None:
-        return
+        return bool(failed)
     console.print("\nThe smallest failing state found, to paste into Python:\n")
     code = smallest.as_python()
     console.print(code, markup=False, highlight=False, soft_wrap=True)
+    return True
 
 
-def write_json(path: Path, findings: list[Finding], run: Run, selection: Selection) -> None:
-    """Write every Finding, each case once, to `path`."""
+def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
+    """Write every Finding of `runs`, each case once, to `path`."""
+    runs = list(runs)
+    minimal = [run.minimal.as_python() for run in runs if run.minimal is not None]
     cases: list[dict[str, Any]] = []
     index: dict[int, int] = {}
     rows = []
-    for finding in findings:
+    for finding in [finding for run in runs for finding in run.findings]:
         row = finding.as_dict()
         case = {key: row.pop(key) for key in ("scene", "q", "v", "t") if key in row}
         state = id(finding.state.q if finding.state is not None else finding.scene)
@@ -142,6 +195,6 @@ def write_json(path: Path, findings: list[Finding], run: Run, selection: Selecti
         },
         "cases": cases,
         "findings": rows,
-        "minimal": None if run.minimal is None else run.minimal.as_python(),
+        "minimal": minimal[0] if minimal else None,
     }
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

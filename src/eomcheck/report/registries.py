@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.table import Table
 
 from eomcheck.console import console
+
+if TYPE_CHECKING:
+    from eomcheck.evaluate import Evaluation
 
 
 def _yes(flag: bool | None) -> str:
@@ -32,12 +37,42 @@ def _formulations() -> Table:
 
 
 def _scenes() -> Table:
+    from eomcheck.engines import ENGINES
+    from eomcheck.evaluate import Evaluation
     from eomcheck.scenes import SCENES
 
-    table = _table("key", "energy conserved", "what it is")
-    for scene in SCENES.values():
-        table.add_row(scene.key, _yes(scene.conserves_energy), _first_line(scene))
+    table = _table("key", "what it is", "terms", "speeds", "engines", "invariants")
+    for kind in SCENES.values():
+        scene = kind.example()
+        at = Evaluation(scene, *scene.initial_state())
+        table.add_row(
+            kind.key,
+            f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
+            _terms(at),
+            _speeds(at),
+            ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
+            _invariants(at),
+        )
     return table
+
+
+def _terms(at: Evaluation) -> str:
+    """Return the terms that a scene has: those of Lagrange, then what only some scenes need."""
+    present = [name for name, term in at.terms._asdict().items() if term is not None]
+    names = {"offset": at.speeds.offset, "gyroscopic": at.bodies.gyroscopic}
+    return ", ".join((*present, *(name for name, part in names.items() if part is not None)))
+
+
+def _speeds(at: Evaluation) -> str:
+    if at.speeds.W is None:
+        return "the velocities"
+    return "natural" if at.scene.natural_speeds else "partition"
+
+
+def _invariants(at: Evaluation) -> str:
+    scene = at.scene
+    energy = "energy" if scene.conserves_energy else f"no energy: {scene.why_not_conserved}"
+    return ", ".join((energy, *(symmetry.name for symmetry in scene.symmetries(at.q, at.v))))
 
 
 def _engines() -> Table:

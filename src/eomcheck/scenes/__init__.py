@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 from eomcheck.model import Scene
+from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.rolling_disk import RollingDisk
+from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
 
-SCENES: dict[str, type[Scene]] = {scene.key: scene for scene in (Snake,)}
+SCENES: dict[str, type[Scene]] = {
+    scene.key: scene
+    for scene in (
+        Snake,
+        ChainPendulum,
+        Sleigh,
+        RollingDisk,
+    )
+}
 """Key -> class."""
 
-__all__ = ["SCENES", "Snake"]
+__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake"]

@@ -23,13 +23,14 @@ from eomcheck.model import (
     Arithmetic,
     Array,
     Bodies,
+    Range,
     Scene,
     Speeds,
     Symmetry,
     Terms,
     Tree,
-    finite_array,
 )
+from eomcheck.scenes.fields import set_array, whole_links
 from eomcheck.scenes.snake_chain import (
     chain,
     chain_acceleration,
@@ -54,6 +55,12 @@ class Parameters(NamedTuple):
     """(N,)."""
     sin_alpha: Any
     """(N,)."""
+
+
+@generic
+def prepare(arithmetic, parameters, q, t):
+    """Return the `Angles` of the links."""
+    return arithmetic.angles(q[2:])
 
 
 # ---- Lagrange's terms, M and a in O(N²), the rest in O(N) ---------------------------------------
@@ -400,17 +407,6 @@ def constraint(parameters, angles, q, v):
     return c
 
 
-def whole_links(links: int, name: str = "links") -> int:
-    """Return a number of links as an int.
-
-    Raises:
-        InputError: it is no whole number of at least 1.
-    """
-    if isinstance(links, bool) or not isinstance(links, int | np.integer) or links < 1:
-        raise InputError(f"{name} = {links!r}, expected a whole number of at least 1")
-    return int(links)
-
-
 # ---- The scene -----------------------------------------------------------------------------------
 
 
@@ -441,8 +437,10 @@ class Snake(Scene):
 
     key = "snake"
     conserves_energy = True
+    has_links = True
     angle_coordinates = slice(2, None)
 
+    prepare = staticmethod(prepare)
     terms = staticmethod(terms)
     constraints = staticmethod(constraints)
     kinematics = staticmethod(kinematics)
@@ -470,23 +468,12 @@ class Snake(Scene):
             object.__setattr__(self, "pose", np.zeros(links))
         if links == 1 and np.size(self.stiffness) == 0:
             object.__setattr__(self, "stiffness", None)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name != "stiffness":
-                value = finite_array(field.name, value, (links,))
-            elif value is not None:
-                value = finite_array(field.name, value, (links - 1,))
-            if value is not None:
-                value.setflags(write=False)
-            object.__setattr__(self, field.name, value)
-        for name, positive in (("mass", True), ("length", True), ("inertia", False)):
-            bad = getattr(self, name) <= 0 if positive else getattr(self, name) < 0
-            if bad.any():
-                i = int(np.argmax(bad))
-                raise InputError(
-                    f"{name}[{i}] = {getattr(self, name)[i]}, expected a "
-                    + ("positive number" if positive else "number that is not negative")
-                )
+        set_array(self, "mass", (links,), "positive")
+        set_array(self, "length", (links,), "positive")
+        set_array(self, "inertia", (links,), "not negative")
+        set_array(self, "stiffness", (links - 1,), optional=True)
+        set_array(self, "wheel_angle", (links,))
+        set_array(self, "pose", (links,))
 
     @classmethod
     def paper(cls) -> Snake:
@@ -494,6 +481,11 @@ class Snake(Scene):
         alpha = [0.0175, 0.0349, 0.0524, 0.0698, 0.0873, 0.1047, 0.1222]
         theta = [0.7679, 1.536, 2.304, 3.072, 3.840, 4.608, 5.376]
         return cls([1.0] * 7, [1.0] * 7, [0.0833] * 7, [5000.0] * 6, alpha, theta)
+
+    @classmethod
+    def example(cls) -> Snake:
+        """Return the paper's robot."""
+        return cls.paper()
 
     @classmethod
     def coil(cls, links: int) -> Snake:
@@ -518,12 +510,24 @@ class Snake(Scene):
         return cls(one, one, 0.0833 * one, 5000.0 * one[1:], alpha, 44.0 * alpha)
 
     @classmethod
-    def structures(cls, links: int) -> Iterator[Snake]:
+    def structures(cls, links: int | None = None) -> Iterator[Snake]:
         """Yield a coiled snake with springs, and one without if it has joints."""
-        coil = cls.coil(links)
+        coil = cls.coil(whole_links(links))
         yield coil
-        if links > 1:
+        if coil.links > 1:
             yield replace(coil, stiffness=None)
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary snakes are drawn from."""
+        links = whole_links(links)
+        return {
+            "mass": Range(0.1, 10.0, (links,)),
+            "length": Range(0.1, 10.0, (links,)),
+            "inertia": Range(0.01, 10.0, (links,)),
+            "stiffness": Range(0.0, 1e4, (links - 1,), optional=True),
+            "wheel_angle": Range(-1.0, 1.0, (links,)),
+        }
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
@@ -584,7 +588,7 @@ class Snake(Scene):
             wheel.sin,
         )
 
-    def refuse_speeds(self) -> None:
+    def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos α_i| <= 4 eps for i >= 2: the recursion divides by it.
 
         The double nearest to π/2 has the cosine 6e-17, so "exactly" needs this margin.

@@ -19,7 +19,8 @@ from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of, kane
 from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake import active_forces, forces, whole_links
+from eomcheck.scenes.fields import whole_links
+from eomcheck.scenes.snake import active_forces, forces
 from eomcheck.scenes.snake_chain import wheel_forces
 
 MAX_DEGREE = 4
@@ -327,5 +328,6 @@ def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
         force = active_forces(stiffness, theta, partial)
         kane.right_hand_side(force, counting.vector(scene.p))
     else:
-        net_force(forces(stiffness, theta), counting.vector(scene.n))
+        n = counting.vector(scene.n)
+        net_force(n, forces(stiffness, theta), n)
     return _counts(counting.tally)

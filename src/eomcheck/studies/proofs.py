@@ -12,12 +12,15 @@ from typing import Any
 import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import InputError, named
-from eomcheck.formulations import formulation_of, formulations_for
+from eomcheck.errors import InputError
+from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.model import Scene
-from eomcheck.scenes import SCENES
+from eomcheck.scenes.named import ALL, kinds_of
 from eomcheck.studies.provenance import sources
 from eomcheck.studies.spread import spread
+
+LINKS = (*range(1, 13), 20, 50, 100)
+"""Numbers of links that are proved by default."""
 
 WORTH_A_PROCESS = 40
 """Below this number of coordinates a proof takes less time than a process to start."""
@@ -29,7 +32,7 @@ class ProofJobs:
 
     Attributes:
         scenes: one per structure.
-        formulations: keys.
+        formulations: keys; a scene is proved by those of them that apply to it.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.
     """
@@ -42,26 +45,51 @@ class ProofJobs:
 
 def proof_jobs(
     scene: str,
-    links: Iterable[int],
+    links: Iterable[int] | None,
     points: int,
     seed: int | None,
     formulations: Iterable[str] | None,
 ) -> ProofJobs:
-    """Return the jobs for a kind of scene.
+    """Return the jobs for the kinds of scenes that `scene` stands for.
+
+    Args:
+        scene: a name, see `eomcheck.scenes.named.kinds_of`.
+        links: numbers of links, for kinds that have one; by default `LINKS`.
+        points: random points per identity.
+        seed: of the draws, or None for one by the operating system.
+        formulations: keys, by default all that apply.
 
     Raises:
         InputError: `points` below 1, no such number of links, or a formulation that does not apply.
         UnknownNameError: no such scene or formulation.
     """
-    kind = named("scene", scene, SCENES)
+    kinds = kinds_of(scene)
     check_points(points)
-    chosen = tuple(formulation.key for formulation in formulations_for(kind, formulations))
-    scenes = tuple(one for count in links for one in kind.structures(count))
+    chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
+    scenes = tuple(
+        one
+        for kind in kinds
+        for count in numbers_of_links(kind, links, scene)
+        for one in kind.structures(count)
+    )
     return ProofJobs(scenes, chosen, points, seed)
 
 
+def numbers_of_links(
+    kind: type[Scene], links: Iterable[int] | None, name: str
+) -> Iterable[int | None]:
+    """Return the numbers of links to look at; None, and no number, for a kind that has none.
+
+    Raises:
+        InputError: `links` are given for a scene, called by its `name`, that has none.
+    """
+    if kind.has_links:
+        return LINKS if links is None else links
+    return (None,) if links is None or name == ALL else links
+
+
 def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[dict]:
-    chosen = tuple(map(formulation_of, formulations))
+    chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
     return [finding.as_dict() for finding in prove_structure(scene, chosen, points, seed)]
 
 

@@ -79,10 +79,10 @@ def time_call(what: str, links: int, call: Callable[[int], object], repeats: int
 
 
 @numba.njit
-def _repeat(rate, parameters, q, speeds, partition, count):
+def _repeat(rate, parameters, q, speeds, t, partition, count):
     total = 0.0
     for _ in range(count):
-        total += rate(parameters, q, speeds, partition)[1][0]
+        total += rate(parameters, q, speeds, t, partition)[1][0]
     return total
 
 
@@ -102,7 +102,7 @@ def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], o
     at.u = u
     # Not `velocity`, which looks at the full constraint Jacobian.
     at.v = at.velocity
-    arguments = (at.parameters, at.q, at.speeds_read(formulation), at.partition)
+    arguments = (at.parameters, at.q, at.speeds_read(formulation), at.t, at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 
 

@@ -1,0 +1,36 @@
+"""Ordinary scenes and states of every kind, drawn without hypothesis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import null_space
+
+from eomcheck.evaluate import Evaluation, closed_position, consistent_velocity
+from eomcheck.model import Range, Scene, State
+
+LINKS = 4
+
+
+def drawn(one: Range, random: np.random.Generator) -> Any:
+    """Return a number or an array from a range."""
+    value = random.uniform(one.low, one.high, one.shape)
+    return value if one.shape else float(value)
+
+
+def random_scene(kind: type[Scene], random: np.random.Generator, links: int = LINKS) -> Scene:
+    """Return a scene whose parameters are drawn from the ranges of its kind."""
+    ranges = kind.ranges(links if kind.has_links else None)
+    return kind(**{name: drawn(one, random) for name, one in ranges.items()})
+
+
+def random_state(scene: Scene, random: np.random.Generator) -> State:
+    """Return a consistent state of `scene` in motion."""
+    ranges = scene.coordinate_ranges() or (Range(-2.0, 2.0),) * scene.n
+    t = random.uniform(0.0, 5.0) if scene.depends_on_time else 0.0
+    q = closed_position(scene, [drawn(one, random) for one in ranges], t)
+    at = Evaluation(scene, q, np.zeros(scene.n), t)
+    c = random.uniform(1.0, 3.0, scene.p)
+    a = at.terms.a
+    return State(q, c if a is None else consistent_velocity(at, null_space(a) @ c), t)
