@@ -194,6 +194,9 @@ class Scene(ABC):
     - `speeds_of(parameters, prepared, q, v) -> u`
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
+    - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
+      -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
+      it loses energy in no other way
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
 
     A chain has these as well, any other scene leaves them out:
@@ -209,7 +212,12 @@ class Scene(ABC):
     key: ClassVar[str]
     compiled: ClassVar[bool] = True
     """Whether numba can compile the functions; if not, doubles run them in Python."""
-    conserves_energy: ClassVar[bool]
+    conserves_energy: bool
+    """Whether T + U keeps its value; one scene may lose what others of its kind conserve."""
+    why_not_conserved: str = ""
+    """What changes the energy where it is not conserved."""
+    usually_absent: ClassVar[frozenset[str]] = frozenset()
+    """Terms that are absent unless asked for."""
     angle_coordinates: ClassVar[slice]
     """Which coordinates are angles."""
 
@@ -222,6 +230,7 @@ class Scene(ABC):
     speeds_of: ClassVar[Callable[..., Any]]
     velocities: ClassVar[Callable[..., Any]]
     energies: ClassVar[Callable[..., Any]]
+    dissipation: ClassVar[Callable[..., Any] | None] = None
     constraint: ClassVar[Callable[..., Any]]
     quasi_velocities: ClassVar[Callable[..., Any]]
     chain: ClassVar[Callable[..., Any]]
@@ -256,9 +265,15 @@ class Scene(ABC):
 
     @property
     def structure(self) -> str:
-        """The name, and what is absent: what decides which functions run, apart from numbers."""
-        absent = [f"no {name}" for name, value in vars(self).items() if value is None]
-        return ", ".join((self.name, *absent))
+        """The name, what is absent, and what is there that usually is absent.
+
+        That decides which functions run, apart from numbers.
+        """
+        said = [self.name]
+        for name, value in vars(self).items():
+            if (value is None) != (name in self.usually_absent):
+                said.append(f"no {name}" if value is None else f"with {name}")
+        return ", ".join(said)
 
     @classmethod
     def structures(cls, links: int) -> Iterator[Scene]:

@@ -1,9 +1,9 @@
 """CasADi: everything by automatic differentiation of energies and constraints.
 
-Nothing of the scene's M, a or recursions enters: `energies`, `constraint`, `velocities` and
-`speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by differentiation
-(Eqs. (4), (25)-(28)). The symbolic model depends on the kind and size of the scene only; its
-parameters are inputs, so that one model serves all snakes of N links.
+Nothing of the scene's M, a or recursions enters: `energies`, `dissipation`, `constraint`,
+`velocities` and `speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by
+differentiation (Eqs. (4), (25)-(28)). The symbolic model depends on the kind and size of the scene
+only; its parameters are inputs, so that one model serves all snakes of N links.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class CasadiEngine(DerivingEngine):
         return self._evaluate("bias", q, v)
 
     def forces(self, q: Array, v: Array) -> Array:
-        """Return Q (n,) = -∂U/∂q, zeros without a potential."""
+        """Return Q (n,) = -∂U/∂q - ∂R/∂v, zeros without potential and dissipation."""
         return self._evaluate("forces", q, v)
 
     def constraint_jacobian(self, q: Array, v: Array) -> Array:
@@ -131,6 +131,8 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
 
     T, U = scene.energies(*state)
     U = ca.SX(0) if U is None else U
+    R = None if scene.dissipation is None else scene.dissipation(*state)
+    R = ca.SX(0) if R is None else R
     V, omega = scene.velocities(*state)
     V_all = ca.vertcat(*V.ravel(), *omega.ravel())
     c = ca.SX(0, 1) if scene.r == 0 else ca.vertcat(*scene.constraint(*state))
@@ -139,7 +141,7 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
     outputs = {
         "mass_matrix": ca.jacobian(momentum, v),
         "bias": ca.jtimes(momentum, q, v) - ca.gradient(T, q),
-        "forces": -ca.gradient(U, q),
+        "forces": -ca.gradient(U, q) - ca.gradient(R, v),
         "constraint_jacobian": ca.jacobian(c, v),
         "constraint_drift": ca.jtimes(c, q, v),
         "V_v": ca.jacobian(V_all, v),

@@ -50,6 +50,8 @@ class Parameters(NamedTuple):
     """About the centres of mass (N,), kg m²."""
     stiffness: Any
     """Of the joints (N-1,), N m/rad, or None without springs."""
+    damping: Any
+    """Of the joints (N-1,), N m s/rad, or None without dampers."""
     cos_alpha: Any
     """(N,)."""
     sin_alpha: Any
@@ -111,18 +113,29 @@ def bias(mass, length, cos, sin, omega):
 
 @generic
 def spring_torque(stiffness, theta, joint):
-    """Return T_i = k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
+    """Return k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
     return stiffness[joint] * (theta[joint] - theta[joint + 1])
 
 
 @generic
-def forces(stiffness, theta):
-    """Return Q (N+2,) of the springs, Eqs. (26)-(27), or None without springs."""
+def joint_torque(stiffness, damping, theta, omega, joint):
+    """Return T_i = k_i (θ_i - θ_{i+1}) + d_i (ω_i - ω_{i+1}) of one joint, N m."""
+    if damping is None:
+        return spring_torque(stiffness, theta, joint)
+    damper = damping[joint] * (omega[joint] - omega[joint + 1])
     if stiffness is None:
+        return damper
+    return spring_torque(stiffness, theta, joint) + damper
+
+
+@generic
+def forces(stiffness, damping, theta, omega):
+    """Return Q (N+2,) of springs and dampers, Eqs. (26)-(27), or None without both."""
+    if stiffness is None and damping is None:
         return None
     Q = np.zeros(theta.size + 2, theta.dtype)
-    for k in range(stiffness.size):
-        torque = spring_torque(stiffness, theta, k)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
         Q[k + 2] -= torque
         Q[k + 3] += torque
     return Q
@@ -173,11 +186,11 @@ def drift(length, cos_alpha, sin_alpha, cos, sin, v):
 @generic
 def terms(parameters, angles, q, v):
     """Return the `Terms` of the snake; b is None, for wheels do not depend on time."""
-    mass, length, inertia, stiffness, cos_alpha, sin_alpha = parameters
+    mass, length, inertia, stiffness, damping, cos_alpha, sin_alpha = parameters
     theta, cos, sin = angles
     return Terms(
         mass_matrix(mass, length, inertia, cos, sin),
-        forces(stiffness, theta),
+        forces(stiffness, damping, theta, v[2:]),
         bias(mass, length, cos, sin, v[2:]),
         jacobian(length, cos_alpha, sin_alpha, cos, sin),
         drift(length, cos_alpha, sin_alpha, cos, sin, v),
@@ -306,13 +319,13 @@ def qdot(parameters, angles, rolling):
 
 
 @generic
-def active_forces(stiffness, theta, omega_u):
-    """Return F_Kane (2,) of the springs by Eq. (D1), or None without springs."""
-    if stiffness is None:
+def active_forces(stiffness, damping, theta, omega, omega_u):
+    """Return F_Kane (2,) of springs and dampers by Eq. (D1), or None without both."""
+    if stiffness is None and damping is None:
         return None
     force = np.zeros(2, theta.dtype)
-    for k in range(stiffness.size):
-        torque = spring_torque(stiffness, theta, k)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
         for i in range(2):
             force[i] += torque * (omega_u[k + 1, 0, i] - omega_u[k, 0, i])
     return force
@@ -321,6 +334,8 @@ def active_forces(stiffness, theta, omega_u):
 @generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies` of the snake, d = e = 1: along the wheel and about the vertical."""
+    stiffness, damping = parameters.stiffness, parameters.damping
+    theta, omega = angles.value, rolling.v[2:]
     return Bodies(
         rolling.s_u,
         rolling.omega_u,
@@ -329,7 +344,7 @@ def bodies(parameters, angles, rolling):
         parameters.mass,
         parameters.inertia[:, np.newaxis, np.newaxis],
         None,
-        active_forces(parameters.stiffness, angles.value, rolling.omega_u),
+        active_forces(stiffness, damping, theta, omega, rolling.omega_u),
     )
 
 
@@ -387,6 +402,24 @@ def energies(parameters, angles, q, v):
 
 
 @generic
+def damper_dissipation(damping, omega):
+    """Return R = Σ d_i (ω_{i+1} - ω_i)² / 2, W, or None without dampers."""
+    if damping is None:
+        return None
+    R = 0
+    for k in range(damping.size):
+        R += damping[k] * (omega[k + 1] - omega[k]) * (omega[k + 1] - omega[k]) / 2
+    return R
+
+
+@generic
+def dissipation(parameters, angles, q, v):
+    """Return R, W: half the power that the dampers take; None without dampers."""
+    _, omega = velocities(parameters, angles, q, v)
+    return damper_dissipation(parameters.damping, omega[:, 0])
+
+
+@generic
 def constraint(parameters, angles, q, v):
     """Return c (N,), m/s: the velocity of each wheel along its axle, Eq. (28)."""
     V, _ = velocities(parameters, angles, q, v)
@@ -413,6 +446,10 @@ def whole_links(links: int, name: str = "links") -> int:
 # ---- The scene -----------------------------------------------------------------------------------
 
 
+OF_JOINTS = ("stiffness", "damping")
+"""The parameters of which every joint has one."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Snake(Scene):
     """An N-link wheeled snake, N >= 1.
@@ -426,6 +463,7 @@ class Snake(Scene):
             speeds (`ml`, `kane`) do not exist at ±π/2, nor for i <= N-2 the paper's partition
             (`el`, `em`).
         pose: θ at t = 0 (N,), rad; all zero (stretched along x) if not given.
+        damping: of the joints, viscous (N-1,), N m s/rad, not negative; None without dampers.
 
     Raises:
         InputError: wrong shape, not finite, or out of the range given above.
@@ -437,9 +475,11 @@ class Snake(Scene):
     stiffness: Any
     wheel_angle: Any
     pose: Any = None
+    damping: Any = None
 
     key = "snake"
     conserves_energy = True
+    usually_absent = frozenset({"damping"})
     angle_coordinates = slice(2, None)
 
     terms = staticmethod(terms)
@@ -451,6 +491,7 @@ class Snake(Scene):
     speeds_of = staticmethod(speeds_of)
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
+    dissipation = staticmethod(dissipation)
     constraint = staticmethod(constraint)
     quasi_velocities = staticmethod(quasi_velocities)
     chain = staticmethod(chain)
@@ -467,18 +508,24 @@ class Snake(Scene):
             raise InputError(f"mass = {self.mass!r}: a snake has at least 1 link, one mass each")
         if self.pose is None:
             object.__setattr__(self, "pose", np.zeros(links))
-        if links == 1 and np.size(self.stiffness) == 0:
-            object.__setattr__(self, "stiffness", None)
+        for name in OF_JOINTS:
+            if links == 1 and np.size(getattr(self, name)) == 0:
+                object.__setattr__(self, name, None)
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name != "stiffness":
+            if field.name not in OF_JOINTS:
                 value = finite_array(field.name, value, (links,))
             elif value is not None:
                 value = finite_array(field.name, value, (links - 1,))
             if value is not None:
                 value.setflags(write=False)
             object.__setattr__(self, field.name, value)
-        for name, positive in (("mass", True), ("length", True), ("inertia", False)):
+        signs = {"mass": True, "length": True, "inertia": False}
+        if self.damping is not None:
+            signs["damping"] = False
+            object.__setattr__(self, "conserves_energy", False)
+            object.__setattr__(self, "why_not_conserved", "dampers in the joints take it")
+        for name, positive in signs.items():
             bad = getattr(self, name) <= 0 if positive else getattr(self, name) < 0
             if bad.any():
                 i = int(np.argmax(bad))
@@ -518,11 +565,13 @@ class Snake(Scene):
 
     @classmethod
     def structures(cls, links: int) -> Iterator[Snake]:
-        """Yield a coiled snake with springs, and one without if it has joints."""
+        """Yield a coiled snake; if it has joints, with and without springs, dampers, both."""
         coil = cls.coil(links)
         yield coil
         if links > 1:
             yield replace(coil, stiffness=None)
+            yield replace(coil, damping=np.ones(links - 1))
+            yield replace(coil, stiffness=None, damping=np.ones(links - 1))
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
@@ -532,6 +581,8 @@ class Snake(Scene):
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.pose.any():
             del values["pose"]
+        if self.damping is None:
+            del values["damping"]
         listed = (f"{k}={None if v is None else v.tolist()}" for k, v in values.items())
         return f"Snake({', '.join(listed)})"
 
@@ -579,6 +630,7 @@ class Snake(Scene):
             number(self.length),
             number(self.inertia),
             None if self.stiffness is None else number(self.stiffness),
+            None if self.damping is None else number(self.damping),
             wheel.cos,
             wheel.sin,
         )

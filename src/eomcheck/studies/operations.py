@@ -20,7 +20,7 @@ from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of, kan
 from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import active_forces, forces, whole_links
-from eomcheck.scenes.snake_chain import wheel_forces
+from eomcheck.scenes.snake_chain import torques_on, wheel_forces
 
 MAX_DEGREE = 4
 """No polynomial of a higher degree is tried."""
@@ -320,12 +320,13 @@ def _counts(record) -> tuple[int, int, int]:
 def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
     counting = Counting()
     stiffness, theta = counting.vector(scene.links - 1), counting.vector(scene.links)
+    omega = counting.vector(scene.links)
     if formulation.uses == "chain":
-        wheel_forces(stiffness, theta)
+        wheel_forces(torques_on(stiffness, None, theta, omega), theta)
     elif formulation.uses == "bodies":
         partial = counting.vector(2 * scene.links).reshape(scene.links, 1, 2)
-        force = active_forces(stiffness, theta, partial)
+        force = active_forces(stiffness, None, theta, omega, partial)
         kane.right_hand_side(force, counting.vector(scene.p))
     else:
-        net_force(forces(stiffness, theta), counting.vector(scene.n))
+        net_force(forces(stiffness, None, theta, omega), counting.vector(scene.n))
     return _counts(counting.tally)
