@@ -267,7 +267,7 @@ from eomcheck.arithmetic.float64 import compiled
 from eomcheck.model import Angles
 from eomcheck.scenes.snake import speeds_of, Parameters
 one = np.ones(2)
-snake = Parameters(one, one, one, None, one, 0 * one)
+snake = Parameters(one, one, one, None, None, one, 0 * one)
 if sys.argv[1] == "mine":
     from lost import Mine as Angles
 call = compiled(speeds_of)

@@ -148,7 +148,8 @@ LINKS = pytest.mark.parametrize("links", [1, 2, 3, 7, 20])
 @LINKS
 def test_forces_take_one_multiplication_and_three_additions_per_joint(links: int):
     counting = Counting()
-    snake.forces(counting.vector(links - 1), counting.vector(links))
+    theta, omega = counting.vector(links), counting.vector(links)
+    snake.forces(counting.vector(links - 1), None, theta, omega)
     # A sum that begins with 0 is not counted: the first and the last link carry one torque only.
     assert counts(counting) == (3 * (links - 1), links - 1, 0)
 

@@ -139,3 +139,13 @@ def test_energy_that_is_not_kept_does_not_drift(monkeypatch: pytest.MonkeyPatch)
     assert energy_drift(off) is not None
     monkeypatch.setattr(type(off.scene), "conserves_energy", False)
     assert energy_drift(off) is None
+
+
+def test_a_damped_motion_has_no_energy_error_and_says_why():
+    damped = replace(REFERENCE.scene, damping=np.ones(REFERENCE.scene.links - 1))
+    off = replace(exact(), scene=damped)
+    off.energy[:] -= off.times
+    assert energy_drift(off) is None
+    assert np.isnan(errors_of(off, REFERENCE).energy)
+    with pytest.raises(InputError, match="dampers in the joints take it"):
+        energy_error(off)

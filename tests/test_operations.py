@@ -358,6 +358,18 @@ def test_springs_cost_what_their_terms_cost_and_absent_ones_nothing(links: int):
         assert row.difference == (*expected.get(row.formulation, in_terms), 0)
 
 
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_dampers_cost_as_much_as_springs_and_absent_ones_nothing(key: str):
+    coil, one = Snake.coil(5), np.ones(4)
+    dampers = replace(coil, stiffness=None, damping=one)
+    alone = count(coil, FORMULATIONS[key])
+    assert count(dampers, FORMULATIONS[key]) == alone
+    both = count(replace(coil, damping=one), FORMULATIONS[key])
+    # d (ω - ω') is added to each torque, of which there is one per joint.
+    assert both.additions - alone.additions == 2 * 4
+    assert both.multiplications - alone.multiplications == 4
+
+
 def test_a_snake_without_joints_has_no_springs_to_compare():
     assert compare_springs(1) == []
 

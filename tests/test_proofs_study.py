@@ -31,8 +31,12 @@ def test_every_structure_is_proved_and_written(tmp_path: Path):
         "snake[1], no stiffness",
         "snake[2]",
         "snake[2], no stiffness",
+        "snake[2], with damping",
+        "snake[2], no stiffness, with damping",
         "snake[3]",
         "snake[3], no stiffness",
+        "snake[3], with damping",
+        "snake[3], no stiffness, with damping",
     ]
     assert document["seed"] == 5
     rows = [row for rows in document["findings"].values() for row in rows]

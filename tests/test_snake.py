@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.evaluate import Evaluation, check_consistent, velocity
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
+from eomcheck.scenes.snake import OF_JOINTS
 from eomcheck.tolerance import allowed_error
 
 VALID = {
@@ -24,6 +25,7 @@ VALID = {
     "stiffness": [10.0, 0.0],
     "wheel_angle": [0.1, -0.2, 0.3],
     "pose": [0.0, 0.5, -0.5],
+    "damping": [0.0, 2.0],
 }
 SNAKES = [
     Snake(**VALID),
@@ -70,11 +72,36 @@ def test_a_mass_or_length_that_is_not_positive_is_refused_with_its_place_and_val
     assert f"{name}[1] = {value}" in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["inertia", "damping"])
 @pytest.mark.parametrize("value", [-1.0, -5e-324])
-def test_a_negative_inertia_is_refused_with_its_place_and_value(value):
+def test_a_negative_inertia_or_damping_is_refused_with_its_place_and_value(name, value):
     with pytest.raises(InputError) as caught:
-        Snake(**with_entry("inertia", value))
-    assert f"inertia[1] = {value}" in str(caught.value)
+        Snake(**with_entry(name, value))
+    assert f"{name}[1] = {value}" in str(caught.value)
+
+
+def test_a_snake_keeps_its_energy_unless_something_damps_it_and_says_what():
+    damped = replace(Snake.paper(), damping=np.ones(6))
+    assert Snake.paper().conserves_energy and not Snake.paper().why_not_conserved
+    assert not damped.conserves_energy and "dampers" in damped.why_not_conserved
+    assert replace(damped, damping=None).conserves_energy
+
+
+def test_a_snake_names_its_dampers_only_where_it_has_some():
+    damped = replace(Snake.coil(3), damping=[1.0, 2.0])
+    assert "damping" not in repr(Snake.coil(3)) and Snake.coil(3).structure == "snake[3]"
+    assert "damping=[1.0, 2.0]" in repr(damped) and damped.structure == "snake[3], with damping"
+
+
+def test_dampers_take_twice_their_dissipation_from_the_energy():
+    snake = Snake(**VALID)
+    q, _ = snake.initial_state()
+    v = velocity(snake, q, [1.0, 0.5])
+    at = Evaluation(snake, q, v)
+    R = at.dissipation(v)
+    assert 2.0 * (v[4] - v[3]) ** 2 / 2 == R
+    spring = Evaluation(replace(snake, damping=None), q, v)
+    assert v @ (at.terms.Q - spring.terms.Q) == pytest.approx(-2 * R)
 
 
 def test_an_inertia_of_zero_is_a_point_mass_and_allowed():
@@ -84,7 +111,7 @@ def test_an_inertia_of_zero_is_a_point_mass_and_allowed():
 @pytest.mark.parametrize("name", [name for name in VALID if name != "mass"])
 @pytest.mark.parametrize("shape", [(1,), (4,), (3, 1), ()])
 def test_a_parameter_of_wrong_shape_is_refused_with_its_name_and_both_shapes(name, shape):
-    expected = (2,) if name == "stiffness" else (3,)
+    expected = (2,) if name in OF_JOINTS else (3,)
     with pytest.raises(InputError) as caught:
         Snake(**VALID | {name: np.ones(shape)})
     for part in (name, str(shape), str(expected)):
@@ -386,5 +413,5 @@ def test_the_arrays_of_a_snake_have_the_shapes_that_its_links_ask_for(snake: Sna
     for field in fields(Snake):
         value = getattr(snake, field.name)
         if value is not None:
-            assert value.shape == (snake.links - (field.name == "stiffness"),)
+            assert value.shape == (snake.links - (field.name in OF_JOINTS),)
             assert value.dtype == np.float64

@@ -20,7 +20,7 @@ every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 
 # ---- Bad bounds ----------------------------------------------------------------------------------
 
-PARAMETERS = ["mass", "length", "inertia", "stiffness"]
+PARAMETERS = ["mass", "length", "inertia", "stiffness", "damping"]
 makers_of_snakes = pytest.mark.parametrize(
     "maker", [strategies.snakes, strategies.hostile_snakes], ids=lambda m: m.__name__
 )
@@ -99,6 +99,7 @@ BOUNDS = {
     "length": (0.5, 0.5),
     "inertia": (0.0, 1.0),
     "stiffness": (3.0, 4.0),
+    "damping": (0.5, 2.0),
 }
 
 
@@ -130,8 +131,10 @@ def drawn(strategy, count: int) -> list:
     return found
 
 
-def test_snakes_are_drawn_with_springs_and_without():
-    assert {snake.stiffness is None for snake in drawn(strategies.snakes(2), 30)} == {True, False}
+@pytest.mark.parametrize("name", ["stiffness", "damping"])
+def test_snakes_are_drawn_with_springs_and_dampers_and_without(name):
+    snakes = drawn(strategies.snakes(2), 30)
+    assert {getattr(snake, name) is None for snake in snakes} == {True, False}
 
 
 def from_curved(state) -> np.ndarray:

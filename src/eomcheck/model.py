@@ -232,8 +232,9 @@ class Scene(ABC):
     - `speeds_of(parameters, prepared, q, v) -> u`
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
-    - `dissipation(parameters, prepared, q, v) -> R`, W: half the power that dampers take, -∂R/∂v
-      being their part of Q; None, and no function, where there are none
+    - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
+      -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
+      it loses energy in no other way
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
     - `position_residual(parameters, prepared, q) -> (r,)`, of which `constraint` is the rate; None,
       and no function, where constraints are not holonomic
@@ -251,9 +252,12 @@ class Scene(ABC):
     key: ClassVar[str]
     compiled: ClassVar[bool] = True
     """Whether numba can compile the functions; if not, doubles run them in Python."""
-    conserves_energy: ClassVar[bool]
-    why_not_conserved: ClassVar[str] = ""
+    conserves_energy: bool
+    """Whether T + U keeps its value; one scene may lose what others of its kind conserve."""
+    why_not_conserved: str = ""
     """What changes the energy where it is not conserved."""
+    usually_absent: ClassVar[frozenset[str]] = frozenset()
+    """Terms that are absent unless asked for."""
     depends_on_time: ClassVar[bool] = False
     """Whether anything in it depends on t."""
     natural_speeds: ClassVar[bool] = True
@@ -306,9 +310,15 @@ class Scene(ABC):
 
     @property
     def structure(self) -> str:
-        """The name, and what is absent: what decides which functions run, apart from numbers."""
-        absent = [f"no {name}" for name, value in vars(self).items() if value is None]
-        return ", ".join((self.name, *absent))
+        """The name, what is absent, and what is there that usually is absent.
+
+        That decides which functions run, apart from numbers.
+        """
+        said = [self.name]
+        for name, value in vars(self).items():
+            if (value is None) != (name in self.usually_absent):
+                said.append(f"no {name}" if value is None else f"with {name}")
+        return ", ".join(said)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:

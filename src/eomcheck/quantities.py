@@ -181,6 +181,11 @@ class Quantities:
         arguments = self.parameters, self.prepared, self.q, self.x
         return self.keep(self.call(self.scene.chain, *arguments))
 
+    def dissipation(self, v: Array) -> Any:
+        """Return R at the velocity v (n,), of any numbers; None where nothing is dissipated."""
+        function = self.scene.dissipation
+        return None if function is None else function(self.parameters, self.prepared, self.q, v)
+
     @cached_property
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""

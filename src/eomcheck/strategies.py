@@ -78,9 +78,10 @@ def snakes(
     length: tuple[float, float] = (0.1, 10.0),
     inertia: tuple[float, float] = (0.01, 10.0),
     stiffness: tuple[float, float] = (0.0, 1e4),
+    damping: tuple[float, float] = (0.0, 100.0),
     wheel_angle: float = 1.0,
 ) -> SearchStrategy[Snake]:
-    """Return a strategy for snakes whose links differ, with springs or without.
+    """Return a strategy for snakes whose links differ, with springs and dampers or without.
 
     Args:
         min_links: smallest N.
@@ -89,6 +90,7 @@ def snakes(
         length: bounds, m.
         inertia: bounds, kg m².
         stiffness: bounds, N m/rad.
+        damping: bounds, N m s/rad.
         wheel_angle: largest |α|, rad.
 
     Raises:
@@ -100,12 +102,14 @@ def snakes(
     _interval("length", length, smallest)
     _interval("inertia", inertia, 0.0)
     _interval("stiffness", stiffness, 0.0)
+    _interval("damping", damping, 0.0)
     _symmetric("wheel_angle", wheel_angle)
     bounds = {
         "mass": mass,
         "length": length,
         "inertia": inertia,
         "stiffness": stiffness,
+        "damping": damping,
         "wheel_angle": (-wheel_angle, wheel_angle),
     }
 
@@ -245,6 +249,7 @@ def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Sna
             inertia=_vector(st.just(0.0) | sizes, n),
             stiffness=st.none() | _vector(st.just(0.0) | _magnitudes(-8.0, 12.0), n - 1),
             wheel_angle=_vector(wheels, n),
+            damping=st.none() | _vector(st.just(0.0) | _magnitudes(-8.0, 12.0), n - 1),
         )
 
     return _links(min_links, max_links).flatmap(build)

@@ -33,6 +33,14 @@ class _Settle(ast.NodeTransformer):
                 return ast.copy_location(ast.Constant(truth), node)
         return node
 
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        self.generic_visit(node)
+        truths = [value.value for value in node.values if isinstance(value, ast.Constant)]
+        if len(truths) < len(node.values):
+            return node
+        truth = all(truths) if isinstance(node.op, ast.And) else any(truths)
+        return ast.copy_location(ast.Constant(truth), node)
+
     def visit_If(self, node: ast.If) -> ast.If | list[ast.stmt]:
         self.generic_visit(node)
         if isinstance(node.test, ast.Constant):

@@ -17,6 +17,7 @@ from eomcheck.checks.finding import Finding
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import NO_RATE, Formulations, Sides, Skipped, identity
 from eomcheck.evaluate import Evaluation
+from eomcheck.formulations.banded import joint_gaps
 from eomcheck.model import Array, Chain
 from eomcheck.quantities import Quantities
 from eomcheck.tolerance import largest
@@ -24,9 +25,7 @@ from eomcheck.tolerance import largest
 
 def joined(chain: Chain, x: Array) -> Array:
     """Return A_k x_{k-1} + C_k x_k (n_b-1, 2)."""
-    pairs, joints = x.reshape(-1, 2), range(len(chain.before))
-    rows = [chain.before[j] @ pairs[j] + chain.after[j] @ pairs[j + 1] for j in joints]
-    return np.array(rows, x.dtype).reshape(-1, 2)
+    return joint_gaps(chain.before, chain.after, x)
 
 
 def _is_chain(e: Quantities) -> bool:

@@ -29,23 +29,31 @@ def _power_terms(e: Evaluation, vdot: Array) -> Array:
     return np.array(shares, dtype=np.float64)
 
 
-@claim("power-balance", "d(T + U)/dt = 0", "(25)-(26), (31)", "power balance")
+@claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance")
 def power_balance(case: Case) -> Iterator[Finding]:
-    """Ideal constraints do no work: the energy keeps its value along each q̈."""
+    """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
     at = case.at
-    if not at.scene.conserves_energy:
+    lost = _power_lost(at)
+    if lost is None and not at.scene.conserves_energy:
         return
 
     def power(e: Evaluation, formulation: Formulation) -> Array:
         return np.asarray(_power_terms(e, e.acceleration(formulation).vdot).sum())
 
+    lost = 0.0 if lost is None else lost
     for formulation in case.solved:
-        shares = _power_terms(at, at.acceleration(formulation).vdot)
+        shares = np.append(_power_terms(at, at.acceleration(formulation).vdot), lost)
         scale = largest(shares)
         spread = at.spread(lambda e, f=formulation: power(e, f)) + scale
         if not np.isfinite(case.vdot_spread(formulation)):
             spread = float("inf")
         yield case.compare(formulation.key, shares.sum(), np.zeros(()), spread, scale=scale)
+
+
+def _power_lost(e: Evaluation) -> float | None:
+    """Return v ∂R/∂v, W; None where nothing is dissipated."""
+    R = e.dissipation(duals(e.v, e.v))
+    return None if R is None else float(rate(R))
 
 
 @claim("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")

@@ -124,7 +124,7 @@ def bias(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
 
 @identity("generalized-forces")
 def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
-    """Q is minus the rate of the potential energy along any virtual displacement."""
+    """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
     if not at.can_move:
         yield Skipped("Q", NO_RATE)
         return
@@ -132,10 +132,11 @@ def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     found, expected = [], []
     for direction in at.directions:
         _, U = at.scene.energies(at.parameters, *at.moving(direction, clock=False), at.v)
-        if U is None and Q is None:
+        R = at.dissipation(duals(at.v, direction))
+        if U is None and R is None and Q is None:
             return
         found.append(0 if Q is None else direction @ Q)
-        expected.append(0 if U is None else -rate(U))
+        expected.append((0 if U is None else -rate(U)) - (0 if R is None else rate(R)))
     yield Sides("Q", np.array(found, object), np.array(expected, object), (at.direction_names,))
 
 
@@ -317,8 +318,9 @@ def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides | Skipp
 
 @identity("power-balance")
 def power_balance(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
-    """Ideal constraints do no work: the energy keeps its value along each q̈."""
-    if not at.scene.conserves_energy:
+    """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
+    R = at.dissipation(duals(at.v, at.v))
+    if R is None and not at.scene.conserves_energy:
         return
     if not at.can_move:
         yield Skipped("all", NO_RATE)
@@ -326,4 +328,5 @@ def power_balance(at: Point, formulations: Formulations) -> Iterator[Sides | Ski
     prepared, q = at.moving(at.v)
     for f, (vdot, _) in _solutions(at, formulations):
         T, U = at.scene.energies(at.parameters, prepared, q, duals(at.v, vdot))
-        yield Sides(f.key, rate(T), 0 if U is None else -rate(U), ())
+        lost = (0 if U is None else -rate(U)) - (0 if R is None else rate(R))
+        yield Sides(f.key, rate(T), lost, ())

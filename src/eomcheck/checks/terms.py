@@ -78,9 +78,9 @@ def bias(case: Case) -> Iterator[Finding]:
     )
 
 
-@claim("generalized-forces", "Q = -∂U/∂q", "(26)-(27)", "generalized forces")
+@claim("generalized-forces", "Q = -∂U/∂q - ∂R/∂q̇", "(26)-(27)", "generalized forces")
 def generalized_forces(case: Case) -> Iterator[Finding]:
-    """Compare Q with the derivative of the potential energy."""
+    """Compare Q with the derivatives of the potential energy and of the dissipation."""
     if case.at.terms.Q is None:
         return iter(())
     return _against_engines(case, lambda e: e.terms.Q, lambda engine: engine.forces(*case.state))

@@ -160,7 +160,8 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
 
     T, U = scene.energies(*state)
     U = ca.SX(0) if U is None else U
-    R = ca.SX(0) if scene.dissipation is None else scene.dissipation(*state)
+    R = None if scene.dissipation is None else scene.dissipation(*state)
+    R = ca.SX(0) if R is None else R
     V, omega = scene.velocities(*state)
     inertia = parameters.inertia.reshape(len(V), omega.shape[1], omega.shape[1])
     V_all = ca.vertcat(*V.ravel(), *omega.ravel())

@@ -51,6 +51,21 @@ def system(mass, force, before, after, rest):
 
 
 @generic
+def joint_gaps(before, after, x):
+    """Return A_k x_{k-1} + C_k x_k (n_b-1, 2), m/s: 0 where the joints hold together."""
+    gaps = np.zeros(before.shape[:2], x.dtype)
+    for k in range(before.shape[0]):
+        for i in range(2):
+            gaps[k, i] = (
+                before[k, i, 0] * x[2 * k]
+                + before[k, i, 1] * x[2 * k + 1]
+                + after[k, i, 0] * x[2 * k + 2]
+                + after[k, i, 1] * x[2 * k + 3]
+            )
+    return gaps
+
+
+@generic
 def solution(mass, force, before, after, rest):
     """Return (ẋ (s,), joint forces ρ (n_b-1, 2))."""
     bands, right = system(mass, force, before, after, rest)

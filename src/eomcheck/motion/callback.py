@@ -42,10 +42,10 @@ SIGNATURE = types.void(
 CALLS, FAILED = 0, 1
 """Places in the block of counts: right-hand sides evaluated, those that were not finite."""
 
-HEADER = 9
+HEADER = 10
 """Integers of a `Table` before those of the parameters: addresses of the counts and of the time of
 the first failure, n, number of speeds, size of the state, address and size of each half of the
-partition."""
+partition, address of the rate of feedback."""
 
 
 class Table:
@@ -57,21 +57,32 @@ class Table:
         n: number of coordinates.
         speeds: number of entries of v, v2, u or x in the state.
         size: number of entries of the whole state.
+        feedback: rate of Baumgarte's feedback, 1/s, read by callbacks that have it.
     """
 
-    def __init__(self, parameters: Any, partition: Partition, n: int, speeds: int, size: int):
+    def __init__(
+        self,
+        parameters: Any,
+        partition: Partition,
+        n: int,
+        speeds: int,
+        size: int,
+        feedback: float | None = None,
+    ):
         self.counts = np.zeros(2, np.int64)
         self.failure_time = np.full(1, np.nan)
+        rate = np.array([np.nan if feedback is None else feedback])
         halves = [np.ascontiguousarray(half, np.int64) for half in partition]
         fields = [None if x is None else np.ascontiguousarray(x, np.float64) for x in parameters]
         entries = [self.counts.ctypes.data, self.failure_time.ctypes.data]
         entries += [n, speeds, size]
         for half in halves:
             entries += [half.ctypes.data, half.size]
+        entries.append(rate.ctypes.data)
         for field in fields:
             entries += [] if field is None else [field.ctypes.data, *field.shape]
         self._block = np.array(entries, np.int64)
-        self._alive = halves, fields  # the block only holds their addresses
+        self._alive = halves, rate, fields  # the block only holds their addresses
         self.arguments = np.array([self._block.ctypes.data], np.int64).view(np.float64)
 
     def reset(self) -> None:
@@ -126,15 +137,40 @@ def _parameters_at(block, kind, shapes):
     return names["record"]
 
 
-def callback(scene: Scene, formulation: Formulation, parameters: Any) -> Any:
-    """Return the compiled callback, a numba `CFunc`, for scenes of this kind and structure."""
-    return _callback(type(scene), formulation, type(parameters), shapes_of(parameters))
+def feedback_at(block, stabilized):
+    """Return the rate of feedback if `stabilized` is "yes", otherwise None; compiled only."""
+    raise NotImplementedError
+
+
+@overload(feedback_at, prefer_literal=True)
+def _feedback_at(block, stabilized):
+    if not isinstance(stabilized, types.StringLiteral):
+        return None
+    if stabilized.literal_value == "yes":
+        return lambda block, stabilized: carray(_doubles_at(block[9]), (1,))[0]
+    return lambda block, stabilized: None
+
+
+def callback(
+    scene: Scene, formulation: Formulation, parameters: Any, stabilized: bool = False
+) -> Any:
+    """Return the compiled callback, a numba `CFunc`, for scenes of this kind and structure.
+
+    Only one that is `stabilized` reads the rate of feedback and spends operations on it.
+    """
+    shapes = shapes_of(parameters)
+    return _callback(type(scene), formulation, type(parameters), shapes, stabilized)
 
 
 @cache
-def _callback(scene: type[Scene], formulation: Formulation, kind: type, shapes: str) -> Any:
+def _callback(
+    scene: type[Scene], formulation: Formulation, kind: type, shapes: str, stabilized: bool
+) -> Any:
     compose = _COMPOSERS[formulation.uses, formulation.state]
-    return compiled_callback(compose(scene, formulation.solution, kind, shapes), SIGNATURE)
+    how = (kind, shapes)
+    if formulation.level == "acceleration":
+        how = (*how, "yes" if stabilized else "no")
+    return compiled_callback(compose(scene, formulation.solution, *how), SIGNATURE)
 
 
 @register_jitable
@@ -187,7 +223,9 @@ def _integrate(integrals, multipliers):
             integrals[i] = multipliers[i]
 
 
-def _with_velocities(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+def _with_velocities(
+    scene: type[Scene], solution: Callable, kind: type, shapes: str, stabilized: str
+) -> Callable:
     prepare, terms = scene.prepare, scene.terms
 
     def rate(ydot, t, y, arguments):
@@ -196,8 +234,9 @@ def _with_velocities(scene: type[Scene], solution: Callable, kind: type, shapes:
         parameters = parameters_at(block, kind, shapes)
         prepared = prepare(FLOAT64, parameters, q, t)
         partition = _partition_at(block)
+        feedback = feedback_at(block, stabilized)
         qdot, vdot, lambda_ = rates_from_terms(
-            terms, solution, parameters, prepared, q, v, partition
+            terms, solution, parameters, prepared, q, v, partition, feedback
         )
         _integrate(_store(block, t, ydot, qdot, vdot), lambda_)
 
@@ -215,7 +254,9 @@ def _with_independent(scene: type[Scene], solution: Callable, kind: type, shapes
         partition = _partition_at(block)
         a, b = constraints(parameters, prepared, q)
         v = velocity_of_independent(a, b, v2, partition)
-        qdot, vdot, _ = rates_from_terms(terms, solution, parameters, prepared, q, v, partition)
+        qdot, vdot, _ = rates_from_terms(
+            terms, solution, parameters, prepared, q, v, partition, None
+        )
         _store(block, t, ydot, qdot, vdot[partition.independent])
 
     return rate
@@ -255,7 +296,9 @@ def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str
     return rate
 
 
-def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+def _with_chain(
+    scene: type[Scene], solution: Callable, kind: type, shapes: str, stabilized: str
+) -> Callable:
     prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
 
     def rate(ydot, t, y, arguments):
@@ -263,7 +306,10 @@ def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str)
         q, x = _state_at(block, y)
         parameters = parameters_at(block, kind, shapes)
         prepared = prepare(FLOAT64, parameters, q, t)
-        qdot, xdot = rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+        feedback = feedback_at(block, stabilized)
+        qdot, xdot = rates_from_chain(
+            chain, chain_velocity, solution, parameters, prepared, q, x, feedback
+        )
         _store(block, t, ydot, qdot, xdot)
 
     return rate

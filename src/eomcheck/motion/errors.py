@@ -9,7 +9,7 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
-from eomcheck.model import Array
+from eomcheck.model import Array, Scene
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference
 
@@ -21,7 +21,13 @@ def constraint_error(trajectory: Trajectory) -> Array:
 
 
 def energy_error(trajectory: Trajectory) -> Array:
-    """Return T + U - E_0 at each time (k,), J (Eq. (31))."""
+    """Return T + U - E_0 at each time (k,), J (Eq. (31)).
+
+    Raises:
+        InputError: the scene does not keep its energy, so that this is no error.
+    """
+    if not trajectory.scene.conserves_energy:
+        raise InputError(f"{trajectory.scene.name} has no energy error: {_loss(trajectory.scene)}")
     return trajectory.energy - trajectory.energy[0]
 
 
@@ -97,7 +103,7 @@ class Errors:
         largest_relative: `largest` over the largest entry of the true states.
         mescd: mixed-error significant correct digits at the end,
             -log10 max |error_i| / (atol/rtol + |true_i|).
-        energy: largest |T + U - E_0| over the largest |T + U|.
+        energy: largest |T + U - E_0| over the largest |T + U|; NaN where energy is not conserved.
         constraint: largest ‖c‖₂, m/s.
         floor: what rounding the reference to doubles and its own uncertainty add: nothing is to be
             judged below it.
@@ -128,17 +134,27 @@ def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
     with np.errstate(divide="ignore"):
         mixed = error[-1] / (trajectory.atol / trajectory.rtol + np.abs(true[-1]))
         digits = float(-np.log10(mixed.max()))
-    energy, top = np.abs(energy_error(trajectory)).max(), np.abs(trajectory.energy).max()
     return Errors(
         float(error[-1].max()),
         float(error.max()),
         float(error[-1].max() / np.abs(true[-1]).max()),
         float(error.max() / np.abs(true).max()),
         digits,
-        float(energy / top) if top > 0 else (0.0 if energy == 0 else math.inf),
+        _largest_energy_error(trajectory),
         float(constraint_error(trajectory).max()),
         reference.uncertainty + reference.rounding,
     )
+
+
+def _largest_energy_error(trajectory: Trajectory) -> float:
+    if not trajectory.scene.conserves_energy:
+        return math.nan
+    error, top = np.abs(energy_error(trajectory)).max(), np.abs(trajectory.energy).max()
+    return float(error / top) if top > 0 else (0.0 if error == 0 else math.inf)
+
+
+def _loss(scene: Scene) -> str:
+    return scene.why_not_conserved or "its energy changes"
 
 
 def _end(trajectory: Trajectory) -> str:

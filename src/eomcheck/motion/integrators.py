@@ -85,6 +85,7 @@ def integrate(
     y0: Array,
     t_end: float,
     *,
+    t_start: float = 0.0,
     integrator: str = "DOP853",
     rtol: float = 1e-9,
     atol: float = 1e-9,
@@ -93,13 +94,14 @@ def integrate(
     first_step: float = 0.0,
     max_steps: int = MOST_STEPS,
 ) -> Steps:
-    """Integrate from t = 0 to `t_end` by a C callback.
+    """Integrate from `t_start` to `t_end` by a C callback.
 
     Args:
         address: of the callback, which gets (derivatives, t, state, arguments).
         arguments: doubles, which CyRK copies.
         y0: initial state (size,).
         t_end: end, s.
+        t_start: start, s.
         integrator: a key of `INTEGRATORS`.
         rtol: relative tolerance.
         atol: absolute tolerance.
@@ -120,7 +122,7 @@ def integrate(
     tolerances = np.array([rtol]), np.array([atol])
     result = cyrk.c_numba_cysolve_ivp(
         address,
-        0.0,
+        t_start,
         t_end,
         *(y0.ctypes.data, y0.size),
         method,

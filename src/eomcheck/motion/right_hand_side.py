@@ -15,13 +15,15 @@ from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.generic import generic
 from eomcheck.formulations import Formulation
 from eomcheck.model import Scene, velocity
+from eomcheck.motion.stabilization import fed_back, joints_fed_back
 from eomcheck.quantities import net_force
 
 
 @generic
-def rates_from_terms(terms, solution, parameters, prepared, q, v, partition):
+def rates_from_terms(terms, solution, parameters, prepared, q, v, partition, feedback):
     """Return (q̇, v̇, λ or None) of a formulation that uses Lagrange's terms."""
-    M, Q, B, a, gamma, _ = terms(parameters, prepared, q, v)
+    M, Q, B, a, gamma, b = terms(parameters, prepared, q, v)
+    gamma = fed_back(a, gamma, b, v, feedback)
     vdot, multipliers = solution(M, net_force(M, Q, B), a, gamma, v, partition)
     return v, vdot, multipliers
 
@@ -50,9 +52,10 @@ def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, pr
 
 
 @generic
-def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x):
+def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x, feedback):
     """Return (q̇, ẋ) of a formulation that uses the bodies as a chain."""
     mass, force, before, after, rest = chain(parameters, prepared, q, x)
+    rest = joints_fed_back(before, after, rest, x, feedback)
     xdot, _ = solution(mass, force, before, after, rest)
     return chain_velocity(parameters, prepared, q, x), xdot
 
@@ -72,7 +75,9 @@ def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
 
     def rate(parameters, q, v, t, partition):
         prepared = prepare(FLOAT64, parameters, q, t)
-        qdot, vdot, _ = rates_from_terms(terms, solution, parameters, prepared, q, v, partition)
+        qdot, vdot, _ = rates_from_terms(
+            terms, solution, parameters, prepared, q, v, partition, None
+        )
         return qdot, vdot
 
     return rate
@@ -107,7 +112,7 @@ def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
 
     def rate(parameters, q, x, t, partition):
         prepared = prepare(FLOAT64, parameters, q, t)
-        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x, None)
 
     return rate
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, State, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
+from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Trajectory:
         status: "finished", or "failed" if the end was not reached.
         reason: why not.
         seconds: time of the integration alone, s.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None without.
+        projection: interval at which the velocity was projected, s, or None.
     """
 
     scene: Scene
@@ -58,6 +61,8 @@ class Trajectory:
     status: str
     reason: str
     seconds: float
+    baumgarte: float | None = None
+    projection: float | None = None
 
 
 class Motion:
@@ -69,15 +74,24 @@ class Motion:
         q0: initial coordinates (n,).
         v0: initial velocities (n,), consistent with the constraints.
         u0: initial generalized speeds (p,), by default those of v0.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None.
 
     Raises:
+        InputError: `baumgarte` is not positive or does not apply.
         RefusedError: the generalized speeds do not exist.
     """
 
     def __init__(
-        self, scene: Scene, formulation: Formulation, q0: Array, v0: Array, u0: Array | None = None
+        self,
+        scene: Scene,
+        formulation: Formulation,
+        q0: Array,
+        v0: Array,
+        u0: Array | None = None,
+        baumgarte: float | None = None,
     ):
-        self.scene, self.formulation = scene, formulation
+        check_stabilization(scene, formulation, baumgarte, None)
+        self.scene, self.formulation, self.baumgarte = scene, formulation, baumgarte
         at = Evaluation(scene, q0, v0)
         if formulation.state == "q, u":
             scene.refuse_speeds(at.q)
@@ -91,13 +105,49 @@ class Motion:
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size
         parameters = scene.parameters(FLOAT64)
-        self.table = Table(parameters, self.partition, scene.n, speeds.size, self.y0.size)
-        self.callback = callback(scene, formulation, parameters)
+        sizes = scene.n, speeds.size, self.y0.size
+        self.table = Table(parameters, self.partition, *sizes, baumgarte)
+        self.callback = callback(scene, formulation, parameters, baumgarte is not None)
 
-    def solve(self, t_end: float, **options) -> Steps:
-        """Return `integrate`'s result for this motion; counts are set anew."""
+    def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
+        """Return `integrate`'s result for this motion; counts are set anew.
+
+        Args:
+            t_end: end, s.
+            projection: interval at which the velocity is projected onto the constraints, s.
+            options: of `integrate`.
+        """
         self.table.reset()
-        return integrate(self.callback.address, self.table.arguments, self.y0, t_end, **options)
+        call = self.callback.address, self.table.arguments
+        if projection is None:
+            return integrate(*call, self.y0, t_end, **options)
+        first, times = options.pop("first_step", 0.0), options.pop("output_times", None)
+        most = options.pop("max_steps", 0)
+
+        def piece(start, end, y, first_step, output_times, max_steps) -> Steps:
+            return integrate(
+                *call,
+                y,
+                end,
+                t_start=start,
+                first_step=first_step,
+                output_times=output_times,
+                max_steps=max_steps,
+                **options,
+            )
+
+        return in_pieces(piece, self.project, self.y0, t_end, projection, first, times, most)
+
+    def project(self, t: float, y: Array) -> Array:
+        """Return the state vector y with its speeds projected onto the constraints.
+
+        Raises:
+            RefusedError: a matrix is singular to working precision.
+        """
+        n, end = self.scene.n, self.scene.n + self.speeds
+        here = self.scene, self.formulation, self.partition
+        speeds = projected(*here, t, y[:n], y[n:end])
+        return np.concatenate((y[:n], speeds, y[end:]))
 
     def split(self, y: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (q (n,), v (n,)) of a state vector at time t, s; NaN where it is not finite."""
@@ -151,6 +201,8 @@ def simulate(
     max_step: float = math.inf,
     first_step: float | None = None,
     max_steps: int = MOST_STEPS,
+    baumgarte: float | None = None,
+    projection: float | None = None,
 ) -> Trajectory:
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 
@@ -174,6 +226,10 @@ def simulate(
         max_step: largest step, s.
         first_step: first step, s, by default the integrator's choice.
         max_steps: give up after so many steps; 0 for no limit.
+        baumgarte: rate of Baumgarte's feedback of the constraint error, 1/s.
+        projection: interval, s, at which the velocity is projected onto the constraints, orthogonal
+            in the norm of the mass matrix. Both are for formulations whose constraints enter at
+            acceleration level, and off by default; see `eomcheck.motion.stabilization`.
 
     Returns:
         The trajectory. An integration that cannot go on is a result with `status` "failed" and a
@@ -181,11 +237,13 @@ def simulate(
 
     Raises:
         InputError: values that are not valid, velocities that violate the constraints, a
-            formulation that does not apply to the scene.
+            formulation that does not apply to the scene, a stabilization that does not apply to the
+            formulation.
         UnknownNameError: no such formulation or integrator.
         RefusedError: the generalized speeds do not exist.
     """
     formulation = formulation_for(checked_scene(scene), key)
+    check_stabilization(scene, formulation, baumgarte, projection)
     integrator = integrator_of(integrator).key
     for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
         if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
@@ -195,10 +253,11 @@ def simulate(
     if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 0:
         raise InputError(f"max_steps = {max_steps!r}, expected a whole number, 0 for no limit")
     times = None if output_times is None else _checked_times(output_times, t_end)
-    motion = Motion(scene, formulation, *_initial(scene, q0, v0, u0))
+    motion = Motion(scene, formulation, *_initial(scene, q0, v0, u0), baumgarte)
     start = time.perf_counter()
     found = motion.solve(
         t_end,
+        projection,
         integrator=integrator,
         rtol=rtol,
         atol=atol,
@@ -208,7 +267,8 @@ def simulate(
         max_steps=max_steps,
     )
     seconds = time.perf_counter() - start
-    return trajectory(motion, found, integrator, rtol, atol, seconds)
+    seen = trajectory(motion, found, integrator, rtol, atol, seconds)
+    return replace(seen, baumgarte=baumgarte, projection=projection)
 
 
 def trajectory(

@@ -51,6 +51,8 @@ class Parameters(NamedTuple):
     """About the centres of mass (N,), kg m²."""
     stiffness: Any
     """Of the joints (N-1,), N m/rad, or None without springs."""
+    damping: Any
+    """Of the joints (N-1,), N m s/rad, or None without dampers."""
     cos_alpha: Any
     """(N,)."""
     sin_alpha: Any
@@ -118,18 +120,29 @@ def bias(mass, length, cos, sin, omega):
 
 @generic
 def spring_torque(stiffness, theta, joint):
-    """Return T_i = k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
+    """Return k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
     return stiffness[joint] * (theta[joint] - theta[joint + 1])
 
 
 @generic
-def forces(stiffness, theta):
-    """Return Q (N+2,) of the springs, Eqs. (26)-(27), or None without springs."""
+def joint_torque(stiffness, damping, theta, omega, joint):
+    """Return T_i = k_i (θ_i - θ_{i+1}) + d_i (ω_i - ω_{i+1}) of one joint, N m."""
+    if damping is None:
+        return spring_torque(stiffness, theta, joint)
+    damper = damping[joint] * (omega[joint] - omega[joint + 1])
     if stiffness is None:
+        return damper
+    return spring_torque(stiffness, theta, joint) + damper
+
+
+@generic
+def forces(stiffness, damping, theta, omega):
+    """Return Q (N+2,) of springs and dampers, Eqs. (26)-(27), or None without both."""
+    if stiffness is None and damping is None:
         return None
     Q = np.zeros(theta.size + 2, theta.dtype)
-    for k in range(stiffness.size):
-        torque = spring_torque(stiffness, theta, k)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
         Q[k + 2] -= torque
         Q[k + 3] += torque
     return Q
@@ -180,11 +193,11 @@ def drift(length, cos_alpha, sin_alpha, cos, sin, v):
 @generic
 def terms(parameters, angles, q, v):
     """Return the `Terms` of the snake; b is None, for wheels do not depend on time."""
-    mass, length, inertia, stiffness, cos_alpha, sin_alpha = parameters
+    mass, length, inertia, stiffness, damping, cos_alpha, sin_alpha = parameters
     theta, cos, sin = angles
     return Terms(
         mass_matrix(mass, length, inertia, cos, sin),
-        forces(stiffness, theta),
+        forces(stiffness, damping, theta, v[2:]),
         bias(mass, length, cos, sin, v[2:]),
         jacobian(length, cos_alpha, sin_alpha, cos, sin),
         drift(length, cos_alpha, sin_alpha, cos, sin, v),
@@ -314,13 +327,13 @@ def qdot(parameters, angles, rolling):
 
 
 @generic
-def active_forces(stiffness, theta, omega_u):
-    """Return F_Kane (2,) of the springs by Eq. (D1), or None without springs."""
-    if stiffness is None:
+def active_forces(stiffness, damping, theta, omega, omega_u):
+    """Return F_Kane (2,) of springs and dampers by Eq. (D1), or None without both."""
+    if stiffness is None and damping is None:
         return None
     force = np.zeros(2, theta.dtype)
-    for k in range(stiffness.size):
-        torque = spring_torque(stiffness, theta, k)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
         for i in range(2):
             force[i] += torque * (omega_u[k + 1, 0, i] - omega_u[k, 0, i])
     return force
@@ -329,6 +342,8 @@ def active_forces(stiffness, theta, omega_u):
 @generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies` of the snake, d = e = 1: along the wheel and about the vertical."""
+    stiffness, damping = parameters.stiffness, parameters.damping
+    theta, omega = angles.value, rolling.v[2:]
     return Bodies(
         rolling.s_u,
         rolling.omega_u,
@@ -337,7 +352,7 @@ def bodies(parameters, angles, rolling):
         parameters.mass,
         parameters.inertia[:, np.newaxis, np.newaxis],
         None,
-        active_forces(parameters.stiffness, angles.value, rolling.omega_u),
+        active_forces(stiffness, damping, theta, omega, rolling.omega_u),
     )
 
 
@@ -395,6 +410,24 @@ def energies(parameters, angles, q, v):
 
 
 @generic
+def damper_dissipation(damping, omega):
+    """Return R = Σ d_i (ω_{i+1} - ω_i)² / 2, W, or None without dampers."""
+    if damping is None:
+        return None
+    R = 0
+    for k in range(damping.size):
+        R += damping[k] * (omega[k + 1] - omega[k]) * (omega[k + 1] - omega[k]) / 2
+    return R
+
+
+@generic
+def dissipation(parameters, angles, q, v):
+    """Return R, W: half the power that the dampers take; None without dampers."""
+    _, omega = velocities(parameters, angles, q, v)
+    return damper_dissipation(parameters.damping, omega[:, 0])
+
+
+@generic
 def constraint(parameters, angles, q, v):
     """Return c (N,), m/s: the velocity of each wheel along its axle, Eq. (28)."""
     V, _ = velocities(parameters, angles, q, v)
@@ -410,6 +443,10 @@ def constraint(parameters, angles, q, v):
 # ---- The scene -----------------------------------------------------------------------------------
 
 
+OF_JOINTS = ("stiffness", "damping")
+"""The parameters of which every joint has one."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Snake(Scene):
     """An N-link wheeled snake, N >= 1.
@@ -423,6 +460,7 @@ class Snake(Scene):
             speeds (`ml`, `kane`) do not exist at ±π/2, nor for i <= N-2 the paper's partition
             (`el`, `em`).
         pose: θ at t = 0 (N,), rad; all zero (stretched along x) if not given.
+        damping: of the joints, viscous (N-1,), N m s/rad, not negative; None without dampers.
 
     Raises:
         InputError: wrong shape, not finite, or out of the range given above.
@@ -434,10 +472,12 @@ class Snake(Scene):
     stiffness: Any
     wheel_angle: Any
     pose: Any = None
+    damping: Any = None
 
     key = "snake"
     conserves_energy = True
     has_links = True
+    usually_absent = frozenset({"damping"})
     angle_coordinates = slice(2, None)
 
     prepare = staticmethod(prepare)
@@ -450,6 +490,7 @@ class Snake(Scene):
     speeds_of = staticmethod(speeds_of)
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
+    dissipation = staticmethod(dissipation)
     constraint = staticmethod(constraint)
     quasi_velocities = staticmethod(quasi_velocities)
     chain = staticmethod(chain)
@@ -466,14 +507,19 @@ class Snake(Scene):
             raise InputError(f"mass = {self.mass!r}: a snake has at least 1 link, one mass each")
         if self.pose is None:
             object.__setattr__(self, "pose", np.zeros(links))
-        if links == 1 and np.size(self.stiffness) == 0:
-            object.__setattr__(self, "stiffness", None)
+        for name in OF_JOINTS:
+            if links == 1 and np.size(getattr(self, name)) == 0:
+                object.__setattr__(self, name, None)
         set_array(self, "mass", (links,), "positive")
         set_array(self, "length", (links,), "positive")
         set_array(self, "inertia", (links,), "not negative")
         set_array(self, "stiffness", (links - 1,), optional=True)
+        set_array(self, "damping", (links - 1,), "not negative", optional=True)
         set_array(self, "wheel_angle", (links,))
         set_array(self, "pose", (links,))
+        if self.damping is not None:
+            object.__setattr__(self, "conserves_energy", False)
+            object.__setattr__(self, "why_not_conserved", "dampers in the joints take it")
 
     @classmethod
     def paper(cls) -> Snake:
@@ -511,11 +557,13 @@ class Snake(Scene):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Snake]:
-        """Yield a coiled snake with springs, and one without if it has joints."""
+        """Yield a coiled snake; if it has joints, with and without springs, dampers, both."""
         coil = cls.coil(whole_links(links))
         yield coil
         if coil.links > 1:
             yield replace(coil, stiffness=None)
+            yield replace(coil, damping=np.ones(coil.links - 1))
+            yield replace(coil, stiffness=None, damping=np.ones(coil.links - 1))
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
@@ -526,6 +574,7 @@ class Snake(Scene):
             "length": Range(0.1, 10.0, (links,)),
             "inertia": Range(0.01, 10.0, (links,)),
             "stiffness": Range(0.0, 1e4, (links - 1,), optional=True),
+            "damping": Range(0.0, 100.0, (links - 1,), optional=True),
             "wheel_angle": Range(-1.0, 1.0, (links,)),
         }
 
@@ -537,6 +586,8 @@ class Snake(Scene):
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.pose.any():
             del values["pose"]
+        if self.damping is None:
+            del values["damping"]
         listed = (f"{k}={None if v is None else v.tolist()}" for k, v in values.items())
         return f"Snake({', '.join(listed)})"
 
@@ -584,6 +635,7 @@ class Snake(Scene):
             number(self.length),
             number(self.inertia),
             None if self.stiffness is None else number(self.stiffness),
+            None if self.damping is None else number(self.damping),
             wheel.cos,
             wheel.sin,
         )

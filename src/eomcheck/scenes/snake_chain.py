@@ -78,11 +78,22 @@ def wheel_masses(mass, inertia):
 
 
 @generic
-def wheel_forces(stiffness, theta):
-    """Return f (2N,): the springs turn the links on both sides; None without springs."""
+def torques_on(stiffness, damping, theta, omega):
+    """Return what each joint turns its front link with (N-1,), N m; None without all of it."""
+    if damping is None:
+        if stiffness is None:
+            return None
+        return stiffness * (theta[1:] - theta[:-1])
     if stiffness is None:
+        return damping * (omega[1:] - omega[:-1])
+    return stiffness * (theta[1:] - theta[:-1]) + damping * (omega[1:] - omega[:-1])
+
+
+@generic
+def wheel_forces(torque, theta):
+    """Return f (2N,): the joints turn the links on both sides; None without torques (N-1,)."""
+    if torque is None:
         return None
-    torque = stiffness * (theta[1:] - theta[:-1])
     f = np.zeros(2 * theta.size, torque.dtype)
     f[1] = torque[0]
     for k in range(1, torque.size):
@@ -121,10 +132,11 @@ def joints(length, cos_alpha, sin_alpha, cos, sin, x):
 @generic
 def chain(parameters, angles, q, x):
     """Return the `Chain` of the snake."""
-    mass, length, inertia, stiffness, cos_alpha, sin_alpha = parameters
+    mass, length, inertia, stiffness, damping, cos_alpha, sin_alpha = parameters
     theta, cos, sin = angles
+    torque = torques_on(stiffness, damping, theta, x[1::2])
     A, C, d = joints(length, cos_alpha, sin_alpha, cos, sin, x)
-    return Chain(wheel_masses(mass, inertia), wheel_forces(stiffness, theta), A, C, d)
+    return Chain(wheel_masses(mass, inertia), wheel_forces(torque, theta), A, C, d)
 
 
 @generic

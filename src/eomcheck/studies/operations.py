@@ -21,7 +21,7 @@ from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
 from eomcheck.scenes.fields import whole_links
 from eomcheck.scenes.snake import active_forces, forces
-from eomcheck.scenes.snake_chain import wheel_forces
+from eomcheck.scenes.snake_chain import torques_on, wheel_forces
 
 MAX_DEGREE = 4
 """No polynomial of a higher degree is tried."""
@@ -321,13 +321,14 @@ def _counts(record) -> tuple[int, int, int]:
 def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
     counting = Counting()
     stiffness, theta = counting.vector(scene.links - 1), counting.vector(scene.links)
+    omega = counting.vector(scene.links)
     if formulation.uses == "chain":
-        wheel_forces(stiffness, theta)
+        wheel_forces(torques_on(stiffness, None, theta, omega), theta)
     elif formulation.uses == "bodies":
         partial = counting.vector(2 * scene.links).reshape(scene.links, 1, 2)
-        force = active_forces(stiffness, theta, partial)
+        force = active_forces(stiffness, None, theta, omega, partial)
         kane.right_hand_side(force, counting.vector(scene.p))
     else:
         n = counting.vector(scene.n)
-        net_force(n, forces(stiffness, theta), n)
+        net_force(n, forces(stiffness, None, theta, omega), n)
     return _counts(counting.tally)
