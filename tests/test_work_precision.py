@@ -9,10 +9,12 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report import work_precision as report
@@ -289,7 +291,7 @@ def test_kill_9_of_the_study_loses_at_most_the_cell_in_flight_and_repeats_nothin
 def test_a_run_that_fails_stays_as_a_cell_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(work_precision, "MOST_STEPS", 10)
+    monkeypatch.setattr(work_precision, "simulate", partial(simulate, max_steps=10))
     planned = plan(FOLDER, ["free-3"], ["kane"], ["DOP853"], [1e-6])
     with Records(tmp_path / "records.db") as records:
         (found,) = measure(planned, records)
