@@ -24,11 +24,14 @@ class Fault:
 SNAKE = "scenes/snake.py"
 PENDULUM = "scenes/chain_pendulum.py"
 SLEIGH = "scenes/sleigh.py"
+DISK = "scenes/rolling_disk.py"
+BALL = "scenes/turntable_ball.py"
 ASSEMBLED = "scenes/assembled.py"
 CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
 RESULT = "equations-residual", "[banded]"
+KANE = "kane-ml-force", "F_Kane - N q̇ - G"
 FAULTS = [
     # M
     Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
@@ -284,6 +287,40 @@ FAULTS = [
     Fault(SLEIGH, "= -offset * u[1]", "= offset * u[1]", "kane-ml-force", "N q̇"),
     Fault(SLEIGH, "[0, 1] = u[0] * u[1]", "[0, 1] = -u[0] * u[1]", "kane-ml-force", "N q̇"),
     Fault(SLEIGH, "V[0, 0] = v[0] - p", "V[0, 0] = v[0] + p", "mass-matrix", "[casadi]"),
+    # The rolling disk.
+    Fault(DISK, "= axial * sin\n    M[3", "= -axial * sin\n    M[3", "mass-matrix", "sign"),
+    Fault(DISK, "cos * cos + axial", "cos * cos - axial", "mass-matrix", "entry (ψ, ψ)"),
+    Fault(DISK, "R * R * sin * sin", "R * R * cos * cos", "mass-matrix", "entry (θ, θ)"),
+    Fault(DISK, "Q[3] = mass", "Q[3] = -mass", "generalized-forces", "row θ: sign"),
+    Fault(DISK, "- 2 * across", "- across", "bias", "row ψ"),
+    Fault(DISK, "- axial * roll) * turn", "+ axial * roll) * turn", "bias", "row θ"),
+    Fault(DISK, "B[4] = axial", "B[4] = -axial", "bias", "row φ: sign"),
+    Fault(DISK, "-R * sin[1], -R", "R * sin[1], -R", "constraint-jacobian", "ψ): sign"),
+    Fault(DISK, "- R * turn * cos", "+ R * turn * cos", "constraint-drift", "row along"),
+    Fault(DISK, "W[4, 2] = -sin", "W[4, 2] = sin", "null-space-speeds", "w′"),
+    Fault(DISK, "rest[4] = -turn", "rest[4] = turn", "speeds-remainder", "remainder"),
+    Fault(DISK, "= u[1] - v[2]", "= u[1] + v[2]", "speeds-velocity", "q̇"),
+    Fault(DISK, "angular_remainder[0, 2] = -spin", "angular_remainder[0, 2] = spin", *KANE),
+    Fault(DISK, "[0, 1] = R * u[0] * u[2], R", "[0, 1] = R * u[0] * u[2], -R", *KANE),
+    Fault(DISK, "= (across - axial)", "= (axial - across)", *KANE),
+    Fault(DISK, "= (axial - across)", "= (across - axial)", *KANE),
+    Fault(DISK, "ahead - angles.sin[2]", "ahead + angles.sin[2]", "mass-matrix", "[casadi]"),
+    Fault(DISK, "+ R * v[3]", "- R * v[3]", "constraint-jacobian", "[casadi]"),
+    # The ball on a turntable.
+    Fault(BALL, "= inertia * sin[1]", "= -inertia * sin[1]", "mass-matrix", "sign"),
+    Fault(BALL, "B[3] = -inertia", "B[3] = inertia", "bias", "row θ: sign"),
+    Fault(BALL, "1, -R * sin[0]", "1, R * sin[0]", "constraint-jacobian", "θ): sign"),
+    Fault(BALL, "return a, -table", "return a, table", "constraint-velocity", "row along"),
+    Fault(BALL, "gamma = -table", "gamma = table", "constraint-drift", "row along"),
+    Fault(BALL, "gamma[0] -= R", "gamma[0] += R", "constraint-drift", "row along x"),
+    Fault(BALL, "change[1] += accel", "change[1] -= accel", "constraint-drift", "row along y"),
+    Fault(BALL, "W[1, 0] = R, -R", "W[1, 0] = R, R", "null-space-speeds", "w′"),
+    Fault(BALL, "offset[:2] = table", "offset[:2] = -table", "speeds-velocity", "speeds"),
+    Fault(BALL, "rest[3] = turn", "rest[3] = -turn", "speeds-remainder", "remainder"),
+    Fault(BALL, "= u[2] - v[4]", "= u[2] + v[4]", "speeds-velocity", "q̇"),
+    Fault(BALL, "remainder[0] = table", "remainder[0] = -table", *KANE),
+    Fault(BALL, "left * cos[0]\n    omega[2]", "left\n    omega[2]", "mass-matrix", "casadi"),
+    Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
     # What is composed for every scene that gives Jacobians.
     Fault(
         ASSEMBLED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"

@@ -34,8 +34,8 @@ def expected(fault: Fault) -> tuple[str, str]:
         # M is judged by M v at a random v: rows have names there, columns have not. Where the
         # energies are wrong it is M that differs from them.
         return "mass-matrix", "mass matrix, row "
-    if fault.claim == "constraint-jacobian":
-        # a likewise.
+    if fault.claim in ("constraint-jacobian", "constraint-velocity"):
+        # a likewise, and b with it.
         return "constraint-jacobian", "constraint Jacobian, row "
     return OTHERWISE.get(fault.old, (fault.claim, fault.says))
 

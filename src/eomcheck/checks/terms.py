@@ -98,6 +98,27 @@ def constraint_jacobian(case: Case) -> Iterator[Finding]:
     )
 
 
+@claim("constraint-velocity", "a q̇ + b = c(q, q̇, t)", "(2)", "constraints at velocity level")
+def constraint_velocity(case: Case) -> Iterator[Finding]:
+    """Compare a and b with the constraints, without any engine."""
+
+    def from_terms(e: Evaluation) -> Array:
+        moving = e.terms.a @ e.v
+        return moving if e.terms.b is None else moving + e.terms.b
+
+    def direct(e: Evaluation) -> Array:
+        return e.call(e.scene.constraint, e.parameters, e.prepared, e.q, e.v)
+
+    at = case.at
+    if at.terms.a is None:
+        return
+    size = largest(np.abs(at.terms.a) @ np.abs(at.v))
+    size += 0.0 if at.terms.b is None else largest(at.terms.b)
+    spread = at.spread(from_terms) + at.spread(direct) + size
+    names = (at.scene.constraint_names,)
+    yield case.compare("c", from_terms(at), direct(at), spread, scale=size, names=names)
+
+
 @claim("constraint-drift", "gamma = ȧ q̇ + ḃ", "(3)", "constraint drift")
 def constraint_drift(case: Case) -> Iterator[Finding]:
     """Compare gamma with the time derivative of the constraints."""

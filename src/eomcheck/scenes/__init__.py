@@ -7,6 +7,7 @@ from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
+from eomcheck.scenes.turntable_ball import TurntableBall
 
 SCENES: dict[str, type[Scene]] = {
     scene.key: scene
@@ -15,8 +16,9 @@ SCENES: dict[str, type[Scene]] = {
         ChainPendulum,
         Sleigh,
         RollingDisk,
+        TurntableBall,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake"]
+__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake", "TurntableBall"]

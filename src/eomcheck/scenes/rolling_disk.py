@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import EPS
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Bodies, Range, Scene, Speeds, Symmetry, Terms
+from eomcheck.scenes import plane
 from eomcheck.scenes.fields import as_code, set_array
 
 
@@ -336,22 +336,10 @@ class RollingDisk(Scene):
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos θ| <= 4 eps: Euler's angles are singular where the disk lies flat."""
-        cosine = abs(float(np.cos(q[3])))
-        if cosine <= 4 * EPS:
-            raise RefusedError(
-                "cos θ",
-                cosine,
-                4 * EPS,
-                f"θ = {float(q[3])!r}: the disk lies flat, where Euler's angles are singular",
-            )
+        plane.refuse_flat(q[3])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        turn = 0.75
-        image = np.eye(5)
-        image[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        turned, moved = np.array([0.0, 0.0, turn, 0.0, 0.0]), np.array([3.0, -2.0, 0.0, 0.0, 0.0])
-        yield Symmetry("rotation", self, image @ q + turned, image @ v, image)
-        yield Symmetry("translation", self, q + moved, v, np.eye(5))
-        flip = np.diag([1.0, -1.0, -1.0, -1.0, 1.0])
-        yield Symmetry("mirror", self, flip @ q, flip @ v, flip)
+        yield plane.rotation(self, q, v, slice(2, 3))
+        yield plane.translation(self, q, v)
+        yield plane.mirror(self, q, v, kept=(0, 4))

@@ -26,6 +26,7 @@ from eomcheck.model import (
     Terms,
     Tree,
 )
+from eomcheck.scenes import plane
 from eomcheck.scenes.fields import as_code, set_array
 
 
@@ -236,14 +237,9 @@ class Sleigh(Scene):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        turn = 0.75
-        image = np.eye(3)
-        image[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        turned, moved = np.array([0.0, 0.0, turn]), np.array([3.0, -2.0, 0.0])
-        yield Symmetry("rotation", self, image @ q + turned, image @ v, image)
-        yield Symmetry("translation", self, q + moved, v, np.eye(3))
-        flip = np.diag([1.0, -1.0, -1.0])
-        yield Symmetry("mirror", self, flip @ q, flip @ v, flip)
+        yield plane.rotation(self, q, v, slice(2, 3))
+        yield plane.translation(self, q, v)
+        yield plane.mirror(self, q, v, kept=(0,))
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ."""

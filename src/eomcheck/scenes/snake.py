@@ -30,6 +30,7 @@ from eomcheck.model import (
     Terms,
     Tree,
 )
+from eomcheck.scenes import plane
 from eomcheck.scenes.fields import set_array, whole_links
 from eomcheck.scenes.snake_chain import (
     chain,
@@ -659,18 +660,9 @@ class Snake(Scene):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        turn = 0.75
-        image = np.eye(self.n)
-        image[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        rotated = image @ q
-        rotated[2:] += turn
-        yield Symmetry("rotation", self, rotated, image @ v, image)
-        moved = q.copy()
-        moved[:2] += (3.0, -2.0)
-        yield Symmetry("translation", self, moved, v, np.eye(self.n))
-        flip = np.diag(np.r_[1.0, -np.ones(self.n - 1)])
-        mirrored = replace(self, wheel_angle=-self.wheel_angle)
-        yield Symmetry("mirror", mirrored, flip @ q, flip @ v, flip)
+        yield plane.rotation(self, q, v, slice(2, None))
+        yield plane.translation(self, q, v)
+        yield plane.mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, kept=(0,))
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""

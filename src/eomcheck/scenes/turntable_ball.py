@@ -1,0 +1,380 @@
+"""A homogeneous ball that rolls on a turntable: constraints that depend on time.
+
+q = [x, y, ψ, θ, φ]: the centre as seen from the axis of the table, in directions that do not turn,
+and Euler's angles: ψ about the vertical, θ about the line ψ points to, φ about the axis they bring
+the ball's second axis to. The table spins at Ω(t) = Ω_0 + Ω_1 sin(κ t), and where the ball touches
+it both move alike: b ≠ 0, and ḃ has Ω̇ in it. The generalized speeds are the components of the
+angular velocity along x, y and the vertical. They do not exist where cos θ = 0.
+
+Source: Neimark and Fufaev 1972, Ch. III; Weltner 1979 for the circles at 2Ω/7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.arithmetic.generic import generic
+from eomcheck.errors import InputError
+from eomcheck.model import Arithmetic, Array, Bodies, Range, Scene, Speeds, Symmetry, Terms
+from eomcheck.scenes import plane
+from eomcheck.scenes.fields import as_code, set_array
+
+
+class Parameters(NamedTuple):
+    """The parameters of a `TurntableBall` in some kind of number."""
+
+    mass: Any
+    """m (1,), kg."""
+    inertia: Any
+    """About the centre, in any directions (1, 3, 3), kg m²."""
+    radius: Any
+    """R (1,), m."""
+    rate: Any
+    """Ω_0 (1,), rad/s."""
+    swing: Any
+    """Ω_1 (1,), rad/s, or None."""
+    frequency: Any
+    """κ (1,), rad/s, or None."""
+
+
+class Prepared(NamedTuple):
+    """What is not rational in q and t."""
+
+    angles: Any
+    """ψ, θ, φ, as `Angles` (3,)."""
+    rate: Any
+    """Ω (1,), rad/s."""
+    acceleration: Any
+    """Ω̇ (1,), rad/s², or None."""
+
+
+@generic
+def turning(arithmetic, rate, swing, frequency, t, dtype):
+    """Return (Ω, Ω̇ or None), each (1,)."""
+    if swing is None:
+        return rate, None
+    phase = np.zeros(1, dtype)
+    phase[0] = frequency[0] * t
+    clock = arithmetic.angles(phase)
+    return rate + swing * clock.sin, swing * frequency * clock.cos
+
+
+@generic
+def prepare(arithmetic, parameters, q, t):
+    """Return the `Prepared` at q (5,) and the time t."""
+    rate, swing, frequency = parameters.rate, parameters.swing, parameters.frequency
+    rate, acceleration = turning(arithmetic, rate, swing, frequency, t, q.dtype)
+    return Prepared(arithmetic.angles(q[2:]), rate, acceleration)
+
+
+# ---- Lagrange's terms ----------------------------------------------------------------------------
+
+
+@generic
+def table_velocity(rate, q):
+    """Return Ω e_z × r (2,): how the table moves under the ball."""
+    velocity = np.zeros(2, q.dtype)
+    velocity[0], velocity[1] = -rate[0] * q[1], rate[0] * q[0]
+    return velocity
+
+
+@generic
+def table_acceleration(rate, acceleration, q, v):
+    """Return the rate of `table_velocity` (2,) as the ball moves on; Ω̇ may be None."""
+    change = np.zeros(2, v.dtype)
+    change[0], change[1] = -rate[0] * v[1], rate[0] * v[0]
+    if acceleration is not None:
+        change[0] -= acceleration[0] * q[1]
+        change[1] += acceleration[0] * q[0]
+    return change
+
+
+@generic
+def constraints(parameters, prepared, q):
+    """Return (a (2, 5), b (2,)) of V - R ω × e_z - Ω e_z × r = 0."""
+    R, cos, sin = parameters.radius[0], prepared.angles.cos, prepared.angles.sin
+    a = np.zeros((2, 5), q.dtype)
+    a[0, 0], a[0, 3], a[0, 4] = 1, -R * sin[0], -R * cos[1] * cos[0]
+    a[1, 1], a[1, 3], a[1, 4] = 1, R * cos[0], -R * cos[1] * sin[0]
+    return a, -table_velocity(prepared.rate, q)
+
+
+@generic
+def terms(parameters, prepared, q, v):
+    """Return the `Terms` of the ball: no forces."""
+    mass, inertia, R = parameters.mass[0], parameters.inertia[0, 0, 0], parameters.radius[0]
+    cos, sin = prepared.angles.cos, prepared.angles.sin
+    turn, lean, spin = v[2], v[3], v[4]
+    M, B = np.zeros((5, 5), q.dtype), np.zeros(5, q.dtype)
+    M[0, 0] = M[1, 1] = mass
+    M[2, 2] = M[3, 3] = M[4, 4] = inertia
+    M[2, 4] = M[4, 2] = inertia * sin[1]
+    B[2] = inertia * cos[1] * spin * lean
+    B[3] = -inertia * cos[1] * turn * spin
+    B[4] = inertia * cos[1] * turn * lean
+    a, b = constraints(parameters, prepared, q)
+    # The rate of ω at constant rates of the angles, along the heading and to the left of it.
+    ahead, left = -cos[1] * turn * spin, lean * (turn - sin[1] * spin)
+    gamma = -table_acceleration(prepared.rate, prepared.acceleration, q, v)
+    gamma[0] -= R * (ahead * sin[0] + left * cos[0])
+    gamma[1] += R * (ahead * cos[0] - left * sin[0])
+    return Terms(M, None, B, a, gamma, b)
+
+
+# ---- Natural generalized speeds ------------------------------------------------------------------
+
+
+class Rolling(NamedTuple):
+    """Coordinates q (5,), generalized speeds u (3,), and q̇ (5,)."""
+
+    q: Any
+    u: Any
+    v: Any
+
+
+@generic
+def kinematics(parameters, prepared, q, u):
+    """Return the `Rolling`: V = R ω × e_z + Ω e_z × r, and the rates of Euler's angles."""
+    R, cos, sin = parameters.radius[0], prepared.angles.cos, prepared.angles.sin
+    v = np.zeros(5, u.dtype)
+    v[:2] = table_velocity(prepared.rate, q)
+    v[0] += R * u[1]
+    v[1] -= R * u[0]
+    v[3] = u[0] * cos[0] + u[1] * sin[0]
+    v[4] = (u[1] * cos[0] - u[0] * sin[0]) / cos[1]
+    v[2] = u[2] - v[4] * sin[1]
+    return Rolling(q, u, v)
+
+
+@generic
+def speeds(parameters, prepared, rolling):
+    """Return the `Speeds`."""
+    R, cos, sin, v = parameters.radius[0], prepared.angles.cos, prepared.angles.sin, rolling.v
+    turn, lean, spin = v[2], v[3], v[4]
+    W, rest, offset = np.zeros((5, 3), v.dtype), np.zeros(5, v.dtype), np.zeros(5, v.dtype)
+    W[0, 1], W[1, 0] = R, -R
+    W[3, 0], W[3, 1] = cos[0], sin[0]
+    W[4, 0], W[4, 1] = -sin[0] / cos[1], cos[0] / cos[1]
+    W[2, 0], W[2, 1], W[2, 2] = -W[4, 0] * sin[1], -W[4, 1] * sin[1], 1
+    offset[:2] = table_velocity(prepared.rate, rolling.q)
+    rest[:2] = table_acceleration(prepared.rate, prepared.acceleration, rolling.q, v)
+    rest[3] = turn * spin * cos[1]
+    rest[4] = lean * (spin * sin[1] - turn) / cos[1]
+    rest[2] = -rest[4] * sin[1] - lean * spin * cos[1]
+    return Speeds(W, rest, offset)
+
+
+@generic
+def qdot(parameters, prepared, rolling):
+    """Return W u + offset (5,)."""
+    return rolling.v
+
+
+@generic
+def bodies(parameters, prepared, rolling):
+    """Return the `Bodies`, d = 2 and e = 3, in directions that do not turn.
+
+    The ball is homogeneous: I ω is along ω, and there is no gyroscopic part.
+    """
+    R, u = parameters.radius[0], rolling.u
+    partial, turning = np.zeros((1, 2, 3), u.dtype), np.zeros((1, 3, 3), u.dtype)
+    partial[0, 0, 1], partial[0, 1, 0] = R, -R
+    turning[0, 0, 0] = turning[0, 1, 1] = turning[0, 2, 2] = 1
+    remainder = np.zeros((1, 2), u.dtype)
+    remainder[0] = table_acceleration(prepared.rate, prepared.acceleration, rolling.q, rolling.v)
+    still = np.zeros((1, 3), u.dtype)
+    mass, inertia = parameters.mass, parameters.inertia
+    return Bodies(partial, turning, remainder, still, mass, inertia, None, None)
+
+
+@generic
+def rotation(angles, v):
+    """Return ω (3,) along x, y and the vertical."""
+    cos, sin = angles.cos, angles.sin
+    ahead, left = v[3], v[4] * cos[1]
+    omega = np.zeros(3, v.dtype)
+    omega[0] = ahead * cos[0] - left * sin[0]
+    omega[1] = ahead * sin[0] + left * cos[0]
+    omega[2] = v[2] + v[4] * sin[1]
+    return omega
+
+
+@generic
+def speeds_of(parameters, prepared, q, v):
+    """Return u = ω (3,) of a velocity v."""
+    return rotation(prepared.angles, v)
+
+
+# ---- The second derivation: positions and velocities only ----------------------------------------
+
+
+@generic
+def velocities(parameters, prepared, q, v):
+    """Return the velocity of the centre (1, 2) and of rotation (1, 3)."""
+    V, omega = np.zeros((1, 2), v.dtype), np.zeros((1, 3), v.dtype)
+    V[0], omega[0] = v[:2], rotation(prepared.angles, v)
+    return V, omega
+
+
+@generic
+def energies(parameters, prepared, q, v):
+    """Return (T, None), J."""
+    omega = rotation(prepared.angles, v)
+    T = parameters.mass[0] * (v[0] * v[0] + v[1] * v[1]) / 2
+    for i in range(3):
+        T += parameters.inertia[0, i, i] * omega[i] * omega[i] / 2
+    return T, None
+
+
+@generic
+def constraint(parameters, prepared, q, v):
+    """Return c (2,), m/s: where they touch, how the ball moves against the table."""
+    R, rate, omega = parameters.radius[0], prepared.rate[0], rotation(prepared.angles, v)
+    c = np.zeros(2, v.dtype)
+    c[0] = v[0] - R * omega[1] + rate * q[1]
+    c[1] = v[1] + R * omega[0] - rate * q[0]
+    return c
+
+
+# ---- The scene -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TurntableBall(Scene):
+    """A homogeneous ball that rolls on a turntable, whose spin may swing.
+
+    Args:
+        mass: m, kg, positive.
+        radius: R, m, positive.
+        inertia: about any axis, kg m², positive; by default 2 m R²/5.
+        rate: Ω_0, of the table, rad/s.
+        swing: Ω_1 of Ω_0 + Ω_1 sin(κ t), rad/s, or None for a constant Ω.
+        frequency: κ, rad/s, or None without a swing.
+        start: (x, y) at t = 0, m.
+        speed: (ẋ, ẏ) at t = 0, m/s.
+        spin: angular velocity about the vertical at t = 0, rad/s. A fast one keeps Euler's angles
+            away from where they are singular.
+
+    Raises:
+        InputError: not finite, or out of the range given above.
+    """
+
+    mass: Any = 1.0
+    radius: Any = 0.25
+    inertia: Any = None
+    rate: Any = 2.0
+    swing: Any = None
+    frequency: Any = None
+    start: Any = (0.4, 0.0)
+    speed: Any = (0.0, 0.3)
+    spin: Any = 20.0
+
+    key = "turntable-ball"
+    conserves_energy = False
+    why_not_conserved = "the table is driven"
+    depends_on_time = True
+    angle_coordinates = slice(2, None)
+
+    prepare = staticmethod(prepare)
+    terms = staticmethod(terms)
+    constraints = staticmethod(constraints)
+    kinematics = staticmethod(kinematics)
+    speeds = staticmethod(speeds)
+    qdot = staticmethod(qdot)
+    bodies = staticmethod(bodies)
+    speeds_of = staticmethod(speeds_of)
+    velocities = staticmethod(velocities)
+    energies = staticmethod(energies)
+    constraint = staticmethod(constraint)
+
+    def __post_init__(self):
+        set_array(self, "mass", (), "positive")
+        set_array(self, "radius", (), "positive")
+        if self.inertia is None:
+            object.__setattr__(self, "inertia", 0.4 * self.mass * self.radius**2)
+        set_array(self, "inertia", (), "positive")
+        if (self.swing is None) != (self.frequency is None):
+            raise InputError(
+                f"swing = {self.swing!r}, frequency = {self.frequency!r}, expected both or none"
+            )
+        set_array(self, "swing", (), optional=True)
+        set_array(self, "frequency", (), optional=True)
+        for name, shape in (("rate", ()), ("start", (2,)), ("speed", (2,)), ("spin", ())):
+            set_array(self, name, shape)
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
+        """Yield a table whose spin swings and one whose spin is constant."""
+        (steady,) = super().structures(links)
+        yield cls(swing=1.0, frequency=3.0)
+        yield steady
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary balls and tables that swing are drawn from."""
+        return {
+            "mass": Range(0.1, 10.0),
+            "radius": Range(0.1, 10.0),
+            "inertia": Range(0.01, 10.0),
+            "rate": Range(-5.0, 5.0),
+            "swing": Range(-5.0, 5.0),
+            "frequency": Range(0.1, 5.0),
+        }
+
+    def coordinate_ranges(self) -> tuple[Range, ...]:
+        """Return up to 10 m from the axis and any angles, θ up to 1.2 rad."""
+        anywhere, any_angle = Range(-10.0, 10.0), Range(-np.pi, np.pi)
+        return anywhere, anywhere, any_angle, Range(-1.2, 1.2), any_angle
+
+    def __repr__(self) -> str:
+        return as_code(self)
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """x, y, ψ, θ, φ."""
+        return "x", "y", "ψ", "θ", "φ"
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Along x and along y."""
+        return "along x", "along y"
+
+    def parameters(self, arithmetic: Arithmetic) -> Parameters:
+        """Return the parameters in the numbers of `arithmetic`."""
+        mass, one, radius, rate, swing, frequency = (
+            None if value is None else arithmetic.numbers(value.reshape(1))
+            for value in (
+                self.mass,
+                self.inertia,
+                self.radius,
+                self.rate,
+                self.swing,
+                self.frequency,
+            )
+        )
+        assert one is not None
+        inertia = np.zeros((1, 3, 3), one.dtype)
+        inertia[0, 0, 0] = inertia[0, 1, 1] = inertia[0, 2, 2] = one[0]
+        return Parameters(mass, inertia, radius, rate, swing, frequency)
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return the ball at `start`, its angles 0, spinning so that it rolls."""
+        (x, y), (along, across) = self.start, self.speed
+        v = np.array([along, across, self.spin, 0.0, 0.0])
+        v[3] = (self.rate * x - across) / self.radius
+        v[4] = (along + self.rate * y) / self.radius
+        return np.array([x, y, 0.0, 0.0, 0.0]), v
+
+    def refuse_speeds(self, q: Array) -> None:
+        """Refuse |cos θ| <= 4 eps."""
+        plane.refuse_flat(q[3])
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield a rotation, and the mirror image in the x axis on a table that spins backwards."""
+        yield plane.rotation(self, q, v, slice(2, 3))
+        swing = None if self.swing is None else -self.swing
+        yield plane.mirror(replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4))
