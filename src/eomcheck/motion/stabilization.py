@@ -13,7 +13,8 @@ is 0. Whatever a step gets wrong stays in c. Two remedies, both off unless asked
   This is the formulation's own system at F = 0 and gamma = c: no other matrix is solved. c is
   linear in v, so that one such change is enough.
 
-In a chain c are the gaps of the joints, A_k x_{k-1} + C_k x_k, and the same holds of x.
+In a chain c are the gaps of the joints, A_k x_{k-1} + C_k x_k, and the same holds of x. A gap is a
+vector in the plane, given along axes that turn; as a vector it dies away with exp(-rate t).
 """
 
 from __future__ import annotations
