@@ -271,6 +271,16 @@ class Scene(ABC):
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
 
 
+def check_scene(scene) -> None:
+    """Check that `scene` is a `Scene`.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+
+
 def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
     """Return `value` as a new array of doubles of `shape`.
 

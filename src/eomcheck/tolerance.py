@@ -27,6 +27,10 @@ INCONCLUSIVE = 1e-3
 """Where allowed / |reference| exceeds this, nothing was checked."""
 
 
+NOTICEABLE = 1e-6
+"""No result may have a larger relative error and not say so, by a refusal or an error bound."""
+
+
 def allowed_error(spread: float) -> float:
     """Return C · ε · spread, where spread = κ · scale."""
     return C * EPS * spread

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from eomcheck.arithmetic.noise import Noise
+from eomcheck.arithmetic.noise import NORMAL, Noise
 from eomcheck.errors import RefusedError
 
-_getrf, _gecon, _getrs = get_lapack_funcs(("getrf", "gecon", "getrs"), dtype=np.float64)
+_getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.float64)
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -31,11 +31,12 @@ SOLVERS: dict[type, Callable] = {}
 
 
 class Solve(NamedTuple):
-    """One matrix that was solved: its name, its order and its reciprocal condition number."""
+    """One matrix that was solved: name, order, reciprocal condition number and log2 |det|."""
 
     name: str
     size: int
     rcond: float
+    log_determinant: float
 
 
 class Watch:
@@ -65,12 +66,11 @@ def watching(noise: Noise | None = None) -> Iterator[Watch]:
 
 
 def singular_below(size: int) -> float:
-    """Return the reciprocal condition number at and below which a scaled matrix is singular.
+    """Return the reciprocal condition number at and below which a matrix is singular.
 
-    LU with partial pivoting solves (A + E) x = b exactly, where each column of E is at most about
-    size * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
-    factor near 1 that is met in practice). At rcond <= size * eps some such A + E is singular, so
-    no digit of x is determined.
+    LU with partial pivoting solves (A + E) x = b exactly with |E| <= size * eps * |L||U|, entry by
+    entry (Higham 2002, Thm. 9.3). By `reciprocal_condition` some such A + E may be singular at
+    rcond <= size * eps, and none is above it. No digit of x is determined then.
     """
     return size * EPS
 
@@ -90,7 +90,7 @@ def solve(A, b, name):
         RefusedError: A is singular (for doubles: to working precision).
     """
     if A.dtype != object:
-        return _lapack_solve(A, b, name)
+        return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
         return b.copy()
     # Generic functions write literal zeros and ones among the numbers of the model.
@@ -103,33 +103,112 @@ def _lapack_solve(A, b, name):
     if size == 0:
         return b.copy()
     watch = _watch.get()
-    noise = watch.noise if watch is not None else None
-    # First columns, then rows: neither the units of the unknowns nor those of the equations matter.
+    if watch is not None and watch.noise is not None:
+        with np.errstate(all="ignore"):
+            return _moved_solve(A, b, name, watch)
+    A, b, scale, row_scale = _scaled(A, b)
+    lu, pivots, _ = _getrf(A)
+    rcond = reciprocal_condition(lu, pivots)
+    if watch is not None:
+        watch.solves.append(Solve(name, size, rcond, _log_determinant(lu, scale, row_scale)))
+    if not rcond > singular_below(size):
+        raise RefusedError(
+            name,
+            rcond,
+            singular_below(size),
+            f"the {size} x {size} matrix {name} is singular to working precision: its "
+            f"reciprocal condition number is {rcond:.2g}, allowed is above "
+            f"{singular_below(size):.2g}",
+            A,
+        )
+    return _down(_getrs(lu, pivots, b)[0], scale)
+
+
+def _moved_solve(A, b, name, watch):
+    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
+
+    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
+    refused; what is singular is NaN.
+    """
+    noise = watch.noise
+    A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
+    lu, pivots, _ = _getrf(A)
+    watch.solves.append(Solve(name, len(A), np.nan, _log_determinant(lu, scale, row_scale)))
+    if not np.diagonal(lu).all():
+        return np.full(b.shape, np.nan)
+    x = _getrs(lu, pivots, b)[0]
+    x += _getrs(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))[0]
+    return noise.array(noise.entries(_down(x, scale)))
+
+
+def _scaled(A, b):
+    """Return A, b and the scales of columns and rows.
+
+    First columns, then rows, so that neither overflows; rows also decide which pivots are taken.
+    """
     scale = column_scale(A)
     A = A * scale
     row_scale = column_scale(A.T)
-    A, b = A * row_scale[:, None], b * (row_scale if b.ndim == 1 else row_scale[:, None])
-    if noise is not None:
-        A = noise.by_column(A)
-    lu, pivots, _ = _getrf(A)
-    rcond = _gecon(lu, np.abs(A).sum(axis=0).max())[0] if np.isfinite(lu).all() else 0.0
-    if noise is None:
-        if watch is not None:
-            watch.solves.append(Solve(name, size, float(rcond)))
-        if not rcond > singular_below(size):
-            raise RefusedError(
-                name,
-                float(rcond),
-                singular_below(size),
-                f"the {size} x {size} matrix {name} is singular to working precision: its "
-                f"reciprocal condition number is {rcond:.2g}, allowed is above "
-                f"{singular_below(size):.2g}",
-                A,
-            )
-    x = _getrs(lu, pivots, b)[0] if np.diagonal(lu).all() else np.full(b.shape, np.nan)
-    x = x * (scale if b.ndim == 1 else scale[:, None])
-    # Each right-hand side is rounded by itself: where results are summed and cancel, it shows.
-    return x if noise is None else noise.entries(x)
+    return A * row_scale[:, None], _down(b, row_scale), scale, row_scale
+
+
+def _down(x, scale):
+    """Return x (k,) or (k, m), each row times its scale (k,)."""
+    return x * (scale if x.ndim == 1 else scale[:, None])
+
+
+class Factors:
+    """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
+
+    eps times about this is what elimination, and substitution for each right-hand side, change it.
+    """
+
+    def __init__(self, lu: np.ndarray, pivots: np.ndarray):
+        self.L, self.U = np.abs(np.tril(lu, -1)), np.abs(np.triu(lu))
+        np.fill_diagonal(self.L, 1.0)
+        self.order = np.arange(len(pivots))
+        for i, pivot in enumerate(pivots):
+            self.order[i], self.order[pivot] = self.order[pivot], self.order[i]
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """Return |L||U| x, x (k,) or (k, m)."""
+        out = np.empty_like(x)
+        out[self.order] = self.L @ (self.U @ x)
+        return out
+
+
+ROUNDS = 20
+"""Most rounds of the iteration for a spectral radius; three to five are common."""
+
+
+def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
+    """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
+
+    |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
+    in the best of all units of the unknowns, and does not depend on those of the equations either
+    (Bauer 1963; Higham 2002, Sec. 7.3): kilograms or grams make no difference.
+    """
+    if not (np.isfinite(lu).all() and np.diagonal(lu).all()):
+        return 0.0
+    size, factors = len(lu), Factors(lu, pivots)
+    inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
+    if not np.isfinite(inverse).all():
+        return 0.0
+    weights, radius = np.ones(size), np.inf
+    for _ in range(ROUNDS):
+        product = inverse @ factors.times(weights)
+        # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
+        before, radius = radius, min(radius, float((product / weights).max()))
+        if radius > 0.9 * before:
+            break
+        weights = np.maximum(product / product.max(), NORMAL)
+    return min(1.0 / radius, 1.0)
+
+
+def _log_determinant(lu: np.ndarray, *scales: np.ndarray) -> float:
+    """Return log2 |det A| of the matrix as it was before it was scaled."""
+    with np.errstate(divide="ignore"):
+        return float(np.log2(np.abs(np.diagonal(lu))).sum() - sum(np.log2(s).sum() for s in scales))
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:

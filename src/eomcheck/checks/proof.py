@@ -23,7 +23,7 @@ from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, distinct
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
 
@@ -54,7 +54,7 @@ def prove(
         InputError: `points` or a number of links below 1; a kind of scene without `links`.
         UnknownNameError: no such formulation.
     """
-    keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
+    keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
     chosen = tuple(map(formulation_of, keys))
     check_points(points)
     seed = new_seed() if seed is None else seed

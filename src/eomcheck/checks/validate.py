@@ -20,10 +20,10 @@ from eomcheck.checks import CLAIMS, Case, Finding, State
 from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import InputError, named
+from eomcheck.errors import InputError, distinct, named
 from eomcheck.evaluate import Evaluation, check_consistent
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
-from eomcheck.model import Scene
+from eomcheck.model import Scene, check_scene
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Selection:
         claims: Iterable[str] | None = None,
     ) -> Selection:
         """Look the names up; None stands for all, an empty list for none."""
-        keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
-        names = ENGINES if engines is None else dict.fromkeys(engines)
-        ids = tuple(CLAIMS if claims is None else dict.fromkeys(claims))
+        keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
+        names = ENGINES if engines is None else distinct("engines", engines)
+        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
         return cls(tuple(map(formulation_of, keys)), tuple(map(engine_of, names)), ids)
@@ -98,10 +98,12 @@ class Run:
         """Look at `examples` drawn cases; stop at the first failure and shrink it.
 
         Raises:
-            InputError: `examples` is less than 1.
+            InputError: `examples` is less than 1, or `seed` no whole number.
         """
-        if not isinstance(examples, int) or examples < 1:
+        if isinstance(examples, bool) or not isinstance(examples, int) or examples < 1:
             raise InputError(f"examples = {examples!r}, expected a whole number of at least 1")
+        if isinstance(seed, bool) or not isinstance(seed, int):
+            raise InputError(f"seed = {seed!r}, expected a whole number")
         failing: str | None = None
 
         def examine(drawn: tuple[Scene, State]) -> None:
@@ -188,6 +190,7 @@ def check(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
+    check_scene(scene)
     selection = Selection.of(formulations, engines, claims)
     state = State(*scene.check_state(q, v, t), t)
     if consistent:
@@ -223,6 +226,7 @@ def validate(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
+    check_scene(scene)
     selection = Selection.of(formulations, engines, claims)
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), selection)

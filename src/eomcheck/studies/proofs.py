@@ -12,7 +12,7 @@ from typing import Any
 import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import InputError, named
+from eomcheck.errors import InputError, distinct, named
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES
@@ -55,7 +55,7 @@ def proof_jobs(
     """
     kind = named("scene", scene, SCENES)
     check_points(points)
-    keys = FORMULATIONS if formulations is None else dict.fromkeys(formulations)
+    keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
     chosen = tuple(formulation_of(key).key for key in keys)
     scenes = tuple(one for count in links for one in kind.structures(count))
     return ProofJobs(scenes, chosen, points, seed)
