@@ -36,7 +36,7 @@ class Accuracy:
             where that may be 0 and the result is not exact.
         relative: largest error over largest true entry, rounded up, of numbers too small for
             doubles as well; infinite if the largest true entry is 0 and the error not.
-        error_bound: what `eomcheck.acceleration` says of the error.
+        relative_bound: error bound that `eomcheck.acceleration` reports over largest true entry.
         condition: condition number of each matrix solved, by name.
         kappa: how strongly this computation amplifies relative changes (docs/tolerance.md);
             infinite where no bound can be measured or the truth is 0.
@@ -50,7 +50,7 @@ class Accuracy:
     error: Array
     ulps: Array
     relative: float
-    error_bound: float
+    relative_bound: float
     condition: dict[str, float]
     kappa: float
     ratio: float
@@ -62,8 +62,8 @@ class Accuracy:
 
     @property
     def silent(self) -> bool:
-        """Whether the result is wrong and does not say so: its error bound is exceeded as well."""
-        return self.relative > NOTICEABLE and largest(self.error) > self.error_bound
+        """Whether the result is wrong and does not say so."""
+        return self.relative > max(NOTICEABLE, self.relative_bound)
 
 
 def certified_digits(relative: float) -> float:
@@ -99,10 +99,15 @@ def true_error(vdot: Array, truth: Enclosure) -> Array:
 def relative_error(vdot: Array, truth: Enclosure) -> float:
     """Return max |v̇ - true v̇| / max |true v̇|, rounded up."""
     error = max(abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True))
-    if error == 0:
-        return 0.0
+    return math.nextafter(_over(error, truth), math.inf) if error > 0 else 0.0
+
+
+def _over(error, truth: Enclosure) -> float:
+    """Return an error over the largest true entry, which may be too small for doubles."""
     size = max(y.abs_lower() for y in truth.vdot)
-    return math.nextafter(float((error / size).mid()), math.inf) if size > 0 else math.inf
+    if error == 0 or not size > 0:
+        return 0.0 if error == 0 else math.inf
+    return float((ball(error) / size).mid())
 
 
 def accuracy(
@@ -158,7 +163,7 @@ def certify(
         error,
         ulps,
         relative_error(result.vdot, truth),
-        allowed_error(spread),
+        _over(allowed_error(spread), truth),
         {name: 1.0 / rcond for name, rcond in result.rcond.items()},
         spread / scale if scale > 0 else math.inf,
         _ratio(largest(error), spread, scale),

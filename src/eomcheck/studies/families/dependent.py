@@ -25,17 +25,19 @@ class Parameters(NamedTuple):
     """Those of the snake, and of the second wheel."""
 
     snake: Any
-    cos_second: Any
-    """Cosine of the angle of the second wheel against link 1 (1,)."""
-    sin_second: Any
+    cos_alpha: Any
+    """Of the second wheel against link 1 (1,)."""
+    sin_alpha: Any
     """(1,)."""
+    sin_second: Any
+    """Sine of the angle between the two wheels (1,)."""
 
 
 @generic
 def _second(parameters):
     """Return the parameters of a snake whose first wheel is the second one."""
     cos, sin = parameters.snake.cos_alpha.copy(), parameters.snake.sin_alpha.copy()
-    cos[0], sin[0] = parameters.cos_second[0], parameters.sin_second[0]
+    cos[0], sin[0] = parameters.cos_alpha[0], parameters.sin_alpha[0]
     return parameters.snake._replace(cos_alpha=cos, sin_alpha=sin)
 
 
@@ -67,9 +69,9 @@ def terms(parameters, angles, q, v):
 
 @generic
 def kinematics(parameters, angles, q, u):
-    """Return the `Rolling` of the snake at u = (0, ω_1)."""
+    """Return the `Rolling` of the snake at u = (s_1, ω_1), where s_1 sin(second) = 0."""
     both = np.zeros(2, u.dtype)
-    both[1] = u[0]
+    both[0], both[1] = 0 * u[0] / parameters.sin_second[0], u[0]
     return snake.kinematics(parameters.snake, angles, q, both)
 
 
@@ -170,7 +172,8 @@ class TwoWheels(Scene):
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
         wheel = arithmetic.angles(self.first.wheel_angle[:1] + self.second)
-        return Parameters(self.first.parameters(arithmetic), wheel.cos, wheel.sin)
+        between = arithmetic.angles(np.array([self.second]))
+        return Parameters(self.first.parameters(arithmetic), wheel.cos, wheel.sin, between.sin)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest of the snake."""
