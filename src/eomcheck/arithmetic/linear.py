@@ -144,12 +144,14 @@ def _moved_solve(A, b, name, watch):
 def _scaled(A, b):
     """Return A, b and the scales of columns and rows.
 
-    First columns, then rows, so that neither overflows; rows also decide which pivots are taken.
+    The scale of rows decides which pivots are taken. First rows, as equations come: with columns
+    scaled first, M_Au of links of very different masses loses all digits where that of the rows as
+    they are loses one. The scale of columns only keeps everything near 1.
     """
-    scale = column_scale(A)
-    A = A * scale
     row_scale = column_scale(A.T)
-    return A * row_scale[:, None], _down(b, row_scale), scale, row_scale
+    A = A * row_scale[:, None]
+    scale = column_scale(A)
+    return A * scale, _down(b, row_scale), scale, row_scale
 
 
 def _down(x, scale):
