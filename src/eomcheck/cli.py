@@ -420,6 +420,42 @@ def study_work_precision(
         typer.echo(f"written: {figure}, {rates}")
 
 
+@study.command("stability")
+def study_stability(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    family: Annotated[
+        list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A few severities of each family.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    executor: Where = "local",
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder to draw the atlas and a figure a family into.")
+    ] = None,
+) -> None:
+    """Drive every formulation through states of growing severity, and certify what it delivers."""
+    if figures is not None and not figures.is_dir():
+        raise InputError(f"{str(figures)!r} is not a folder that exists")
+    from eomcheck.report.stability import draw_all, print_stability
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.spread import check_place
+    from eomcheck.studies.stability import Outcome, measure, outcome, plan
+
+    planned = plan(family, formulation, quick)
+    check_place(executor)
+    with Records(records) as kept:
+        found = measure(planned, kept, executor, fresh)
+    print_stability(found)
+    if figures is not None:
+        paths = draw_all(found, figures)
+        typer.echo(f"written: {', '.join(map(str, paths))}")
+    if any(outcome(record) is Outcome.SILENT for record in found):
+        raise typer.Exit(1)
+
+
 @draw.command("agreement")
 def draw_agreement(
     path: Annotated[Path, typer.Argument(help="File to write, .png or .svg.")],

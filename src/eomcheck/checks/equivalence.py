@@ -10,6 +10,7 @@ from scipy.linalg import null_space
 
 from eomcheck.checks.claim import Case, claim, numbered, pairs
 from eomcheck.checks.finding import Finding
+from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.model import Array
@@ -113,13 +114,13 @@ def _engine_results(case: Case) -> Iterator[tuple]:
             continue
         try:
             result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma)
-        except np.linalg.LinAlgError:
+            vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)
+            multiplier_spread = 0.0
+            if result.multipliers is not None:
+                part = partial(_part_in, like, T, "multipliers")
+                multiplier_spread = at.spread(part, coordinates=True)
+        except (np.linalg.LinAlgError, RefusedError):
             continue
-        vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)
-        multiplier_spread = 0.0
-        if result.multipliers is not None:
-            part = partial(_part_in, like, T, "multipliers")
-            multiplier_spread = at.spread(part, coordinates=True)
         yield engine, result, vdot_spread, multiplier_spread
 
 

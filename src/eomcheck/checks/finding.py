@@ -135,6 +135,8 @@ def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]
         scale: size of what was compared; for a sum that should vanish, of its terms.
     """
     allowed = allowed_error(spread)
+    if not np.isfinite(scale):
+        return allowed, "inconclusive"  # it overflows: nothing to compare with
     if not np.isfinite(observed):
         return allowed, "failed"
     if not np.isfinite(allowed):

@@ -14,22 +14,24 @@ from eomcheck.formulations import Formulation
 from eomcheck.model import Angles, Array
 from eomcheck.tolerance import largest
 
-TINY = 1e-150
-"""Step of the complex derivative: its square vanishes beside 1, so there is no truncation."""
+TINY = 1e-30
+"""Step of the complex derivative, in rad: its square vanishes beside 1, so there is no truncation,
+and it leaves room above underflow."""
 
 
 def _power_terms(e: Evaluation, vdot: Array) -> Array:
     """Return the shares of (q, v) in d(T+U)/dt (2,), W: exact derivatives by a complex step."""
     value, cos, sin = e.prepared
     omega = e.v[e.scene.angle_coordinates]
-    step = 1j * TINY
+    time = TINY / (largest(e.v) or 1.0)
+    step = 1j * time
     moved = Angles(value + step * omega, cos - step * omega * sin, sin + step * omega * cos)
     along_q = (moved, e.q + step * e.v, e.v + 0j)
     along_v = (e.prepared, e.q, e.v + step * vdot)
     shares = []
     for prepared, q, v in (along_q, along_v):
         T, U = e.scene.energies(e.parameters, prepared, q, v)
-        shares.append(np.imag(T if U is None else T + U) / TINY)
+        shares.append(np.imag(T if U is None else T + U) / time)
     return np.array(shares)
 
 
@@ -46,7 +48,8 @@ def power_balance(case: Case) -> Iterator[Finding]:
     for formulation in case.solved:
         shares = _power_terms(at, at.acceleration(formulation).vdot)
         scale = largest(shares)
-        spread = at.spread(lambda e, f=formulation: power(e, f)) + scale
+        # Energies are summed over the bodies, which rounds as often.
+        spread = at.spread(lambda e, f=formulation: power(e, f)) + at.scene.n * scale
         if not np.isfinite(case.vdot_spread(formulation)):
             spread = float("inf")
         yield case.compare(formulation.key, shares.sum(), np.zeros(()), spread, scale=scale)

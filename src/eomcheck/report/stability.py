@@ -176,14 +176,17 @@ def _panel(axes: Axes, mine: list[Step], method: Method, axis: _Axis) -> None:
     top = DIGITS_OF_DOUBLES
     x = np.array([axis.places[step.severity] for step in mine])
     axes.axhspan(LIMIT, top, color="0.93", lw=0)
-    axes.plot(x, [step.foreseen for step in mine], ":", color="0.35", lw=1.4)
+    foreseen = [step.foreseen if step.refused == 0 else np.nan for step in mine]
+    axes.plot(x, foreseen, ":", color="0.35", lw=1.6)
     for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
         y = [
             next((digits_lost(r.errors["relative"]) for r in s.solved if _is(r, variant)), np.nan)
             for s in mine
         ]
         axes.plot(x, y, "-", color=color, lw=0.6, alpha=0.45)
-    axes.plot(x, [s.lost for s in mine], "-", marker=MARKERS[method.key], color=color, ms=4, lw=1.5)
+    # Where some variant is refused, the worst of the others would look like a recovery.
+    worst = [step.lost if step.refused == 0 else np.nan for step in mine]
+    axes.plot(x, worst, "-", marker=MARKERS[method.key], color=color, ms=4, lw=1.5)
     for at, step in zip(x, mine, strict=True):
         if step.refused > 0:
             axes.plot(at, top + 1.0, "X", ms=6, color=color, mfc=color if step.refused == 1 else "w")
@@ -208,6 +211,16 @@ def _keys() -> list:
         Line2D([], [], color="0.35", lw=1.4, ls=":", label="foreseen by κ ε"),
         Line2D([], [], marker="X", ls="", color="0.15", label="refused (hollow: in part)"),
     ]
+
+
+def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
+    """Draw the heat map and a figure a family into a folder, and return the files."""
+    paths = [folder / "stability.png"]
+    draw_atlas(records, paths[0])
+    for family in families_of(records):
+        paths.append(folder / f"stability-{family}.png")
+        draw_family(records, family, paths[-1])
+    return paths
 
 
 # ---- The heat map --------------------------------------------------------------------------------
