@@ -238,6 +238,41 @@ def _check_figure(path: Path) -> None:
     _check_writable(path)
 
 
+class Robot(StrEnum):
+    """The snakes that the command line knows by name."""
+
+    PAPER = "paper"
+    COIL = "coil"
+    PATTERN = "pattern"
+
+
+@app.command()
+def acceleration(
+    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
+    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
+    speeds: Annotated[
+        tuple[float, float], typer.Option(help="Generalized speeds, m/s and rad/s.")
+    ] = (0.0, 0.0),
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+) -> None:
+    """Print what each formulation says at the start, how far to trust it, or why it refuses.
+
+    Exit code 1 if one refuses.
+    """
+    from eomcheck.report.accelerations import print_accelerations
+    from eomcheck.scenes import Snake
+    from eomcheck.scenes.snake import whole_links
+
+    makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
+    if whole_links(links) > MOST_LINKS:
+        raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
+    scene = Snake.paper() if robot is Robot.PAPER else makers[robot](links)
+    if print_accelerations(scene, speeds, formulation):
+        raise typer.Exit(1)
+
+
 @app.command("list")
 def list_registry(
     registry: Annotated[Registry, typer.Argument(help="What to list.")],
