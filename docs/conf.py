@@ -36,7 +36,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_generated"]
+exclude_patterns = ["_build", "_generated", "figures/*.md"]
 default_role = "code"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
@@ -77,8 +77,13 @@ def claims_table() -> str:
     )
 
 
+def in_paper(f: Formulation) -> str:
+    """Return whether Table I has multipliers for a formulation."""
+    return "not there" if f.multipliers_in_paper is None else yes(f.multipliers_in_paper)
+
+
 def formulations_table() -> str:
-    """Return the paper's Table I with what is different here."""
+    """Return the paper's Table I with what is different here, and below it what is not there."""
     return table(
         (
             "key",
@@ -93,10 +98,10 @@ def formulations_table() -> str:
             (
                 f"[`{f.key}`](theory/{f.key}.md)",
                 cell(f.name),
-                cell(f.equations),
+                cell(f.equations) or "not there",
                 f"${f.order_text}$",
                 f"{f.level} level",
-                yes(f.multipliers_in_paper),
+                in_paper(f),
                 yes(f.multipliers),
             )
             for f in FORMULATIONS.values()
@@ -108,20 +113,21 @@ USES = {
     "terms": "Lagrange's terms $M$, $F$, $a$, gamma",
     "speeds": "$M$, $F$ and the generalized speeds: $W$, rest",
     "bodies": "the bodies' partial velocities, masses, inertias and forces",
+    "chain": "the chain's masses and forces along the quasi-velocities, and its joints",
 }
 
 
 def facts(f: Formulation) -> str:
     """Return what the registry says about one formulation, for the top of its theory page."""
-    snake = [f.unknowns(links + 2, links) for links in (1, 2)]
+    snake = [f.unknowns(links + 2, links, 2 * links) for links in (1, 2)]
     return table(
-        (f"key `{f.key}`", f"Eqs. {cell(f.equations)}"),
+        (f"key `{f.key}`", f"Eqs. {cell(f.equations)}" if f.in_paper else "not in the paper"),
         [
             ("reads", USES[f.uses]),
             ("equations in the final system", f"${f.order_text}$"),
             ("the same for the snake", f"{snake[0]} at $N = 1$, {snake[1]} at $N = 2$"),
             ("constraints enter at", f"{f.level} level"),
-            ("multipliers", f"{yes(f.multipliers)}; paper: {yes(f.multipliers_in_paper)}"),
+            ("multipliers", f"{yes(f.multipliers)}; paper: {in_paper(f)}"),
         ],
     )
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
 from eomcheck import acceleration, speeds_of, strategies, velocity
-from eomcheck.arithmetic import linear
+from eomcheck.arithmetic import banded, linear
 from eomcheck.checks.point import Point
 from eomcheck.errors import (
     InconsistentVelocityError,
@@ -25,11 +25,11 @@ from eomcheck.scenes import Snake
 from eomcheck.strategies import NEGLIGIBLE
 from eomcheck.tolerance import allowed_error
 
-IN_TERMS = [f.key for f in FORMULATIONS.values() if f.uses == "terms"]
-IN_SPEEDS = [f.key for f in FORMULATIONS.values() if f.uses != "terms"]
+IN_SPEEDS = [f.key for f in FORMULATIONS.values() if f.in_speeds]
+IN_VELOCITIES = [key for key in FORMULATIONS if key not in IN_SPEEDS]
 PARTITIONED = [f.key for f in FORMULATIONS.values() if f.partitioned]
 UNPARTITIONED = [f.key for f in FORMULATIONS.values() if not f.partitioned]
-SOLVED_ANYWHERE = [key for key in IN_TERMS if key not in PARTITIONED]
+SOLVED_ANYWHERE = [key for key in IN_VELOCITIES if key not in PARTITIONED]
 
 SNAKE = Snake([1.0, 2.0, 0.5], [1.0, 0.5, 2.0], [0.1, 0.2, 0.3], [4.0, 2.0], [0.125, -0.5, 1.0])
 Q = np.array([0.5, -0.25, 0.375, 1.25, -0.625])
@@ -111,8 +111,8 @@ def test_a_velocity_that_slides_a_wheel_sideways_is_let_pass_on_request(key):
     assert np.isfinite(result.vdot).all()
 
 
-@pytest.mark.parametrize("key", IN_TERMS)
-def test_an_inconsistent_velocity_still_has_one_acceleration_in_lagranges_terms(key):
+@pytest.mark.parametrize("key", IN_VELOCITIES)
+def test_an_inconsistent_velocity_still_has_one_acceleration_without_generalized_speeds(key):
     v = V + 1e-3
     assert_agree(
         acceleration(SNAKE, key, Q, v, consistent=False),
@@ -158,7 +158,7 @@ def test_a_wheel_across_its_link_is_refused_by_the_formulations_in_speeds():
         assert caught.value.rcond <= caught.value.threshold
     with pytest.raises(RefusedError, match=r"wheel_angle\[2\]"):
         velocity(snake, q, [1.0, 1.0])
-    results = [acceleration(snake, key, q, v) for key in IN_TERMS]
+    results = [acceleration(snake, key, q, v) for key in IN_VELOCITIES]
     for first, second in combinations(results, 2):
         assert_agree(first, second)
     assert max(result.error_bound for result in results) < 1e-6
@@ -281,12 +281,15 @@ def test_a_result_has_the_shapes_and_the_multipliers_that_the_formulation_says(k
 def test_the_condition_of_every_matrix_solved_is_recorded_under_its_name(key, monkeypatch):
     solved_exactly = []
 
-    def eliminate(A, b, name):
-        solved_exactly.append(name)
-        return linear_eliminate(A, b, name)
+    def recorded(eliminate):
+        def recording(A, b, name):
+            solved_exactly.append(name)
+            return eliminate(A, b, name)
 
-    linear_eliminate = linear.eliminate
-    monkeypatch.setattr(linear, "eliminate", eliminate)
+        return recording
+
+    monkeypatch.setattr(linear, "eliminate", recorded(linear.eliminate))
+    monkeypatch.setattr(banded, "eliminate_banded", recorded(banded.eliminate_banded))
     Point(SNAKE, RandomFractions(0)).solution(FORMULATIONS[key])
     rcond = acceleration(SNAKE, key, Q, V).rcond
     assert list(rcond) == solved_exactly

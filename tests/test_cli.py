@@ -215,13 +215,15 @@ def test_study_operations_prints_counts_polynomials_systems_and_springs(
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     assert max(len(line) for line in printed.splitlines()) <= 140
-    for text in ("N = 9", "40 N - 21", "73 N - 33", "116 N - 57", "2n + r: the same at every N"):
+    for text in ("N = 9", "39 N - 23", "66 N - 41", "108 N - 67", "2n + r: the same at every N"):
         assert text in printed
     assert "no fit" not in printed
     document = json.loads(file.read_text(encoding="utf-8"))
     counted = {(x["formulation"], x["links"]): x for x in document["operations"]}
     assert set(counted) == {(key, links) for key in FORMULATIONS for links in range(2, 10)}
-    assert counted["kane", 7]["solves"] == [{"name": "M_Kane", "order": 2, "columns": 1}]
+    full = {"name": "M_Kane", "order": 2, "columns": 1, "half": None}
+    assert counted["kane", 7]["solves"] == [full]
+    assert counted["banded", 7]["solves"] == [full | {"name": "KKT", "order": 26, "half": 3}]
     for fitted in document["polynomials"]:
         for links in range(2, 10):
             factors = map(Fraction, fitted["coefficients"]["additions"])
@@ -274,3 +276,16 @@ def test_accuracy_is_drawn(tmp_path, monkeypatch):
     arguments = ("--links", "1..3", "--examples", "3")
     assert run("draw", "accuracy", str(path), *arguments, monkeypatch=monkeypatch) == 0
     assert path.stat().st_size > 10_000
+
+
+def test_bench_motion_times_the_same_motion_twice(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "motions.json"
+    arguments = ("--formulation", "kane", "--json", str(path))
+    monkeypatch.setattr("eomcheck.studies.motion.END", 0.01)
+    assert run("bench", "motion", *arguments, monkeypatch=monkeypatch) == 0
+    assert "DOP853, rtol = atol = 1e-12" in capsys.readouterr().out
+    (row,) = json.loads(path.read_text(encoding="utf-8"))["motions"]
+    assert row["formulation"] == "kane"
+    # 12 stages a step at least.
+    assert row["right_hand_sides"] > 12
+    assert 0 < row["seconds"] < row["seconds_in_python"]

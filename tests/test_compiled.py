@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from eomcheck import acceleration, speeds_of, velocity
-from eomcheck.arithmetic.float64 import FLOAT64, compiled
+from eomcheck import acceleration, velocity
+from eomcheck.arithmetic.float64 import FLOAT64, angles, compiled
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -56,10 +58,9 @@ snakes = pytest.mark.parametrize(
 def rate(snake: Snake, key: str, q, v):
     """Return (q̇, rate of the speeds) by compiled code, speeds being v or u."""
     formulation = FORMULATIONS[key]
-    speeds = v if formulation.uses == "terms" else speeds_of(snake, q, v)
     at = Evaluation(snake, q, v)
     function = right_hand_side(snake, formulation)
-    return function(snake.parameters(FLOAT64), at.q, np.asarray(speeds), at.partition)
+    return function(snake.parameters(FLOAT64), at.q, at.speeds_read(formulation), at.partition)
 
 
 def state(snake: Snake):
@@ -74,10 +75,11 @@ def test_the_compiled_right_hand_side_gives_the_acceleration_of_the_public_path(
     expected = acceleration(snake, key, q, v)
     qdot, speeds_rate = rate(snake, key, q, v)
     at = Evaluation(snake, q, v)
-    if FORMULATIONS[key].uses == "terms":
-        vdot = speeds_rate
-    else:
+    vdot = speeds_rate
+    if FORMULATIONS[key].in_speeds:
         vdot = at.speeds.W @ speeds_rate + at.speeds.rest
+    elif FORMULATIONS[key].uses == "chain":
+        vdot = snake.chain_acceleration(at.parameters, at.prepared, at.x, speeds_rate)
     assert np.abs(vdot - expected.vdot).max() <= 2 * expected.error_bound
     assert expected.error_bound < 1e-6
     assert np.abs(qdot - v).max() <= allowed_error(at.spread(lambda e: e.velocity))
@@ -109,8 +111,8 @@ def test_the_compiled_right_hand_side_does_not_raise_on_nan(key):
     q, v = state(snake)
     q[2] = np.nan
     formulation = FORMULATIONS[key]
-    speeds = v if formulation.uses == "terms" else np.ones(2)
-    partition = Evaluation(snake, np.zeros(snake.n), v).partition
+    at = Evaluation(snake, np.zeros(snake.n), v)
+    speeds, partition = at.speeds_read(formulation), at.partition
     rates = right_hand_side(snake, formulation)(snake.parameters(FLOAT64), q, speeds, partition)
     assert np.isnan(rates[1]).all()
 
@@ -177,10 +179,10 @@ def test_the_velocity_leaves_out_an_absent_offset(function):
 KERNEL = """
 import numpy as np
 from eomcheck.arithmetic.float64 import compiled
-from eomcheck.scenes.snake import spring_torques
+from eomcheck.scenes.snake import forces
 
-kernel = compiled(spring_torques)
-assert kernel(np.array([2.0]), np.array([1.0, 0.0])).tolist() == [2.0]
+kernel = compiled(forces)
+assert kernel(np.array([2.0]), np.array([1.0, 0.0])).tolist() == [0.0, 0.0, -2.0, 2.0]
 print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))
 """
 
@@ -289,7 +291,14 @@ def test_closures_over_different_functions_have_different_names():
     Two of one name, cached by two processes, would share their symbols in a third.
     """
     snake = SNAKES[0]
-    functions = [compiled(f) for f in (snake.terms, snake.kinematics, snake.speeds_of)]
+    functions: list[Any] = [compiled(f) for f in (snake.terms, snake.kinematics, snake.speeds_of)]
     functions += [right_hand_side(snake, f) for f in FORMULATIONS.values()]
     names = [function.py_func.__qualname__ for function in functions]
     assert len(set(names)) == len(names), names
+
+
+def test_compiled_angles_have_the_cosines_and_sines_of_the_c_library():
+    x = np.array([0.0, 0.5, -3.0, 1e8, 1e300])
+    _, cos, sin = compiled(angles)(x)
+    assert cos.tolist() == [math.cos(t) for t in x]
+    assert sin.tolist() == [math.sin(t) for t in x]

@@ -19,6 +19,7 @@ import pytest
 
 import eomcheck
 from eomcheck.arithmetic.absent import settle_absent
+from eomcheck.arithmetic.banded import solve_banded
 from eomcheck.arithmetic.generic import GENERIC
 from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations import FORMULATIONS
@@ -38,6 +39,13 @@ functions = pytest.mark.parametrize(
 
 ALLOCATION = {"zeros", "zeros_like", "concatenate", "ascontiguousarray"}
 METHODS = {"reshape"}
+OF_CHAINS = (
+    "quasi_velocities",
+    "chain",
+    "chain_velocity",
+    "chain_acceleration",
+    "chain_multipliers",
+)
 
 
 def syntax(function: Callable) -> ast.FunctionDef:
@@ -79,6 +87,8 @@ def test_every_function_of_every_scene_and_formulation_is_marked_as_generic():
             assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
         for name in ("velocities", "energies", "constraint"):
             assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
+        for name in OF_CHAINS if hasattr(scene, "chain") else ():
+            assert getattr(scene, name) in GENERIC, f"{scene.key}.{name}"
     for formulation in FORMULATIONS.values():
         assert formulation.solution in GENERIC, formulation.key
 
@@ -110,7 +120,7 @@ def test_generic_functions_only_add_subtract_multiply_and_divide(function: Calla
 
 @functions
 def test_generic_functions_call_nothing_but_each_other_solve_and_allocation(function: Callable):
-    allowed = [range, solve, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
+    allowed = [range, solve, solve_banded, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
     handed_in = {argument.arg for argument in syntax(function).args.args}
     for written, called in objects_called(function):
         known = called in allowed or is_record(called) or called in METHODS

@@ -146,14 +146,15 @@ LINKS = pytest.mark.parametrize("links", [1, 2, 3, 7, 20])
 
 
 @LINKS
-def test_spring_torques_take_one_subtraction_and_one_multiplication_per_joint(links: int):
+def test_forces_take_one_multiplication_and_three_additions_per_joint(links: int):
     counting = Counting()
-    snake.spring_torques(counting.vector(links - 1), counting.vector(links))
-    assert counts(counting) == (links - 1, links - 1, 0)
+    snake.forces(counting.vector(links - 1), counting.vector(links))
+    # A sum that begins with 0 is not counted: the first and the last link carry one torque only.
+    assert counts(counting) == (3 * (links - 1), links - 1, 0)
 
 
 @LINKS
-def test_the_recursion_of_kinematics_takes_76_operations_per_joint(links: int):
+def test_the_recursion_of_kinematics_takes_75_operations_per_joint(links: int):
     """By hand, per joint, from the lines of `kinematics`: additions, multiplications, divisions.
 
     cosines and sines of three angles   6  12  0
@@ -172,33 +173,37 @@ def test_the_recursion_of_kinematics_takes_76_operations_per_joint(links: int):
     counting.tally.clear()
     scene.kinematics(parameters, angles, counting.vector(scene.n), counting.vector(2))
     joints = links - 1
-    # And half the length of the first link.
-    assert counts(counting) == (24 * joints, 49 * joints + 1, 3 * joints)
+    # And half the length of the first link, and the velocity of its tip.
+    assert counts(counting) == (24 * joints + 4, 49 * joints + 11, 3 * joints)
 
 
 @pytest.mark.parametrize(("d", "e", "p"), [(1, 1, 2), (3, 3, 4)])
 @pytest.mark.parametrize("bodies", [1, 5])
-def test_kanes_mass_matrix_costs_its_lower_triangle(bodies: int, d: int, e: int, p: int):
+def test_kanes_sums_cost_a_column_and_the_lower_triangle(bodies: int, d: int, e: int, p: int):
+    """Per mass or moment of inertia: p momenta, and each with the remainder and the partials."""
     counting = Counting()
-    kane.mass_matrix(
+    kane.inertia_sums(
         counting.numbers(np.zeros((bodies, d, p))),
         counting.numbers(np.zeros((bodies, e, p))),
+        counting.numbers(np.zeros((bodies, d))),
+        counting.numbers(np.zeros((bodies, e))),
         counting.vector(bodies),
         counting.numbers(np.zeros((bodies, e, e))),
+        None,
     )
-    entries = bodies * p * (p + 1) // 2
-    assert counts(counting) == (entries * (d + e * e), entries * 2 * (d + e * e), 0)
+    each, products = bodies * (d + e * e), p + p * (p + 1) // 2
+    assert counts(counting) == (each * products, each * (p + products), 0)
 
 
 # ---- What is absent costs nothing ----------------------------------------------------------------
 
 
-def test_an_absent_gyroscopic_part_saves_exactly_its_additions():
+def test_an_absent_gyroscopic_part_saves_exactly_its_projection():
     found = {}
     for present in (True, False):
         counting = Counting()
         vectors, matrices = np.zeros((5, 3)), np.zeros((5, 3, 4))
-        kane.inertia_remainder(
+        kane.inertia_sums(
             counting.numbers(matrices),
             counting.numbers(matrices),
             counting.numbers(vectors),
@@ -208,7 +213,7 @@ def test_an_absent_gyroscopic_part_saves_exactly_its_additions():
             counting.numbers(vectors) if present else None,
         )
         found[present] = np.array(counts(counting))
-    assert (found[True] - found[False] == (5 * 3, 0, 0)).all()
+    assert (found[True] - found[False] == (5 * 3 * 4, 5 * 3 * 4, 0)).all()
 
 
 def test_absent_forces_bias_and_offset_cost_nothing():

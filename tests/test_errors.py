@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError
-from eomcheck.motion.errors import constraint_error, energy_error, error_norm, errors_of
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.motion.errors import (
+    FEWEST,
+    constraint_drift,
+    constraint_error,
+    drift_of,
+    energy_drift,
+    energy_error,
+    error_norm,
+    errors_of,
+)
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference, load_reference
 
@@ -81,3 +91,51 @@ def test_a_trajectory_that_failed_or_has_other_times_is_not_judged():
         errors_of(failed, REFERENCE)
     with pytest.raises(InputError, match="expected those of free-3"):
         errors_of(replace(exact(), times=REFERENCE.times * 0.5), REFERENCE)
+
+
+# ---- Drift ---------------------------------------------------------------------------------------
+
+TIMES = np.linspace(0.0, 4.0, 21)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.5, 1.0, 2.0])
+def test_the_law_of_growth_is_found_through_bad_times_and_zeros(exponent: float):
+    errors = 3e-9 * TIMES**exponent
+    errors[[2, 5, 11]] *= 1e4
+    errors[[7, 8]] = 0.0
+    found = drift_of(TIMES, -errors)
+    assert found is not None
+    assert found.exponent == pytest.approx(exponent, abs=1e-12)
+    assert found.rate * 4.0 == pytest.approx(3e-9 * 4.0**exponent)
+
+
+def test_too_few_errors_have_no_law():
+    errors = np.zeros(21)
+    errors[: FEWEST + 1] = 1e-9  # that at t = 0 has no logarithm
+    assert drift_of(TIMES, errors) is not None
+    assert drift_of(TIMES[: FEWEST + 1], np.arange(FEWEST + 1) - 1.0) is None
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_constraints_drift_in_formulations_that_have_them_at_acceleration_level(key: str):
+    off = exact()
+    off.constraint_residual[:, 1] = 2e-8 * off.times
+    off.energy[:] += 6e-6 * off.times**2
+    found = constraint_drift(replace(off, key=key))
+    if FORMULATIONS[key].level == "velocity":
+        assert found is None
+    else:
+        assert found is not None
+        assert (found.rate, found.exponent) == pytest.approx((2e-8, 1.0))
+    energy = energy_drift(replace(off, key=key))
+    assert energy is not None
+    assert energy.exponent == pytest.approx(2.0)
+    assert energy.rate == pytest.approx(6e-6 * off.times[-1] / 3.0, rel=1e-3)
+
+
+def test_energy_that_is_not_kept_does_not_drift(monkeypatch: pytest.MonkeyPatch):
+    off = exact()
+    off.energy[:] += off.times
+    assert energy_drift(off) is not None
+    monkeypatch.setattr(type(off.scene), "conserves_energy", False)
+    assert energy_drift(off) is None

@@ -204,9 +204,7 @@ def test_a_saddle_point_is_as_well_conditioned_in_grams_as_in_kilograms(unit):
     """As M_Au is: the unit of mass is in one block only, and in the unknowns of the other."""
     random = np.random.default_rng(0)
     M, a = np.diag(random.uniform(1, 2, 4)), random.uniform(-1, 1, (2, 4))
-    one, other = (
-        rcond_of(np.block([[M * m, a.T], [a, np.zeros((2, 2))]])) for m in (1.0, unit)
-    )
+    one, other = (rcond_of(np.block([[M * m, a.T], [a, np.zeros((2, 2))]])) for m in (1.0, unit))
     assert one / 10 < other < one * 10
 
 

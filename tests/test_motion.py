@@ -49,6 +49,10 @@ def test_the_callback_gives_the_rates_of_the_public_acceleration(key: str, sprin
         assert np.abs(at.speeds.W @ found + at.speeds.rest - expected.vdot).max() <= tolerance
     elif m.formulation.state == "q, v2":
         assert np.abs(found - expected.vdot[m.partition.independent]).max() <= tolerance
+    elif m.formulation.state == "q, x":
+        at, x = Evaluation(scene, Q, v), m.y0[5:]
+        vdot = at.call(scene.chain_acceleration, at.parameters, at.prepared, x, found)
+        assert np.abs(vdot - expected.vdot).max() <= tolerance
     else:
         assert np.abs(found - expected.vdot).max() <= tolerance
     if m.formulation.state == "q, v, μ":
@@ -58,6 +62,7 @@ def test_the_callback_gives_the_rates_of_the_public_acceleration(key: str, sprin
 @keys
 def test_each_formulation_integrates_its_own_state(key: str):
     sizes = {"q, v, μ": 5 + 5 + 3, "q, v": 5 + 5, "q, v2": 5 + 2, "q, u": 5 + 2}
+    sizes["q, x"] = 5 + 2 * 3
     m = motion(key)
     assert m.y0.size == m.function(0.0, m.y0).size == sizes[m.formulation.state]
     q, v = m.split(m.y0)

@@ -51,7 +51,8 @@ def test_the_very_function_that_is_compiled_has_these_counts(
     parameters = scene.parameters(counting)
     counting.tally.clear()
     columns = np.arange(scene.n)
-    speeds = counting.vector(scene.n if formulation.uses == "terms" else scene.p)
+    sizes = {"terms": scene.n, "speeds": scene.p, "bodies": scene.p, "chain": scene.s}
+    speeds = counting.vector(sizes[formulation.uses])
     compose = right_hand_side._COMPOSERS[formulation.uses]
     rate = compose(type(scene), formulation.solution)
     rate(parameters, counting.vector(scene.n), speeds, (columns[: scene.r], columns[scene.r :]))
@@ -105,11 +106,39 @@ def test_the_operations_of_lu_are_those_of_an_elimination_that_is_counted(order:
     )
 
 
+@pytest.mark.parametrize("order", [2, 6, 10, 26])
+def test_the_operations_of_a_banded_lu_are_those_of_an_elimination_that_is_counted(order: int):
+    """With rows exchanged all the time, so that the band of U is as wide as it can be."""
+    counting = Counting()
+    one = counting.vector(1)[0]
+    for i in range(order):
+        for _ in range(max(i - 3, 0), min(i + 4, order)):
+            one - one * one
+    for k in range(order):
+        for _ in range(k + 1, min(k + 4, order)):
+            factor = one / one
+            for _ in range(k + 1, min(k + 7, order)):
+                one - factor * one
+    for _ in range(2):
+        for k in range(order):
+            for _ in range(k + 1, min(k + 4, order)):
+                one - one * one
+            for _ in range(k + 1, min(k + 7, order)):
+                one - one * one
+            one / one
+    for _ in range(order):
+        one + one
+    tally = counting.tally
+    assert lu_operations(System("A", order, 1, 3)) == (
+        tally.additions + tally.multiplications + tally.divisions
+    )
+
+
 def test_records_hold_every_formulation_at_every_number_of_links(records):
     assert [(x.links, x.formulation) for x in records] == [
         (links, key) for links in SIZES for key in FORMULATIONS
     ]
-    assert all((x.n, x.r) == (x.links + 2, x.links) for x in records)
+    assert all((x.n, x.r, x.s) == (x.links + 2, x.links, 2 * x.links) for x in records)
 
 
 def test_what_cannot_be_counted_is_refused():
@@ -142,19 +171,18 @@ def test_the_polynomials_of_a_few_small_snakes_hold_for_a_large_one(records):
 def test_kanes_counts_are_those_of_its_parts_by_hand(records):
     """Additions, multiplications, divisions of each part; N is the number of links.
 
-    kinematics         24 (N-1)       49 (N-1) + 1     3 (N-1)
-    speeds             4              14               0
-    v = W u            N + 2          2 (N+2)          0
+    kinematics         24 (N-1) + 4   49 (N-1) + 11    3 (N-1)
     spring torques     N-1            N-1              0
     springs on u       4 (N-1)        2 (N-1)          0
-    M_Kane             6 N            12 N             0
-    N q̇ + G            4 N            7 N              0
+    momenta            0              4 N              0
+    M_Kane             6 N            6 N              0
+    N q̇ + G            4 N            4 N              0
     F - (N q̇ + G)      2              0                0
     """
     N = fmpq_poly([0, 1])
     (kane,) = (f.polynomials for f in fit(records) if f.formulation == "kane")
-    additions = 24 * (N - 1) + 4 + (N + 2) + (N - 1) + 4 * (N - 1) + 6 * N + 4 * N + 2
-    multiplications = 49 * (N - 1) + 1 + 14 + 2 * (N + 2) + (N - 1) + 2 * (N - 1) + 12 * N + 7 * N
+    additions = 24 * (N - 1) + 4 + (N - 1) + 4 * (N - 1) + 6 * N + 4 * N + 2
+    multiplications = 49 * (N - 1) + 11 + (N - 1) + 2 * (N - 1) + 4 * N + 6 * N + 4 * N
     assert kane["additions"] == additions
     assert kane["multiplications"] == multiplications
     assert kane["divisions"] == 3 * (N - 1)
@@ -162,11 +190,31 @@ def test_kanes_counts_are_those_of_its_parts_by_hand(records):
     assert kane["solves, by LU"] == 9
 
 
-def test_only_kanes_cost_is_linear_in_the_number_of_links(records):
+def test_bandeds_counts_are_those_of_its_parts_by_hand(records):
+    """Additions, multiplications, divisions of each part; N is the number of links.
+
+    wheel directions   2 N            4 N              0
+    joints             9 (N-1)        26 (N-1)         0
+    spring torques     2 (N-1) - 1    N-1              0
+    q̇ of x             4              10               0
+    """
+    N = fmpq_poly([0, 1])
+    (banded,) = (f.polynomials for f in fit(records) if f.formulation == "banded")
+    assert banded["additions"] == 2 * N + 9 * (N - 1) + 2 * (N - 1) - 1 + 4
+    assert banded["multiplications"] == 4 * N + 26 * (N - 1) + (N - 1) + 10
+    assert banded["divisions"] == 0
+    assert banded["sin and cos"] == N
+
+
+def test_only_kanes_and_bandeds_cost_is_linear_in_the_number_of_links(records):
     degree = {f.formulation: f.polynomials["outside of solves"].degree() for f in fit(records)}
-    assert degree.pop("kane") == 1
+    assert degree.pop("kane") == degree.pop("banded") == 1
     assert degree.pop("gw") == 3
     assert set(degree.values()) == {2}
+    solves = {f.formulation: f.polynomials["solves, by LU"].degree() for f in fit(records)}
+    assert solves.pop("kane") == solves.pop("ml") == 0
+    assert solves.pop("banded") == 1
+    assert set(solves.values()) == {3}
 
 
 def points(function, sizes=SIZES):
@@ -243,13 +291,22 @@ def test_the_last_system_has_the_order_of_table_i_at_every_number_of_links(
 ):
     for record in records:
         if record.formulation == formulation.key:
-            assert record.solves[-1].order == formulation.unknowns(record.n, record.r)
+            assert record.solves[-1].order == formulation.unknowns(record.n, record.r, record.s)
     *_, last = (s for s in solved_systems(records) if s.formulation == formulation.key)
     assert last.final
-    assert last.order == formulation.order
     assert last.differing == ()
-    assert order_text(last) == formulation.order_text
-    assert table_i_text(last) == f"{formulation.order_text}: the same at every N"
+    if formulation.in_paper:
+        assert last.order == formulation.order
+        assert order_text(last) == formulation.order_text
+        assert table_i_text(last) == f"{formulation.order_text}: the same at every N"
+    else:
+        assert table_i_text(last) == f"not there; {formulation.order_text} at every N"
+
+
+def test_a_banded_system_is_listed_with_its_band(records):
+    (system,) = (s for s in solved_systems(records) if s.formulation == "banded")
+    assert (system.smallest.name, system.smallest.order, system.smallest.half) == ("KKT", 6, 3)
+    assert order_text(system) == "-n + 5r"  # s = 2r for a snake
 
 
 def test_systems_before_the_last_are_found_with_their_orders_and_right_hand_sides(records):
@@ -293,10 +350,12 @@ def test_springs_cost_what_their_terms_cost_and_absent_ones_nothing(links: int):
     assert [row.formulation for row in rows] == list(FORMULATIONS)
     for row in rows:
         assert row.difference == row.alone
-        joints, bodies = links - 1, row.formulation == "kane"
-        # T = k (θ - θ'), then T into two rows of Q and Q - B, or T (∂ω'/∂u - ∂ω/∂u) and F - left.
-        expected = (5 * joints + 2, 3 * joints) if bodies else (3 * joints + links + 2, joints)
-        assert row.difference == (*expected, 0)
+        joints = links - 1
+        # T = k (θ - θ'), then T into two rows of Q and Q - B ...
+        expected = {"kane": (5 * joints + 2, 3 * joints), "banded": (2 * joints - 1, joints)}
+        # ... or T (∂ω'/∂u - ∂ω/∂u) and F - left, or T - T' on each body between two joints.
+        in_terms = (3 * joints + links + 2, joints)
+        assert row.difference == (*expected.get(row.formulation, in_terms), 0)
 
 
 def test_a_snake_without_joints_has_no_springs_to_compare():
@@ -312,7 +371,7 @@ def test_zeros_in_the_place_of_absent_springs_do_not_go_unnoticed(monkeypatch):
     monkeypatch.setattr(Snake, "terms", staticmethod(padded))
     for row in compare_springs(5):
         noticed = row.difference != row.alone
-        assert noticed == (FORMULATIONS[row.formulation].uses != "bodies")
+        assert noticed == (FORMULATIONS[row.formulation].uses in ("terms", "speeds"))
 
 
 def test_a_count_is_the_same_whatever_the_numbers_are():
@@ -328,7 +387,15 @@ def test_every_number_of_a_right_hand_side_is_a_counted_one_or_a_literal():
     counting, scene = Counting(), Snake.coil(3)
     at = operations.Quantities(scene, counting, counting.vector(scene.n))
     at.u = counting.vector(scene.p)
-    for record in (at.parameters, at.prepared, at.terms, at.kinematics, at.speeds, at.bodies):
+    for record in (
+        at.parameters,
+        at.prepared,
+        at.terms,
+        at.kinematics,
+        at.speeds,
+        at.bodies,
+        at.chain,
+    ):
         for field in record:
             if field is not None:
                 assert {type(x) for x in field.flat} <= {Counted, int}

@@ -9,13 +9,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from eomcheck import acceleration, check, speeds_of, strategies, validate, velocity
+from eomcheck import (
+    acceleration,
+    accuracy,
+    check,
+    enclose,
+    prove,
+    simulate,
+    speeds_of,
+    strategies,
+    validate,
+    velocity,
+)
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.generic import generic
 from eomcheck.engines import ENGINES, EngineAcceleration
-from eomcheck.errors import EngineError, InconsistentVelocityError
+from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import FORMULATIONS, applicable, formulations_for
 from eomcheck.model import Bodies, Scene, Speeds, Terms
 from eomcheck.motion.right_hand_side import right_hand_side
 from eomcheck.tolerance import allowed_error
@@ -218,7 +229,7 @@ class CompiledFree(Free):
     speeds_of = staticmethod(free_speeds_of)
 
 
-@pytest.mark.parametrize("key", FORMULATIONS)
+@pytest.mark.parametrize("key", applicable(CompiledFree))
 def test_a_compiled_scene_without_constraints_moves_freely(key):
     scene, formulation = CompiledFree(), FORMULATIONS[key]
     q, v = np.array([1.0, 2.0]), np.array([0.5, -0.5])
@@ -232,19 +243,19 @@ def test_a_compiled_scene_without_constraints_moves_freely(key):
 
 SCENES = [Free(), OnBelt()]
 scenes = pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.key)
-every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
+every_formulation = pytest.mark.parametrize("key", applicable(OnBelt))
 every_engine = pytest.mark.parametrize("engine", ENGINES)
 
 
 def test_every_formulation_finds_the_free_motion_and_no_multipliers():
-    for key in FORMULATIONS:
+    for key in applicable(Free):
         result = acceleration(Free(), key, [1.0, 2.0], [0.5, -0.5])
         assert result.vdot.tolist() == [-1.5, -5.0], key
         assert result.multipliers is None, key
         assert 0 < result.error_bound < 1e-12, key
 
 
-@pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if not f.partitioned])
+@pytest.mark.parametrize("key", [f.key for f in applicable(OnBelt).values() if not f.partitioned])
 def test_every_formulation_finds_the_motion_on_the_belt_and_the_force_that_it_takes(key):
     result = acceleration(OnBelt(), key, [1.0, 2.0], [0.5, 0.75])
     assert result.vdot.tolist() == [-1.5, 0.0]
@@ -252,7 +263,7 @@ def test_every_formulation_finds_the_motion_on_the_belt_and_the_force_that_it_ta
     assert result.multipliers is None or result.multipliers.tolist() == [10.0]
 
 
-@pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.partitioned])
+@pytest.mark.parametrize("key", [f.key for f in applicable(OnBelt).values() if f.partitioned])
 def test_a_pivoted_partition_finds_the_column_that_the_belt_constrains(key):
     result = acceleration(OnBelt(), key, [1.0, 2.0], [0.5, 0.75], pivoted=True)
     assert result.vdot.tolist() == [-1.5, 0.0]
@@ -283,7 +294,7 @@ def test_states_of_a_scene_of_ones_own_can_be_drawn_and_are_consistent(scene):
     def solved(state):
         results = [
             acceleration(scene, f.key, state.q, state.v, pivoted=f.partitioned)
-            for f in FORMULATIONS.values()
+            for f in applicable(scene).values()
         ]
         for first, second in combinations(results, 2):
             allowed = first.error_bound + second.error_bound
@@ -318,6 +329,30 @@ def test_a_right_scene_of_ones_own_passes_every_claim(scene):
     assert [str(f) for f in findings if f.verdict == "failed"] == []
     passed = {f.claim for f in findings if f.verdict == "passed"}
     assert {"mass-matrix", "equivalence", "engine-acceleration"} <= passed
+
+
+REST = [1.0, 2.0], [0.0, 0.75]
+ASKED = {
+    "acceleration": lambda: acceleration(OnBelt(), "banded", *REST),
+    "enclose": lambda: enclose(OnBelt(), "banded", REST[0], [0.0]),
+    "accuracy": lambda: accuracy(OnBelt(), "banded", REST[0], [0.0]),
+    "check": lambda: check(OnBelt(), *REST, formulations=["banded"]),
+    "validate": lambda: validate(OnBelt(), examples=1, formulations=["banded"]),
+    "prove": lambda: prove(OnBelt(), formulations=["banded"]),
+    "simulate": lambda: simulate(OnBelt(), "banded", 1.0),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_a_scene_that_is_no_chain_says_so_wherever_banded_is_asked_of_it(asked):
+    with pytest.raises(InputError, match="banded does not apply to the scene on-belt") as caught:
+        ASKED[asked]()
+    assert "gives no chain; those that apply: im, au, " in str(caught.value)
+
+
+def test_every_formulation_but_banded_applies_to_a_scene_that_is_no_chain():
+    assert FORMULATIONS.keys() - applicable(OnBelt) == {"banded"}
+    assert formulations_for(OnBelt()) == tuple(applicable(OnBelt()).values())
 
 
 class WrongMass(Free):

@@ -20,7 +20,6 @@ from eomcheck.checks import Finding, State, identities
 from eomcheck.checks.validate import Run, Selection
 from eomcheck.evaluate import Evaluation, consistent_velocity
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Scene
 from eomcheck.scenes import Snake
 
 PACKAGE = Path(eomcheck.__file__).parent
@@ -42,7 +41,10 @@ class Fault:
         return f"{Path(self.file).stem}: {self.old} => {self.new}"
 
 
-SNAKE = "scenes/snake.py"
+SNAKE, CHAIN, BANDED = "scenes/snake.py", "scenes/snake_chain.py", "formulations/banded.py"
+COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
+REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
+RESULT = "equations-residual", "[banded]"
 FAULTS = [
     # M
     Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
@@ -66,11 +68,9 @@ FAULTS = [
     Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
     Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
     # Q
-    Fault(SNAKE, "Q[2:-1] -= torque", "Q[2:-1] += torque", "generalized-forces", "row θ_"),
-    Fault(
-        SNAKE, "(theta[:-1] - theta[1:])", "(theta[1:] - theta[:-1])", "generalized-forces", "sign"
-    ),
-    Fault(SNAKE, "Q[3:] += torque", "Q[3:] += 0 * torque", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"),
+    Fault(SNAKE, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
     # a and gamma
     Fault(SNAKE, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
     Fault(
@@ -124,22 +124,17 @@ FAULTS = [
     Fault(
         SNAKE, "spin * cos[0] - turning", "spin * cos[0] + turning", "speeds-remainder", "remainder"
     ),
+    Fault(SNAKE, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
     # Kane's bodies
     Fault(
         SNAKE,
-        "omega_u[k + 1, i] - omega_u[k, i]",
-        "omega_u[k, i] - omega_u[k + 1, i]",
+        "omega_u[k + 1, 0, i] - omega_u[k, 0, i]",
+        "omega_u[k, 0, i] - omega_u[k + 1, 0, i]",
         "active-forces",
         "sign",
     ),
-    Fault(SNAKE, "inertia.reshape(", "inertia[::-1].copy().reshape(", "kane-ml-mass", "M_Kane"),
-    Fault(
-        SNAKE,
-        "rolling.s_rest.reshape(links, 1)",
-        "-rolling.s_rest.reshape(links, 1)",
-        "kane-ml-force",
-        "N q̇",
-    ),
+    Fault(SNAKE, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
+    Fault(SNAKE, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
     # the second derivation
     Fault(
         SNAKE, "V[i, 1] = joint_y + length", "V[i, 1] = joint_y - length", "mass-matrix", "[casadi]"
@@ -236,18 +231,43 @@ FAULTS = [
     Fault(
         "formulations/ml.py", "solve(M_ML, F_ML", "solve(M_ML, -F_ML", "equations-residual", "[ml]"
     ),
+    # a chain
+    Fault(CHAIN, "+ Vy * sin_phi[k]", "- Vy * sin_phi[k]", "chain-velocity", "velocity of a chain"),
+    Fault(CHAIN, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"),
+    Fault(CHAIN, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
+    Fault(CHAIN, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"),
+    Fault(CHAIN, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
+    Fault(CHAIN, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
+    Fault(CHAIN, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
+    Fault(CHAIN, "sin_delta, -before", "sin_delta, before", *COUPLING),
+    Fault(CHAIN, "= -1, half", "= -1, -half", *COUPLING),
+    Fault(CHAIN, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
+    Fault(CHAIN, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
+    Fault(CHAIN, "s * omega - turning", "-s * omega - turning", *REMAINDER),
+    Fault(CHAIN, " - spin * sin_alpha[k]", "", *REMAINDER),
+    Fault(CHAIN, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
+    Fault(CHAIN, "[j + 1] += across", "[j + 1] -= across", *RESULT),
+    Fault(CHAIN, "-mass[k] * x", "mass[k] * x", *RESULT),
+    Fault(BANDED, "right[i + 2] = rest", "right[i + 2] = -rest", *RESULT),
+    Fault(BANDED, "bands[i + 3, 0] = -before", "_ = -before", *RESULT),
+    Fault(BANDED, "bands[i, 6] = bands", "bands", *RESULT),
+    Fault(
+        BANDED, "right[i + 1] = force", "right[i + 1] = -force", "equations-residual", "[banded]"
+    ),
+    Fault(BANDED, "mass[2 * k + 1]\n", "mass[2 * k]\n", *RESULT),
+    Fault(BANDED, "xdot[::2] = found[::4]", "xdot[::2] = found[1::4]", *RESULT),
     Fault("formulations/kane.py", "range(i + 1)", "range(i)", "kane-ml-mass", "M_Kane"),
     Fault(
         "formulations/kane.py",
-        "mass[k] * remainder[k, c]",
-        "-mass[k] * remainder[k, c]",
+        "momentum * remainder[k, c]",
+        "-momentum * remainder[k, c]",
         "kane-ml-force",
         "N q̇",
     ),
     Fault(
         "formulations/kane.py",
-        "return force - left",
-        "return force + left",
+        "force[i] - left[i]",
+        "force[i] + left[i]",
         "kane-ml-force",
         "F_Kane",
     ),
@@ -301,10 +321,17 @@ def first_failure(scene: type[Snake], formulations: dict, links: int = 4) -> Fin
     return None
 
 
-def interpreted(module: ModuleType) -> type[Scene]:
-    scene = module.Snake
-    scene.compiled = False
-    return scene
+class InterpretedSnake(Snake):
+    compiled = False
+
+
+def snake_in(module: ModuleType) -> type[Snake]:
+    """Return the snake with the functions of a module in the place of its own, not compiled."""
+    if hasattr(module, "Snake"):
+        module.Snake.compiled = False
+        return module.Snake
+    own = {name: staticmethod(x) for name, x in vars(module).items() if hasattr(Snake, name)}
+    return type("Snake", (InterpretedSnake,), own)
 
 
 def formulation_in(module: ModuleType, key: str) -> dict:
@@ -312,21 +339,17 @@ def formulation_in(module: ModuleType, key: str) -> dict:
     return FORMULATIONS | {found[0].key: found[0]}
 
 
-class InterpretedSnake(Snake):
-    compiled = False
-
-
 def test_the_source_as_it_is_shows_no_fault():
-    source = (PACKAGE / SNAKE).read_text(encoding="utf-8")
-    with planted(SNAKE, source) as module:
-        assert first_failure(interpreted(module), FORMULATIONS) is None
+    for file in (SNAKE, CHAIN):
+        with planted(file, (PACKAGE / file).read_text(encoding="utf-8")) as module:
+            assert first_failure(snake_in(module), FORMULATIONS) is None
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file == SNAKE:
-            failure = first_failure(interpreted(module), FORMULATIONS)
+        if fault.file in (SNAKE, CHAIN):
+            failure = first_failure(snake_in(module), FORMULATIONS)
         else:
             key = Path(fault.file).stem
             if hasattr(identities, key):

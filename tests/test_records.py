@@ -46,10 +46,12 @@ def full(**other) -> Record:
         "reason": "step too small, at t = 0.1",
         "seconds": 0.1 + 0.2,
         "quartiles": (1e-300, math.inf),
+        "cpu_seconds": 0.1,
         "runs": 20,
         "compile_seconds": math.nan,
         "counts": {"steps": 2**60, "rhs": 0},
         "errors": {"energy": -math.inf, "end": math.nan, "least": 5e-324},
+        "series": {"times": [0.0, 0.1], "q": ((1.0, math.inf), (2.0, 5e-324))},
     }
     return Record(**(given | other))
 
@@ -72,6 +74,7 @@ def test_a_record_comes_back_as_it_was_infinities_and_nan_too(path: Path):
         assert same(records.all()[0], record)
     assert found is not None and math.isnan(found.errors["end"])
     assert found.settings["partition"] == [0, 1]
+    assert found.series["q"] == [[1.0, math.inf], [2.0, 5e-324]]
 
 
 def test_a_record_says_where_and_when_it_was_made(monkeypatch):
@@ -113,6 +116,7 @@ def test_what_is_said_of_machine_and_versions_is_the_callers_own():
         ({"settings": {"path": Path("x")}}, "Path is not JSON"),
         ({"settings": {1: 2}}, "names as keys"),
         ({"settings": [1]}, "names as keys"),
+        ({"series": {"q": Path("x")}}, "series = .*Path is not JSON"),
     ],
 )
 def test_a_record_that_could_not_come_back_is_refused(given, says):
@@ -471,6 +475,7 @@ def test_a_table_has_every_value_in_full():
     assert float(row["errors.least"]) == 5e-324
     assert float(row["errors.energy"]) == -math.inf
     assert math.isnan(float(row["errors.end"]))
+    assert json.loads(row["series.times"]) == [0.0, 0.1]
     assert row["machine.python"] == machine()["python"]
     assert row["versions.numpy"] == versions()["numpy"]
 
@@ -482,8 +487,8 @@ def test_columns_do_not_depend_on_the_order_of_records():
     assert columns([a, b])[:15] == [
         "study",
         *("settings.a", "settings.m", "settings.z"),
-        *("status", "reason", "seconds", "quartiles.low", "quartiles.high", "runs"),
-        *("compile_seconds", "counts.k", "errors.b", "errors.x", "machine.cores"),
+        *("status", "reason", "seconds", "quartiles.low", "quartiles.high"),
+        *("cpu_seconds", "runs", "compile_seconds", "counts.k", "errors.b", "errors.x"),
     ]
     assert table([a, b])[1]["settings.z"] == ""
 

@@ -33,7 +33,7 @@ from eomcheck.motion.run import DIGITS, Run, decimals, difference
 from eomcheck.motion.stored import load_reference, save_reference
 from eomcheck.scenes import Snake
 from eomcheck.studies import references
-from eomcheck.studies.references import CASES, case_of
+from eomcheck.studies.references import CASES, case_of, produce
 
 FOLDER = Path(__file__).parent.parent / "validation" / "references"
 PATHS = sorted(FOLDER.glob("*.json"))
@@ -526,9 +526,32 @@ def test_the_command_computes_writes_and_says_how_well_it_is_known(
     assert "free-3.json" in said
 
 
+def test_several_are_spread_over_processes_and_as_good(
+    heyoka, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    short = {
+        "free-3": replace(CASES["free-3"], end=0.05, parts=1),
+        "coil-2": replace(CASES["coil-2"], end=0.005, parts=1),
+    }
+    monkeypatch.setattr(references, "CASES", short)
+    command = ["eomcheck", "reference", "--folder", str(tmp_path), "--executor", "local:2"]
+    monkeypatch.setattr(sys, "argv", command)
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert not stop.value.code
+    said = capsys.readouterr().out
+    for name, case in short.items():
+        assert f"{name}.json" in said
+        found, here = load_reference(tmp_path / f"{name}.json"), produce(name, case)
+        assert (found.runs[0].q == here.runs[0].q).all()
+        assert (found.runs[1].v == here.runs[1].v).all()
+        assert found.uncertainty == here.uncertainty < 1e-24
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
+        (["reference", "free-3", "--executor", "nowhere"], "executor = 'nowhere'"),
         (["reference", "none"], "unknown reference 'none'; known: paper-rest"),
         (["reference", "free-3", "--folder", "no/such"], "not a folder that exists"),
     ],

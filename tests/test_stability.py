@@ -1,4 +1,4 @@
-"""The stability atlas: its families, what is measured and kept, and what is read off the Records."""
+"""The stability atlas: its families, what is measured and kept, what is read off the Records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib import image
 from eomcheck.certified import DIGITS_OF_DOUBLES, accuracy
 from eomcheck.errors import RefusedError, UnknownNameError
 from eomcheck.evaluate import Evaluation, check_consistent
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.report.stability import draw_all, print_stability
 from eomcheck.studies import stability
 from eomcheck.studies.families import FAMILIES
@@ -113,7 +113,7 @@ def test_two_wheels_at_one_angle_leave_no_speed_to_choose():
 
 
 def test_every_formulation_refuses_a_constraint_written_twice():
-    for method in methods_of(FORMULATIONS):
+    for method in methods_of(applicable(TwoWheels)):
         (record,) = measure_state((Place("dependent", "moving", 0.0), [method]))
         assert record.status == "refused", method
 
@@ -128,10 +128,19 @@ def test_a_formulation_with_a_partition_is_measured_with_both():
     assert {method.key for method in methods_of(FORMULATIONS)} == set(FORMULATIONS)
 
 
+def test_a_formulation_that_does_not_apply_to_the_scenes_of_a_family_has_no_cells_there():
+    planned = plan(["straight", "dependent"])
+    assert Method("banded") in planned.methods("straight")
+    assert Method("banded") not in planned.methods("dependent")
+    assert Method("kane") in planned.methods("dependent")
+
+
 def test_a_cell_holds_the_true_error_what_was_foreseen_and_every_condition_number():
     posed = FAMILIES["straight"].pose("3 links", 1e-4)
     for method, record in zip(
-        methods_of(FORMULATIONS), measure_state((PLACE, list(methods_of(FORMULATIONS)))), strict=True
+        methods_of(FORMULATIONS),
+        measure_state((PLACE, list(methods_of(FORMULATIONS)))),
+        strict=True,
     ):
         found = accuracy(posed.scene, method.key, posed.q, posed.u, pivoted=method.pivoted)
         assert record.settings == PLACE.settings(method)

@@ -11,8 +11,8 @@ from eomcheck.arithmetic.ball import ball, midpoints
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.enclosure import Enclosure, enclose
 from eomcheck.evaluate import Evaluation, representable
-from eomcheck.formulations import Formulation, formulation_of
-from eomcheck.model import Array, Scene
+from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.model import Array, Scene, checked_scene
 from eomcheck.tolerance import NOTICEABLE, allowed_error, largest
 
 TRUTH = "kane"
@@ -22,6 +22,7 @@ TRUE_DIGITS = 30
 """Digits of the truth; twice those of doubles would do."""
 
 DIGITS_OF_DOUBLES = -math.log10(EPS / 2)
+
 
 @dataclass(frozen=True)
 class Accuracy:
@@ -132,7 +133,7 @@ def accuracy(
         InputError, UnknownNameError: as `eomcheck.enclose`.
         RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
     """
-    formulation = formulation_of(key)
+    formulation = formulation_for(checked_scene(scene), key)
     if v is None:
         return certify(formulation, *true_state(scene, q, u, t), pivoted)
     truth = enclose(scene, key, q, u, t, TRUE_DIGITS, v=v, pivoted=pivoted)

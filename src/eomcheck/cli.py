@@ -232,6 +232,11 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
+def _check_folder(path: Path) -> None:
+    if not path.is_dir():
+        raise InputError(f"{str(path)!r} is not a folder that exists")
+
+
 def _check_figure(path: Path) -> None:
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
@@ -332,6 +337,24 @@ def bench_rhs(
         write_records(json, "timings", records)
 
 
+@bench.command("motion")
+def bench_motion(
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Time a motion of the paper's robot, compiled throughout and through Python."""
+    _check_writable(json)
+    from eomcheck.studies.motion import measure_motions
+    from eomcheck.report.benchmarks import print_motions, write_records  # isort: skip
+
+    records = measure_motions(formulation)
+    print_motions(records)
+    if json is not None:
+        write_records(json, "motions", records)
+
+
 @bench.command("tolerance")
 def bench_tolerance(
     links: Links = "1..40",
@@ -395,18 +418,19 @@ def reference(
         list[str] | None, typer.Argument(help="References to compute. Default all.")
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
+    executor: Where = "local",
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
-    if not folder.is_dir():
-        raise InputError(f"{str(folder)!r} is not a folder that exists")
+    _check_folder(folder)
     from eomcheck.report.references import print_references
-    from eomcheck.studies.references import CASES, case_of, produce, write_reference
+    from eomcheck.studies.references import CASES, case_of, produce_all, write_reference
+    from eomcheck.studies.spread import check_place
 
     cases = {name: case_of(name) for name in names or CASES}
     for name in cases:
         _check_writable(folder / f"{name}.json")
-    for name, case in cases.items():
-        made = produce(name, case)
+    check_place(executor)
+    for made in produce_all(cases, executor):
         path = write_reference(made, folder)
         print_references([made])
         typer.echo(f"written: {path}")
@@ -447,11 +471,9 @@ def study_work_precision(
         found = measure(planned, kept, fresh)
     print_work_precision(found)
     if figure is not None:
-        first = planned.references[0].stem
-        mine = [record for record in found if record.settings["reference"] == first]
-        draw_work_precision(mine, figure)
+        draw_work_precision(found, figure)
         rates = figure.with_stem(f"{figure.stem}-rhs")
-        draw_work_precision(mine, rates, "right-hand sides")
+        draw_work_precision(found, rates, "right-hand sides")
         typer.echo(f"written: {figure}, {rates}")
 
 
@@ -464,7 +486,9 @@ def study_stability(
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A few severities of each family.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few severities of each family.")
+    ] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
     executor: Where = "local",
     figures: Annotated[
@@ -489,6 +513,33 @@ def study_stability(
         typer.echo(f"written: {', '.join(map(str, paths))}")
     if any(outcome(record) is Outcome.SILENT for record in found):
         raise typer.Exit(1)
+
+
+@study.command("paper")
+def study_paper(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Four numbers of links and one tolerance only.")
+    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[
+        Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+    ] = None,
+) -> None:
+    """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
+    if figures is not None:
+        _check_folder(figures)
+    from eomcheck.report.paper import print_paper, write_sheets
+    from eomcheck.report.paper_figures import draw_paper
+    from eomcheck.studies.paper import FULL, QUICK, Found, measure
+    from eomcheck.studies.records import Records
+
+    with Records(records) as kept:
+        found = measure(QUICK if quick else FULL, kept, fresh)
+    print_paper(found)
+    if figures is not None:
+        written = [*draw_paper(Found(found), figures), *write_sheets(found, figures)]
+        typer.echo(f"written: {', '.join(map(str, written))}")
 
 
 @draw.command("agreement")

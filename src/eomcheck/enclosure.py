@@ -11,8 +11,8 @@ import numpy as np
 from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Scene, check_scene, finite_array
+from eomcheck.formulations import Formulation, Partition, formulation_for
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 
 GUARD_BITS = 64
@@ -82,12 +82,11 @@ def enclose(
 
     Raises:
         InputError: wrong shapes, values that are not finite, u and v both given or none, `digits`
-            below 1, `pivoted` without a partition.
+            below 1, `pivoted` without a partition, a formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
     """
-    formulation = formulation_of(key)
-    check_scene(scene)
+    formulation = formulation_for(checked_scene(scene), key)
     if (u is None) == (v is None):
         raise InputError("expected either u or v, not both")
     q, _ = scene.check_state(q, np.zeros(scene.n), t)

@@ -81,7 +81,7 @@ class RefusedError(EomcheckError, ArithmeticError):
         what: name of the matrix or divisor that stands in the way.
         rcond: its reciprocal condition number (for a divisor: its magnitude).
         threshold: the value that `rcond` would have to exceed.
-        matrix: the matrix that was to be solved, or None where a divisor was refused.
+        matrix: the matrix that was to be solved, or its bands; None where a divisor was refused.
     """
 
     def __init__(

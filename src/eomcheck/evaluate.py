@@ -19,8 +19,8 @@ from eomcheck.arithmetic.float64 import FLOAT64, compiled
 from eomcheck.arithmetic.linear import watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.formulations import Formulation, Partition, formulation_of
-from eomcheck.model import Array, Scene, check_scene, finite_array
+from eomcheck.formulations import Formulation, Partition, formulation_for
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 from eomcheck.tolerance import INCONCLUSIVE, NOTICEABLE, allowed_error, largest
 
@@ -60,8 +60,7 @@ class Evaluation(Quantities):
     """
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
-        check_scene(scene)
-        q, v = scene.check_state(q, v, t)
+        q, v = checked_scene(scene).check_state(q, v, t)
         super().__init__(scene, FLOAT64, q, t)
         self.v = v
         self._noise: Noise | None = None
@@ -182,7 +181,7 @@ class Evaluation(Quantities):
         change = noise.entries(self.v) - self.v
         if self.terms.a is None:
             return change
-        residual = _violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
+        residual = violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
             try:
@@ -308,12 +307,13 @@ def acceleration(
             paper's first r.
 
     Raises:
-        InputError: wrong shapes, values that are not finite, `pivoted` without a partition.
+        InputError: wrong shapes, values that are not finite, `pivoted` without a partition, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         InconsistentVelocityError: v violates the constraints.
         RefusedError: the formulation cannot handle this state.
     """
-    formulation = formulation_of(key)
+    formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
     at.partition_for(formulation, pivoted)
     if consistent:
@@ -323,8 +323,8 @@ def acceleration(
     return replace(result, error_bound=allowed_error(spread))
 
 
-def _violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, what rounding allows of it), each (r,)."""
+def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
+    """Return (a v + b, what rounding allows of it), each (r,), m/s; `at` has constraints."""
     a, b = at.terms.a, at.terms.b
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b
@@ -340,7 +340,7 @@ def check_consistent(at: Evaluation) -> None:
     """
     if at.terms.a is None:
         return
-    residual, allowed = _violation(at, at.v)
+    residual, allowed = violation(at, at.v)
     with np.errstate(invalid="ignore"):
         excess = np.abs(residual) - allowed
     if (excess > 0).any():
@@ -360,7 +360,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
     if at.terms.a is None:
         return v
     for _ in range(3):
-        residual, allowed = _violation(at, v)
+        residual, allowed = violation(at, v)
         if (np.abs(residual) <= allowed / 4).all():
             break
         v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
@@ -378,8 +378,7 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
         RefusedError: the scene has no generalized speeds here, v overflows, or rounding may change
             it by more than 1e-6 of its largest entry.
     """
-    check_scene(scene)
-    u = finite_array("u", u, (scene.p,))
+    u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
     for one in (at, *at.moved()):
         one.u = u

@@ -18,6 +18,9 @@ Numbered, so that an error or a note can point at a rule.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
+10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-
+    velocities, read off from any v, in which its mass is diagonal, and two equations tie it to
+    body k-1. x lists them body by body.
 """
 
 from __future__ import annotations
@@ -94,6 +97,27 @@ class Bodies(NamedTuple):
     """Generalized active forces F_Kane (p,), from the bodies, not from Q; or None."""
 
 
+class Chain(NamedTuple):
+    """Bodies that hang on each other in a row (rule 10).
+
+    Of all accelerations that satisfy the constraint of each body by itself, ẋ_k are those of body k
+    in the directions of x_k. Joint k = 2 .. n_b adds A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 and its forces
+    ρ_k: D_k ẋ_k = f_k + C_kᵀ ρ_k + A_{k+1}ᵀ ρ_{k+1}. Where v satisfies the constraints, ẋ is the
+    rate of x and A_k x_{k-1} + C_k x_k = 0.
+    """
+
+    mass: Any
+    """The diagonals of all D_k (s,)."""
+    force: Any
+    """Active forces f along x (s,), or None."""
+    before: Any
+    """A_k (n_b-1, 2, 2)."""
+    after: Any
+    """C_k (n_b-1, 2, 2)."""
+    rest: Any
+    """d_k (n_b-1, 2)."""
+
+
 class Tree(NamedTuple):
     """A neutral description of a tree of rigid bodies, for engines that build their own model.
 
@@ -164,11 +188,22 @@ class Scene(ABC):
     - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
     - `speeds(parameters, prepared, kinematics) -> Speeds`
+    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W, or None if there
+      is no such shorter way
     - `bodies(parameters, prepared, kinematics) -> Bodies`
     - `speeds_of(parameters, prepared, q, v) -> u`
     - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+
+    A chain has these as well, any other scene leaves them out:
+
+    - `quasi_velocities(parameters, prepared, q, v) -> x (s,)`
+    - `chain(parameters, prepared, q, x) -> Chain`
+    - `chain_velocity(parameters, prepared, q, x) -> v (n,)`: the consistent v that has this x
+    - `chain_acceleration(parameters, prepared, x, xdot) -> v̇ (n,)`
+    - `chain_multipliers(parameters, prepared, chain, x, forces) -> λ (r,)`: the multipliers of
+      `terms` from the joint forces ρ (n_b-1, 2)
     """
 
     key: ClassVar[str]
@@ -182,11 +217,17 @@ class Scene(ABC):
     constraints: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
     speeds: ClassVar[Callable[..., Any]]
+    qdot: ClassVar[Callable[..., Any] | None] = None
     bodies: ClassVar[Callable[..., Any]]
     speeds_of: ClassVar[Callable[..., Any]]
     velocities: ClassVar[Callable[..., Any]]
     energies: ClassVar[Callable[..., Any]]
     constraint: ClassVar[Callable[..., Any]]
+    quasi_velocities: ClassVar[Callable[..., Any]]
+    chain: ClassVar[Callable[..., Any]]
+    chain_velocity: ClassVar[Callable[..., Any]]
+    chain_acceleration: ClassVar[Callable[..., Any]]
+    chain_multipliers: ClassVar[Callable[..., Any]]
 
     @property
     @abstractmethod
@@ -202,6 +243,11 @@ class Scene(ABC):
     def p(self) -> int:
         """Number of generalized speeds."""
         return self.n - self.r
+
+    @property
+    def s(self) -> int:
+        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        return 0
 
     @property
     @abstractmethod
@@ -271,14 +317,15 @@ class Scene(ABC):
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
 
 
-def check_scene(scene) -> None:
-    """Check that `scene` is a `Scene`.
+def checked_scene(scene: Any) -> Scene:
+    """Return `scene`.
 
     Raises:
-        InputError: it is not.
+        InputError: it is none.
     """
     if not isinstance(scene, Scene):
         raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+    return scene
 
 
 def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.model import Arithmetic, Array, Bodies, Scene, Speeds, Terms
+from eomcheck.model import Arithmetic, Array, Bodies, Chain, Scene, Speeds, Terms
 
 
 class Solution(NamedTuple):
@@ -141,16 +141,41 @@ class Quantities:
         return self.keep(self.call(self.scene.bodies, *arguments))
 
     @cached_property
+    def x(self) -> Array:
+        """Quasi-velocities (s,) of a chain: those of v."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.quasi_velocities, *arguments))
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The bodies as a chain."""
+        arguments = self.parameters, self.prepared, self.q, self.x
+        return self.keep(self.call(self.scene.chain, *arguments))
+
+    @cached_property
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""
         with np.errstate(all="ignore"):
             return velocity(self.u, self.speeds.W, self.speeds.offset)
 
     @cached_property
+    def qdot(self) -> Array:
+        """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
+        if self.scene.qdot is None:
+            return self.velocity
+        return self.call(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
+
+    @cached_property
     def partition(self) -> Partition:
         """The paper's partition: the first r columns of a are dependent."""
         columns = np.arange(self.scene.n)
         return Partition(columns[: self.scene.r], columns[self.scene.r :])
+
+    def speeds_read(self, formulation: Formulation) -> Array:
+        """Return the speeds that the functions of `formulation` read beside q: v, u or x."""
+        if formulation.uses == "terms":
+            return self.v
+        return self.x if formulation.uses == "chain" else self.u
 
     def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
         """Return what `formulation` says, by the paper's partition unless another is given.
@@ -162,9 +187,18 @@ class Quantities:
             M, _, _, a, gamma, _ = self.terms
             partition = self.partition if partition is None else partition
             return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
+        if formulation.uses == "chain":
+            return self._along_chain(formulation)
         W, rest, _ = self.speeds
         if formulation.uses == "speeds":
             udot = formulation.solution(self.terms.M, self.F, W, rest)
         else:
             udot = formulation.solution(*self.bodies)
         return Solution(W @ udot + rest, None)
+
+    def _along_chain(self, formulation: Formulation) -> Solution:
+        here = self.parameters, self.prepared
+        xdot, forces = formulation.solution(*self.chain)
+        vdot = self.call(self.scene.chain_acceleration, *here, self.x, xdot)
+        multipliers = self.scene.chain_multipliers
+        return Solution(vdot, self.call(multipliers, *here, self.chain, self.x, forces))

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import flint
 import numpy as np
 
+from eomcheck.arithmetic.banded import BANDED_SOLVERS, eliminate_banded
 from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import RefusedError
@@ -72,3 +74,13 @@ def _solve(A: Array, b: Array, name: str) -> Array:
 
 
 SOLVERS[flint.arb] = _solve
+
+
+def _largest(column: list) -> int | None:
+    """Return the place of the ball that is farthest from zero, None if all may be zero."""
+    distance = [ball(x).abs_lower() for x in column]
+    place = max(range(len(distance)), key=distance.__getitem__)
+    return place if distance[place] > 0 else None
+
+
+BANDED_SOLVERS[flint.arb] = partial(eliminate_banded, pivot=_largest)

@@ -17,11 +17,13 @@ Generic functions never branch on a value, so a `Counted` needs none: every oper
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
+from eomcheck.arithmetic.banded import BANDED_SOLVERS, HALF
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.model import Angles, Array
 
@@ -34,6 +36,8 @@ class System(NamedTuple):
     order: int
     columns: int
     """Number of right-hand sides."""
+    half: int | None = None
+    """Entries on each side of the diagonal, or None for a full matrix."""
 
 
 @dataclass(slots=True)
@@ -113,11 +117,12 @@ class Counting:
         return Angles(self.numbers(x), self.numbers(x), self.numbers(x))
 
 
-def _solve(A: Array, b: Array, name: str) -> Array:
+def _solve(A: Array, b: Array, name: str, half: int | None = None) -> Array:
     number = next(x for x in chain(A.flat, b.flat) if isinstance(x, Counted))
-    size = A.shape[0]
-    number.tally.systems.append(System(name, size, b.size // size))
+    size = len(b)
+    number.tally.systems.append(System(name, size, b.size // size, half))
     return np.full(b.shape, number, object)
 
 
 SOLVERS[Counted] = _solve
+BANDED_SOLVERS[Counted] = partial(_solve, half=HALF)

@@ -14,6 +14,7 @@ import flint
 import numpy as np
 from flint.utils.flint_exceptions import DomainError
 
+from eomcheck.arithmetic.banded import BANDED_SOLVERS, eliminate_banded
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Angles, Array
@@ -89,3 +90,4 @@ def _solve(A: Array, b: Array, name: str) -> Array:
 
 
 SOLVERS[flint.nmod] = _solve
+BANDED_SOLVERS[flint.nmod] = eliminate_banded

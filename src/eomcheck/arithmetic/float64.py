@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-import re
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -27,15 +26,18 @@ from numba.extending import overload, register_jitable
 
 import eomcheck
 from eomcheck.arithmetic.absent import settle_absent
+from eomcheck.arithmetic.banded import solve_banded
 from eomcheck.arithmetic.generic import GENERIC, generic
 from eomcheck.arithmetic.linear import solve
+from eomcheck.arithmetic.sincos import cos_sin
 from eomcheck.model import Angles
 
 
 @generic
 def angles(x):
     """Return the `Angles` of x (k,), rad."""
-    return Angles(x, np.cos(x), np.sin(x))
+    cos, sin = cos_sin(x)
+    return Angles(x, cos, sin)
 
 
 class Float64:
@@ -58,8 +60,24 @@ SMALL = 8
 
 
 @register_jitable(error_model="numpy")
+def solve_two(A, b):
+    """Solve A x = b, b (2,), as `lu_solve` does: planar vehicles have two degrees of freedom."""
+    p, o = (0, 1) if abs(A[0, 0]) >= abs(A[1, 0]) else (1, 0)
+    factor = A[o, 0] / A[p, 0]
+    pivot = A[o, 1] - factor * A[p, 1]
+    if pivot == 0:
+        pivot = np.nan
+    x = np.empty(2)
+    x[1] = (b[o] - factor * b[p]) / pivot
+    x[0] = (b[p] - A[p, 1] * x[1]) / A[p, 0]
+    return x
+
+
+@register_jitable(error_model="numpy")
 def lu_solve(A, b):
     """Solve A x = b, b (k,), by elimination with partial pivoting; NaN where A is singular."""
+    if b.size == 2:
+        return solve_two(A, b)
     U, x = A.copy(), b.copy()
     size = x.size
     for column in range(size):
@@ -106,6 +124,104 @@ def _compiled_solve(A, b, name):
     if b.ndim == 1:
         return lambda A, b, name: lu_solve(A, b) if b.size <= SMALL else lapack_solve(A, b)
     return lambda A, b, name: lapack_solve(A, b)
+
+
+RIGHT, FACTORS, PIVOT, FOUND, CORRECTION = 7, 8, 12, 13, 14
+"""Places in a row of work of `band_solve`. Before them: a row of U from its diagonal on, 7 entries,
+of which the first is kept as its reciprocal. Then its right-hand side, the factors by which it was
+taken from 4 rows, its place among these, the solution and its correction."""
+
+
+@register_jitable(error_model="numpy")
+def band_solve(bands, b):
+    """Solve A x = b as `eomcheck.arithmetic.banded` does; NaN where A is singular."""
+    size = b.size
+    # One large block: several are given back to the system, and asked for again, at every call.
+    work = np.empty((size + 6, 16))
+    work[size:] = 0.0
+    if not _eliminate(bands, b, work):
+        return np.full(size, np.nan)
+    _substitute(work, FOUND)
+    _eliminate_residual(bands, b, work)
+    _substitute(work, CORRECTION)
+    return work[:size, FOUND] + work[:size, CORRECTION]
+
+
+@register_jitable(error_model="numpy")
+def _eliminate(bands, b, work):
+    """Eliminate column by column; return whether there was a pivot for each.
+
+    The rows that have an entry in the column are kept from there on, their right-hand sides behind:
+    three that the last column left, and a new one in the place of its pivot.
+    """
+    size = b.size
+    rows = np.zeros((4, 8))
+    for i in range(min(3, size)):
+        for j in range(3 - i, 7):
+            rows[i, j - 3 + i] = bands[i, j]
+        rows[i, RIGHT] = b[i]
+    pivot = 3
+    for column in range(size):
+        new = column + 3
+        for j in range(7):
+            rows[pivot, j] = bands[new, j] if new < size else 0.0
+        rows[pivot, RIGHT] = b[new] if new < size else 0.0
+        pivot = 0
+        for i in range(1, 4):
+            if abs(rows[i, 0]) > abs(rows[pivot, 0]):
+                pivot = i
+        for j in range(8):
+            work[column, j] = rows[pivot, j]
+        if not abs(work[column, 0]) > 0:
+            return False
+        reciprocal = 1 / work[column, 0]
+        work[column, 0], work[column, PIVOT] = reciprocal, pivot
+        for i in range(4):
+            factor = rows[i, 0] * reciprocal
+            work[column, FACTORS + i] = factor
+            for j in range(1, 7):
+                rows[i, j - 1] = rows[i, j] - factor * work[column, j]
+            rows[i, 6] = 0.0
+            rows[i, RIGHT] -= factor * work[column, RIGHT]
+    return True
+
+
+@register_jitable(error_model="numpy")
+def _eliminate_residual(bands, b, work):
+    """Replace the right-hand side by what elimination makes of b - A x, x in column `FOUND`."""
+    size = b.size
+    rows = np.zeros(4)
+    for new in range(size + 3):
+        column = new - 3
+        residual = 0.0
+        if new < size:
+            residual = b[new]
+            for j in range(max(0, 3 - new), 7):
+                residual -= bands[new, j] * work[column + j, FOUND]
+        if column < 0:
+            rows[new] = residual
+            continue
+        rows[int(work[column - 1, PIVOT]) if column > 0 else 3] = residual
+        row = rows[int(work[column, PIVOT])]
+        work[column, RIGHT] = row
+        for i in range(4):
+            rows[i] -= work[column, FACTORS + i] * row
+
+
+@register_jitable(error_model="numpy")
+def _substitute(work, place):
+    """Solve U x = right-hand side, from the last unknown to the first, into a column of work."""
+    for i in range(len(work) - 7, -1, -1):
+        total = work[i, RIGHT]
+        # The unknown found just before comes last, so that the others need not wait for it.
+        for j in range(6, 0, -1):
+            total -= work[i, j] * work[i + j, place]
+        work[i, place] = total * work[i, 0]
+
+
+@overload(solve_banded)
+def _compiled_solve_banded(bands, b, name):
+    return lambda bands, b, name: band_solve(bands, b)
 
 
 @cache
@@ -166,7 +282,9 @@ def _name_apart(function: Callable) -> None:
         f"{cell.__module__}.{cell.__qualname__}" if callable(cell) else str(cell) for cell in cells
     ]
     if parts:
-        function.__qualname__ = re.sub(r"\W+", "_", "_of_".join((function.__name__, *parts)))
+        # A digest, since numba makes file names of it.
+        digest = hashlib.sha256(" ".join(parts).encode()).hexdigest()
+        function.__qualname__ = f"{function.__name__}_{digest[:16]}"
 
 
 def _entry(function: Callable) -> Callable:

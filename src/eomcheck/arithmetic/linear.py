@@ -65,14 +65,50 @@ def watching(noise: Noise | None = None) -> Iterator[Watch]:
         _watch.reset(token)
 
 
-def singular_below(size: int) -> float:
+def noise_present() -> Noise | None:
+    """Return the noise by which matrices are to be moved, if any."""
+    watch = _watch.get()
+    return None if watch is None else watch.noise
+
+
+def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
+    """Record a matrix that was factored, and refuse it if it is singular, unless noise moves it.
+
+    Args:
+        found: what factoring found.
+        matrix: itself, or its bands.
+        terms: most terms in a sum that elimination forms, by default the order.
+
+    Raises:
+        RefusedError: it is singular to working precision.
+    """
+    watch = _watch.get()
+    if watch is not None:
+        watch.solves.append(found)
+        if watch.noise is not None:
+            return
+    allowed = singular_below(found.size if terms is None else terms)
+    if not found.rcond > allowed:
+        raise RefusedError(
+            found.name,
+            found.rcond,
+            allowed,
+            f"the {found.size} x {found.size} matrix {found.name} is singular to working "
+            f"precision: its reciprocal condition number is {found.rcond:.2g}, allowed is above "
+            f"{allowed:.2g}",
+            matrix,
+        )
+
+
+def singular_below(terms: int) -> float:
     """Return the reciprocal condition number at and below which a matrix is singular.
 
-    LU with partial pivoting solves (A + E) x = b exactly with |E| <= size * eps * |L||U|, entry by
-    entry (Higham 2002, Thm. 9.3). By `reciprocal_condition` some such A + E may be singular at
-    rcond <= size * eps, and none is above it. No digit of x is determined then.
+    LU with partial pivoting solves (A + E) x = b exactly with |E| <= terms * eps * |L||U|, entry by
+    entry (Higham 2002, Thm. 9.3); `terms` is the number of terms in the sums that elimination
+    forms, the order of a full matrix. By `reciprocal_condition` some such A + E may be singular at
+    rcond <= terms * eps, and none is above it. No digit of x is determined then.
     """
-    return size * EPS
+    return terms * EPS
 
 
 def solve(A, b, name):
@@ -102,38 +138,27 @@ def _lapack_solve(A, b, name):
     size = A.shape[0]
     if size == 0:
         return b.copy()
-    watch = _watch.get()
-    if watch is not None and watch.noise is not None:
+    noise = noise_present()
+    if noise is not None:
         with np.errstate(all="ignore"):
-            return _moved_solve(A, b, name, watch)
+            return _moved_solve(A, b, name, noise)
     A, b, scale, row_scale = _scaled(A, b)
     lu, pivots, _ = _getrf(A)
-    rcond = reciprocal_condition(lu, pivots)
-    if watch is not None:
-        watch.solves.append(Solve(name, size, rcond, _log_determinant(lu, scale, row_scale)))
-    if not rcond > singular_below(size):
-        raise RefusedError(
-            name,
-            rcond,
-            singular_below(size),
-            f"the {size} x {size} matrix {name} is singular to working precision: its "
-            f"reciprocal condition number is {rcond:.2g}, allowed is above "
-            f"{singular_below(size):.2g}",
-            A,
-        )
+    log = log_determinant(np.diagonal(lu), scale, row_scale)
+    record(Solve(name, size, reciprocal_condition(lu, pivots), log), A)
     return _down(_getrs(lu, pivots, b)[0], scale)
 
 
-def _moved_solve(A, b, name, watch):
+def _moved_solve(A, b, name, noise):
     """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
 
     Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
     refused; what is singular is NaN.
     """
-    noise = watch.noise
     A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
     lu, pivots, _ = _getrf(A)
-    watch.solves.append(Solve(name, len(A), np.nan, _log_determinant(lu, scale, row_scale)))
+    log = log_determinant(np.diagonal(lu), scale, row_scale)
+    record(Solve(name, len(A), np.nan, log), A)
     if not np.diagonal(lu).all():
         return np.full(b.shape, np.nan)
     x = _getrs(lu, pivots, b)[0]
@@ -194,23 +219,31 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
         return 0.0
     size, factors = len(lu), Factors(lu, pivots)
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
-    if not np.isfinite(inverse).all():
-        return 0.0
+    return reciprocal_radius(lambda w: inverse @ factors.times(w), size)
+
+
+def reciprocal_radius(times: Callable[[np.ndarray], np.ndarray], size: int) -> float:
+    """Return 1 / ρ of a matrix (size, size) without negative entries, or a little less, at most 1.
+
+    Args:
+        times: its product with a vector.
+        size: its order.
+    """
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
-        product = inverse @ factors.times(weights)
+        product = times(weights)
         # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
         before, radius = radius, min(radius, float((product / weights).max()))
-        if radius > 0.9 * before:
+        if not np.isfinite(product).all() or radius > 0.9 * before:
             break
         weights = np.maximum(product / product.max(), NORMAL)
     return min(1.0 / radius, 1.0)
 
 
-def _log_determinant(lu: np.ndarray, *scales: np.ndarray) -> float:
-    """Return log2 |det A| of the matrix as it was before it was scaled."""
+def log_determinant(pivots: np.ndarray, *scales: np.ndarray) -> float:
+    """Return log2 |det A| of the matrix as it was before it was scaled, from its pivots."""
     with np.errstate(divide="ignore"):
-        return float(np.log2(np.abs(np.diagonal(lu))).sum() - sum(np.log2(s).sum() for s in scales))
+        return float(np.log2(np.abs(pivots)).sum() - sum(np.log2(s).sum() for s in scales))
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 # In the order in which a failure is closest to its cause: single terms, then identities between
 # them, then whole accelerations.
-from eomcheck.checks import terms, identities, equivalence, physics, truth, refusals  # isort: skip
+from eomcheck.checks import terms, identities, chain  # isort: skip
+from eomcheck.checks import equivalence, physics, truth, refusals  # isort: skip
 from eomcheck.checks.claim import CLAIMS, Case, Claim
 from eomcheck.checks.finding import Finding, Proof, State
 
@@ -15,6 +16,7 @@ __all__ = [
     "Finding",
     "Proof",
     "State",
+    "chain",
     "equivalence",
     "identities",
     "physics",

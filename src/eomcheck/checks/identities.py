@@ -59,6 +59,8 @@ def speeds_velocity(case: Case) -> Iterator[Finding]:
     if case.has_speeds:
         at = case.at
         yield case.compare("ml, kane", at.velocity, at.v, at.spread(lambda e: e.velocity))
+        if at.scene.qdot is not None:
+            yield case.compare("q̇", at.qdot, at.v, at.spread(lambda e: e.qdot))
 
 
 @claim("speeds-remainder", "a (ẇ′u + ẋ′) + gamma = 0", "(3), (20)", "remainder ẇ′u + ẋ′")
@@ -103,15 +105,12 @@ def ml_system(e: Quantities) -> tuple[Array, Array]:
 
 def kane_mass(e: Quantities) -> Array:
     """Return M_Kane (p, p)."""
-    b = e.bodies
-    return e.call(
-        kane.mass_matrix, b.partial_velocity, b.partial_angular_velocity, b.mass, b.inertia
-    )
+    return e.call(kane.inertia_sums, *e.bodies[:-1])[0]
 
 
 def kane_remainder(e: Quantities) -> Array:
     """Return N_Kane q̇ + G_Kane (p,)."""
-    return e.call(kane.inertia_remainder, *e.bodies[:-1])
+    return e.call(kane.inertia_sums, *e.bodies[:-1])[1]
 
 
 def kane_force(e: Quantities) -> Array:

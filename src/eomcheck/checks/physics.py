@@ -7,31 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from eomcheck.checks.claim import Case, claim
+from eomcheck.checks.complex_step import moving, rate
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.model import Angles, Array
+from eomcheck.model import Array
 from eomcheck.tolerance import largest
-
-TINY = 1e-30
-"""Step of the complex derivative, in rad: its square vanishes beside 1, so there is no truncation,
-and it leaves room above underflow."""
 
 
 def _power_terms(e: Evaluation, vdot: Array) -> Array:
     """Return the shares of (q, v) in d(T+U)/dt (2,), W: exact derivatives by a complex step."""
-    value, cos, sin = e.prepared
-    omega = e.v[e.scene.angle_coordinates]
-    time = TINY / (largest(e.v) or 1.0)
-    step = 1j * time
-    moved = Angles(value + step * omega, cos - step * omega * sin, sin + step * omega * cos)
-    along_q = (moved, e.q + step * e.v, e.v + 0j)
-    along_v = (e.prepared, e.q, e.v + step * vdot)
     shares = []
-    for prepared, q, v in (along_q, along_v):
-        T, U = e.scene.energies(e.parameters, prepared, q, v)
-        shares.append(np.imag(T if U is None else T + U) / time)
+    for state in (moving(e, e.v, None), moving(e, None, vdot)):
+        T, U = e.scene.energies(e.parameters, *state)
+        shares.append(rate(e, T if U is None else T + U))
     return np.array(shares)
 
 

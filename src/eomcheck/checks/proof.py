@@ -24,7 +24,7 @@ from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
 from eomcheck.errors import InputError, RefusedError, distinct
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import formulations_for
 from eomcheck.model import Scene
 
 
@@ -44,23 +44,23 @@ def prove(
         links: numbers of links, for a kind of scene.
         points: random points per identity, each modulo a prime of its own.
         seed: of the draws; by default from the operating system, as the probabilities assume.
-        formulations: keys of the formulations to look at, all by default.
+        formulations: keys of the formulations to look at, by default all that apply.
 
     Returns:
         One Finding per identity, each with its `proof`: the bounds, the primes and the probability
         that all points agree by chance.
 
     Raises:
-        InputError: `points` or a number of links below 1; a kind of scene without `links`.
+        InputError: `points` or a number of links below 1; a kind of scene without `links`; a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
     """
-    keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
-    chosen = tuple(map(formulation_of, keys))
+    keys = None if formulations is None else distinct("formulations", formulations)
     check_points(points)
     seed = new_seed() if seed is None else seed
     findings: list[Finding] = []
     for structure in structures(scene, links):
-        findings += prove_structure(structure, chosen, points, seed)
+        findings += prove_structure(structure, formulations_for(structure, keys), points, seed)
     return findings
 
 

@@ -199,6 +199,8 @@ def speeds_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The generalized speeds of v = w′ u + x′ are u, and that v satisfies the constraints."""
     found = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
     yield Sides("ml, kane", found, at.u, (_speed_names(at),))
+    if at.scene.qdot is not None:
+        yield Sides("q̇", at.qdot, at.v, (at.scene.coordinate_names,))
     a, b = at.terms.a, at.terms.b
     # Without b and x′ this is a w′ = 0.
     if a is not None and not (b is None and at.speeds.offset is None):

@@ -15,7 +15,7 @@ from eomcheck.checks.finding import Finding, Verdict
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.model import Array, Scene, State
+from eomcheck.model import Array, Chain, Scene, State
 from eomcheck.tolerance import HUGE, largest
 
 
@@ -23,9 +23,9 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
 
     Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
-    first r columns of a, or the map that gives v from the constraints and u, by their singular
-    values. Those and the 1-norm of a refusal agree to a factor of the order, which is taken off. An
-    overflow is justified by inputs large enough for it.
+    first r columns of a, the KKT matrix of a chain, or the map that gives v from the constraints
+    and u, by their singular values. Those and the 1-norm of a refusal agree to a factor of the
+    order, which is taken off. An overflow is justified by inputs large enough for it.
     """
     at = case.at
     M, _, _, a, _, _ = at.terms
@@ -33,19 +33,35 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         return 0.0 if max(largest(x) for x in (at.v, at.F, M)) > HUGE else 1.0
     needed = [M]
     if a is not None:
-        needed.append(np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]]))
+        needed.append(_kkt(M, a))
         if formulation.partitioned:
             needed.append(a[:, at.partition.dependent])
+    if formulation.uses == "chain":
+        needed.append(_kkt(np.diag(at.chain.mass), _joints(at.chain)))
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
-    if a is not None and (formulation.partitioned or formulation.uses != "terms"):
+    if a is not None and (formulation.partitioned or formulation.in_speeds):
         # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
         Z = null_space(a)
         R = Z[at.partition.independent]
-        if formulation.uses != "terms":
+        if formulation.in_speeds:
             R = _speeds_map(at) @ Z
             rcond.append(_rcond_of_speeds(at))
         rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
     return min(rcond)
+
+
+def _kkt(M: Array, a: Array) -> Array:
+    return np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]])
+
+
+def _joints(chain: Chain) -> Array:
+    """Return the matrix (2 (n_b-1), s) of the joints' equations in ẋ."""
+    J = np.zeros((chain.rest.size, chain.mass.size))
+    for j in range(len(chain.before)):
+        i = 2 * j
+        J[i : i + 2, i : i + 2] = chain.before[j]
+        J[i : i + 2, i + 2 : i + 4] = chain.after[j]
+    return J
 
 
 def _balanced(matrix: Array) -> Array:

@@ -22,17 +22,14 @@ from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
 from eomcheck.errors import InputError, distinct, named
 from eomcheck.evaluate import Evaluation, check_consistent
-from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
-from eomcheck.model import Scene, check_scene
+from eomcheck.formulations import Formulation, formulations_for
+from eomcheck.model import Scene, checked_scene
+from eomcheck.scenes import Snake
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What takes part in a run: all that is registered, unless named.
-
-    Raises:
-        UnknownNameError: a name is not registered.
-    """
+    """What takes part in a run: all that is registered, unless named."""
 
     formulations: tuple[Formulation, ...]
     engines: tuple[type[Engine], ...]
@@ -44,14 +41,20 @@ class Selection:
         formulations: Iterable[str] | None = None,
         engines: Iterable[str] | None = None,
         claims: Iterable[str] | None = None,
+        *,
+        scene: Scene | type[Scene] = Snake,
     ) -> Selection:
-        """Look the names up; None stands for all, an empty list for none."""
-        keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
+        """Look the names up; None stands for all that apply to `scene`, an empty list for none.
+
+        Raises:
+            InputError: a formulation does not apply to `scene`.
+            UnknownNameError: a name is not registered.
+        """
         names = ENGINES if engines is None else distinct("engines", engines)
         ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
-        return cls(tuple(map(formulation_of, keys)), tuple(map(engine_of, names)), ids)
+        return cls(formulations_for(scene, formulations), tuple(map(engine_of, names)), ids)
 
 
 @dataclass
@@ -178,7 +181,7 @@ def check(
         q: coordinates (n,).
         v: velocities (n,), consistent with the constraints.
         t: time, s.
-        formulations: keys of the formulations to look at, all by default.
+        formulations: keys of the formulations to look at, by default all that apply.
         engines: keys of the engines to compare with, all that can by default.
         claims: ids of the claims to look at, all by default.
         consistent: refuse a v that violates the constraints. With False claims fail that hold for
@@ -190,8 +193,7 @@ def check(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    check_scene(scene)
-    selection = Selection.of(formulations, engines, claims)
+    selection = Selection.of(formulations, engines, claims, scene=checked_scene(scene))
     state = State(*scene.check_state(q, v, t), t)
     if consistent:
         check_consistent(Evaluation(scene, *state))
@@ -213,7 +215,7 @@ def validate(
         scene: the scene.
         examples: number of random states.
         seed: of the draws.
-        formulations: keys of the formulations to look at, all by default.
+        formulations: keys of the formulations to look at, by default all that apply.
         engines: keys of the engines to compare with, all that can by default.
         claims: ids of the claims to look at, all by default.
 
@@ -226,8 +228,7 @@ def validate(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    check_scene(scene)
-    selection = Selection.of(formulations, engines, claims)
+    selection = Selection.of(formulations, engines, claims, scene=checked_scene(scene))
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), selection)
     run.explore(strategies.states(scene).map(lambda s: (scene, s)), selection, examples, seed)

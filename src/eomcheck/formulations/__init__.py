@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from eomcheck.errors import named
-from eomcheck.formulations import au, el, em, gw, im, kane, ml
+from collections.abc import Iterable
+
+from eomcheck.errors import InputError, distinct, named
+from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
 from eomcheck.formulations.base import Formulation, Partition
+from eomcheck.model import Scene
 
 FORMULATIONS: dict[str, Formulation] = {
     formulation.key: formulation
@@ -16,9 +19,10 @@ FORMULATIONS: dict[str, Formulation] = {
         em.EM,
         ml.ML,
         kane.KANE,
+        banded.BANDED,
     )
 }
-"""Key -> formulation, in the order of the paper's Table I."""
+"""Key -> formulation: those of the paper in the order of its Table I, then ours."""
 
 
 def formulation_of(key: str) -> Formulation:
@@ -30,4 +34,47 @@ def formulation_of(key: str) -> Formulation:
     return named("formulation", key, FORMULATIONS)
 
 
-__all__ = ["FORMULATIONS", "Formulation", "Partition", "formulation_of"]
+def applicable(scene: Scene | type[Scene]) -> dict[str, Formulation]:
+    """Return the formulations that apply to `scene`, by key."""
+    return {key: f for key, f in FORMULATIONS.items() if f.applies_to(scene)}
+
+
+def formulations_for(
+    scene: Scene | type[Scene], keys: Iterable[str] | None = None
+) -> tuple[Formulation, ...]:
+    """Return the formulations called `keys`, each once; by default all that apply to `scene`.
+
+    Raises:
+        InputError: one of them does not apply, or they are no list of names.
+        UnknownNameError: there is no such formulation.
+    """
+    if keys is None:
+        return tuple(applicable(scene).values())
+    return tuple(formulation_for(scene, key) for key in distinct("formulations", keys))
+
+
+def formulation_for(scene: Scene | type[Scene], key: str) -> Formulation:
+    """Return the formulation called `key`.
+
+    Raises:
+        InputError: it does not apply to `scene`.
+        UnknownNameError: there is none.
+    """
+    formulation = formulation_of(key)
+    if not formulation.applies_to(scene):
+        raise InputError(
+            f"{key} does not apply to the scene {scene.key}, which gives no {formulation.uses}; "
+            f"those that apply: {', '.join(applicable(scene))}"
+        )
+    return formulation
+
+
+__all__ = [
+    "FORMULATIONS",
+    "Formulation",
+    "Partition",
+    "applicable",
+    "formulation_for",
+    "formulation_of",
+    "formulations_for",
+]

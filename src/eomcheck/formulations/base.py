@@ -1,12 +1,14 @@
 """What a formulation is: facts as data, and one generic function.
 
-A formulation gets its numbers in one of three ways (`uses`):
+A formulation gets its numbers in one of four ways (`uses`), each the function of a scene:
 
 - "terms": `solution(M, F, a, gamma, v, partition) -> (vdot, multipliers or None)`
 - "speeds": `solution(M, F, W, rest) -> udot`
 - "bodies": `solution(*Bodies) -> udot`
+- "chain": `solution(*Chain) -> (xdot, joint forces)`
 
-and v̇ = W u̇ + rest for the last two. F = Q - B. Any of a, gamma, gyroscopic, force may be `None`.
+From "speeds" and "bodies" v̇ = W u̇ + rest, from "chain" it is the scene's `chain_acceleration`.
+F = Q - B. Any of a, gamma, gyroscopic, force may be `None`.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
+
+from eomcheck.model import Scene
 
 
 class Partition(NamedTuple):
@@ -31,14 +35,16 @@ class Formulation:
 
     Attributes:
         key: short name, used everywhere.
-        name: name in the paper.
-        equations: the paper's equations.
-        order: coefficients (i, j) of the order i n + j r of the final system (paper, Table I).
+        name: name in the paper, if it is there.
+        equations: the paper's equations, "" for a formulation that is not in the paper.
+        order: coefficients of the order of the final system: (i, j) of i n + j r (paper, Table I),
+            or (i, j, k) of i n + j r + k s for a chain of bodies with s quasi-velocities.
         level: at which constraints enter, "acceleration" or "velocity".
         multipliers: whether multipliers come out here.
-        multipliers_in_paper: whether Table I says so.
+        multipliers_in_paper: whether Table I says so; None where it says nothing.
         state: what an integration carries: "q, v, μ" with μ the integrals of the multipliers,
-            "q, v", "q, v2" with the independent velocities, or "q, u".
+            "q, v", "q, v2" with the independent velocities, "q, u", or "q, x" with the quasi-
+            velocities of a chain.
         uses: which numbers `solution` gets, see the module.
         partitioned: whether it splits the coordinates; then a pivoted split is an option.
         limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
@@ -48,23 +54,51 @@ class Formulation:
     key: str
     name: str
     equations: str
-    order: tuple[int, int]
+    order: tuple[int, int] | tuple[int, int, int]
     level: Literal["acceleration", "velocity"]
     multipliers: bool
-    multipliers_in_paper: bool
-    state: Literal["q, v, μ", "q, v", "q, v2", "q, u"]
-    uses: Literal["terms", "speeds", "bodies"]
+    multipliers_in_paper: bool | None
+    state: Literal["q, v, μ", "q, v", "q, v2", "q, u", "q, x"]
+    uses: Literal["terms", "speeds", "bodies", "chain"]
     partitioned: bool
     limits: str
     solution: Callable[..., Any]
 
-    def unknowns(self, n: int, r: int) -> int:
-        """Return the number of equations of the final system (Table I)."""
-        return self.order[0] * n + self.order[1] * r
+    @property
+    def in_paper(self) -> bool:
+        """Whether it is one of the paper's seven."""
+        return bool(self.equations)
+
+    @property
+    def in_speeds(self) -> bool:
+        """Whether it needs the scene's generalized speeds."""
+        return self.state == "q, u"
+
+    @property
+    def linear(self) -> bool:
+        """Whether it forms no matrix that grows with the number of bodies but a banded one."""
+        return self.uses in ("bodies", "chain")
+
+    def applies_to(self, scene: Scene | type[Scene]) -> bool:
+        """Return whether `scene` has what the formulation uses."""
+        return hasattr(scene, self.uses)
+
+    def unknowns(self, n: int, r: int, s: int = 0) -> int:
+        """Return the number of equations of the final system (Table I).
+
+        Args:
+            n: number of coordinates.
+            r: number of constraints.
+            s: number of quasi-velocities of a chain.
+        """
+        return sum(i * size for i, size in zip(self.order, (n, r, s), strict=False))
 
     @property
     def order_text(self) -> str:
         """The order as Table I prints it, such as "2n + r"."""
-        i, j = self.order
-        first = "n" if i == 1 else f"{i}n"
-        return first if j == 0 else f"{first} {'+' if j > 0 else '-'} r"
+        text = ""
+        for i, size in sorted(zip(self.order, "nrs", strict=False), key=lambda term: -term[0]):
+            if i:
+                sign = (" - " if i < 0 else " + ") if text else ""
+                text += sign + ("" if abs(i) == 1 else str(abs(i))) + size
+        return text

@@ -10,30 +10,7 @@ from eomcheck.formulations.base import Formulation
 
 
 @generic
-def mass_matrix(partial_velocity, partial_angular_velocity, mass, inertia):
-    """Return M_Kane (p, p) of Eq. (23)."""
-    bodies, d, p = partial_velocity.shape
-    e = partial_angular_velocity.shape[1]
-    M_Kane = np.zeros((p, p), partial_velocity.dtype)
-    for i in range(p):
-        for j in range(i + 1):
-            total = 0
-            for k in range(bodies):
-                for c in range(d):
-                    total += mass[k] * partial_velocity[k, c, i] * partial_velocity[k, c, j]
-                for c in range(e):
-                    for f in range(e):
-                        total += (
-                            partial_angular_velocity[k, c, i]
-                            * inertia[k, c, f]
-                            * partial_angular_velocity[k, f, j]
-                        )
-            M_Kane[i, j] = M_Kane[j, i] = total
-    return M_Kane
-
-
-@generic
-def inertia_remainder(
+def inertia_sums(
     partial_velocity,
     partial_angular_velocity,
     remainder,
@@ -42,35 +19,46 @@ def inertia_remainder(
     inertia,
     gyroscopic,
 ):
-    """Return N_Kane q̇ + G_Kane (p,) of Eq. (23): the inertia forces at u̇ = 0.
+    """Return M_Kane (p, p) and N_Kane q̇ + G_Kane (p,), the inertia forces at u̇ = 0 (Eq. (23)).
 
     Neither N_Kane nor G_Kane is formed: their sum over q_j and t is the total rate of each body's
     velocities at constant u, which the scene gives.
     """
     bodies, d, p = partial_velocity.shape
     e = partial_angular_velocity.shape[1]
-    left = np.zeros(p, partial_velocity.dtype)
-    for k in range(bodies):
-        for c in range(d):
+    both = np.zeros((p, p + 1), partial_velocity.dtype)
+    M_Kane, left = both[:, :p], both[:, p]
+    for c in range(d):
+        for k in range(bodies):
             for i in range(p):
-                left[i] += mass[k] * remainder[k, c] * partial_velocity[k, c, i]
-        for c in range(e):
-            moment = inertia[k, c, 0] * angular_remainder[k, 0]
-            for f in range(1, e):
-                moment += inertia[k, c, f] * angular_remainder[k, f]
-            if gyroscopic is not None:
-                moment += gyroscopic[k, c]
-            for i in range(p):
-                left[i] += moment * partial_angular_velocity[k, c, i]
-    return left
+                momentum = mass[k] * partial_velocity[k, c, i]
+                left[i] += momentum * remainder[k, c]
+                for j in range(i + 1):
+                    M_Kane[i, j] += momentum * partial_velocity[k, c, j]
+    for c in range(e):
+        for f in range(e):
+            for k in range(bodies):
+                for i in range(p):
+                    momentum = partial_angular_velocity[k, c, i] * inertia[k, c, f]
+                    left[i] += momentum * angular_remainder[k, f]
+                    for j in range(i + 1):
+                        M_Kane[i, j] += momentum * partial_angular_velocity[k, f, j]
+        if gyroscopic is not None:
+            for k in range(bodies):
+                for i in range(p):
+                    left[i] += partial_angular_velocity[k, c, i] * gyroscopic[k, c]
+    for i in range(p):
+        for j in range(i):
+            M_Kane[j, i] = M_Kane[i, j]
+    return M_Kane, left
 
 
 @generic
 def right_hand_side(force, left):
-    """Return F_Kane - (N_Kane q̇ + G_Kane) (p,)."""
-    if force is None:
-        return -left
-    return force - left
+    """Return F_Kane - (N_Kane q̇ + G_Kane) (p,), in the place of `left`."""
+    for i in range(left.size):
+        left[i] = -left[i] if force is None else force[i] - left[i]
+    return left
 
 
 @generic
@@ -85,8 +73,7 @@ def solution(
     force,
 ):
     """Return u̇ (p,): Eq. (22)."""
-    M_Kane = mass_matrix(partial_velocity, partial_angular_velocity, mass, inertia)
-    left = inertia_remainder(
+    M_Kane, left = inertia_sums(
         partial_velocity,
         partial_angular_velocity,
         remainder,

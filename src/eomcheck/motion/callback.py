@@ -8,6 +8,7 @@ State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
 - "q, v": velocities
 - "q, v2": the independent velocities of the partition
 - "q, u": generalized speeds
+- "q, x": quasi-velocities of a chain
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Scene
 from eomcheck.motion.right_hand_side import (
     rates_from_bodies,
+    rates_from_chain,
     rates_from_speeds,
     rates_from_terms,
 )
@@ -53,7 +55,7 @@ class Table:
         parameters: a NamedTuple of arrays of doubles, any of them None.
         partition: the partition that El and Em use.
         n: number of coordinates.
-        speeds: number of entries of v, v2 or u in the state.
+        speeds: number of entries of v, v2, u or x in the state.
         size: number of entries of the whole state.
     """
 
@@ -161,13 +163,15 @@ def _store(block, t, ydot, qdot, rate):
     """Write the derivatives of q and of the speeds, and count; return where integrals go."""
     n, speeds, size = block[2], block[3], block[4]
     out = carray(ydot, (size,))
-    out[:n] = qdot
-    out[n : n + speeds] = rate
     counts = carray(_integers_at(block[0]), (2,))
     counts[CALLS] += 1
-    total = 0.0
-    for x in out[: n + speeds]:
-        total += 0.0 * x  # stays 0 unless something is not finite
+    total = 0.0  # stays 0 unless something is not finite
+    for i in range(n):
+        out[i] = qdot[i]
+        total += 0.0 * qdot[i]
+    for i in range(speeds):
+        out[n + i] = rate[i]
+        total += 0.0 * rate[i]
     if total != 0.0:
         if counts[FAILED] == 0:
             carray(_doubles_at(block[1]), (1,))[0] = t
@@ -234,17 +238,31 @@ def _with_speeds(scene: type[Scene], solution: Callable, kind: type, shapes: str
 
 
 def _with_bodies(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
-    kinematics, speeds, bodies = scene.kinematics, scene.speeds, scene.bodies
+    kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
     def rate(ydot, t, y, arguments):
         block = _block_at(arguments)
         q, u = _state_at(block, y)
         parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
-        qdot, udot = rates_from_bodies(
-            kinematics, speeds, bodies, solution, parameters, prepared, q, u
+        v, udot = rates_from_bodies(
+            kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
         )
-        _store(block, t, ydot, qdot, udot)
+        _store(block, t, ydot, v, udot)
+
+    return rate
+
+
+def _with_chain(scene: type[Scene], solution: Callable, kind: type, shapes: str) -> Callable:
+    chain, chain_velocity = scene.chain, scene.chain_velocity
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(ydot, t, y, arguments):
+        block = _block_at(arguments)
+        q, x = _state_at(block, y)
+        parameters, prepared = parameters_at(block, kind, shapes), angles(q[start:stop])
+        qdot, xdot = rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+        _store(block, t, ydot, qdot, xdot)
 
     return rate
 
@@ -255,4 +273,5 @@ _COMPOSERS = {
     ("terms", "q, v2"): _with_independent,
     ("speeds", "q, u"): _with_speeds,
     ("bodies", "q, u"): _with_bodies,
+    ("chain", "q, x"): _with_chain,
 }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.formulations import formulation_of
 from eomcheck.model import Array
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference
@@ -27,6 +28,62 @@ def energy_error(trajectory: Trajectory) -> Array:
 def error_norm(errors: Array) -> float:
     """Return the Euclidean norm of errors at several times (Eqs. (32)-(33))."""
     return float(np.sqrt((np.asarray(errors) ** 2).sum()))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How an error grows with time t, up to the end T: |error| ≈ rate T (t/T)^exponent.
+
+    Attributes:
+        rate: what the law gives at the end over T, unit of the error per s.
+        exponent: 1 grows in proportion to time, less than 1 levels off, more grows ever faster.
+    """
+
+    rate: float
+    exponent: float
+
+
+FEWEST = 4
+"""Errors that a law is fitted to, at least."""
+
+
+def drift_of(times: Array, errors: Array) -> Drift | None:
+    """Return the law by which errors (k,) grow over times (k,), s; None of fewer than `FEWEST`.
+
+    The exponent is the median slope between any two points in logarithms (Theil and Sen), the rate
+    that of the line with the median residual. Least squares would follow single times where the
+    interpolation between two steps is bad, and the earliest times, far out on a logarithm. Times
+    and errors that are 0 have no logarithm and are left out.
+    """
+    times, errors = np.asarray(times), np.abs(errors)
+    seen = (times > 0) & (errors > 0)
+    if np.count_nonzero(seen) < FEWEST:
+        return None
+    x, y = np.log(times[seen] / times[-1]), np.log(errors[seen])
+    i, j = np.triu_indices(x.size, 1)
+    exponent = np.median((y[j] - y[i]) / (x[j] - x[i]))
+    at_end = np.median(y - exponent * x)
+    return Drift(float(np.exp(at_end) / times[-1]), float(exponent))
+
+
+def constraint_drift(trajectory: Trajectory) -> Drift | None:
+    """Return how ‖c‖₂ grows, m/s per s; None where nothing lets the motion leave a v + b = 0.
+
+    Formulations whose constraints enter at acceleration level drift: they know only that the rate
+    of c is 0, so that every error of a step stays. The others cannot leave the constraints by more
+    than rounding.
+    """
+    if formulation_of(trajectory.key).level == "velocity":
+        return None
+    return drift_of(trajectory.times, constraint_error(trajectory))
+
+
+def energy_drift(trajectory: Trajectory) -> Drift | None:
+    """Return how |T + U - E_0| over the largest |T + U| grows, per s; None if it is not kept."""
+    if not trajectory.scene.conserves_energy:
+        return None
+    scale = np.abs(trajectory.energy).max()
+    return drift_of(trajectory.times, energy_error(trajectory) / (scale if scale > 0 else 1.0))
 
 
 @dataclass(frozen=True)

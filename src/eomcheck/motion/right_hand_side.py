@@ -2,8 +2,8 @@
 
 `right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
 function of (parameters, q, speeds, partition) that returns (q̇, rate of the speeds). The speeds are
-v for the formulations that use Lagrange's terms and u for ML and Kane. A matrix that is singular
-gives NaN: compiled code must not raise.
+v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix that is
+singular gives NaN: compiled code must not raise.
 """
 
 from __future__ import annotations
@@ -36,13 +36,25 @@ def rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared,
 
 
 @generic
-def rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u):
-    """Return (q̇, u̇) of a formulation that sums over the bodies."""
+def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u):
+    """Return (q̇, u̇) of a formulation that sums over the bodies; qdot may be None."""
     shared = kinematics(parameters, prepared, q, u)
-    W, _, offset = speeds(parameters, prepared, shared)
+    if qdot is None:
+        W, _, offset = speeds(parameters, prepared, shared)
+        v = velocity(u, W, offset)
+    else:
+        v = qdot(parameters, prepared, shared)
     vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
     udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
-    return velocity(u, W, offset), udot
+    return v, udot
+
+
+@generic
+def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x):
+    """Return (q̇, ẋ) of a formulation that uses the bodies as a chain."""
+    mass, force, before, after, rest = chain(parameters, prepared, q, x)
+    xdot, _ = solution(mass, force, before, after, rest)
+    return chain_velocity(parameters, prepared, q, x), xdot
 
 
 def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
@@ -79,14 +91,32 @@ def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
 
 
 def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
-    kinematics, speeds, bodies = scene.kinematics, scene.speeds, scene.bodies
+    kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
     start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
 
     def rate(parameters, q, u, partition):
         prepared = angles(q[start:stop])
-        return rates_from_bodies(kinematics, speeds, bodies, solution, parameters, prepared, q, u)
+        return rates_from_bodies(
+            kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
+        )
 
     return rate
 
 
-_COMPOSERS = {"terms": _from_terms, "speeds": _from_speeds, "bodies": _from_bodies}
+def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
+    chain, chain_velocity = scene.chain, scene.chain_velocity
+    start, stop = scene.angle_coordinates.start, scene.angle_coordinates.stop
+
+    def rate(parameters, q, x, partition):
+        prepared = angles(q[start:stop])
+        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x)
+
+    return rate
+
+
+_COMPOSERS = {
+    "terms": _from_terms,
+    "speeds": _from_speeds,
+    "bodies": _from_bodies,
+    "chain": _from_chain,
+}

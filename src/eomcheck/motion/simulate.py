@@ -12,9 +12,9 @@ import numpy as np
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation, check_consistent, velocity
-from eomcheck.formulations import Formulation, formulation_of
+from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, check_scene, finite_array
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import Steps, integrate, integrator_of
 from eomcheck.tolerance import allowed_error, largest
@@ -96,11 +96,11 @@ class Motion:
         if formulation.state == "q, u":
             scene.refuse_speeds()
         self.partition = at.partition
-        speeds = at.v
+        if formulation.state == "q, u" and u0 is not None:
+            at.u = u0
+        speeds = at.speeds_read(formulation)
         if formulation.state == "q, v2":
-            speeds = at.v[at.partition.independent]
-        elif formulation.state == "q, u":
-            speeds = at.u if u0 is None else u0
+            speeds = speeds[at.partition.independent]
         integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size
@@ -123,6 +123,9 @@ class Motion:
             at = Evaluation(self.scene, q, np.zeros(n))
             at.u = speeds
             return q, at.velocity
+        if self.formulation.state == "q, x":
+            at = Evaluation(self.scene, q, np.zeros(n))
+            return q, at.call(self.scene.chain_velocity, at.parameters, at.prepared, q, speeds)
         if self.formulation.state == "q, v2":
             at = Evaluation(self.scene, q, np.zeros(n))
             a, b = at.terms.a, at.terms.b
@@ -176,7 +179,8 @@ def simulate(
     """Integrate the motion of `scene` from t = 0 to `t_end`.
 
     Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
-    and GW (q, v), Em (q, v₂), ML and Kane (q, u). No Python is called in between.
+    and GW (q, v), Em (q, v₂), ML and Kane (q, u), and banded (q, x) with the quasi-velocities. No
+    Python is called in between.
 
     Args:
         scene: the scene.
@@ -200,12 +204,13 @@ def simulate(
         formulation refuses, is a result with `status` "failed" and a reason, up to where it came.
 
     Raises:
-        InputError: values that are not valid, velocities that violate the constraints.
+        InputError: values that are not valid, velocities that violate the constraints, a
+            formulation that does not apply to the scene.
         UnknownNameError: no such formulation or integrator.
         RefusedError: the generalized speeds do not exist, or no doubles hold the velocities.
     """
-    check_scene(scene)
-    formulation, integrator = formulation_of(key), integrator_of(integrator).key
+    formulation = formulation_for(checked_scene(scene), key)
+    integrator = integrator_of(integrator).key
     for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
         if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
             raise InputError(f"{name} = {value!r}, expected a positive number")
@@ -227,14 +232,22 @@ def simulate(
         max_steps=max_steps,
     )
     seconds = time.perf_counter() - start
+    return trajectory(motion, found, integrator, rtol, atol, seconds)
+
+
+def trajectory(
+    motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
+) -> Trajectory:
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
+    scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
     course = _Course(motion, found)
     reason, refusal = course.refused or ("", None)
     if not (reason or (found.success and course.whole)):
         reason, refusal = _reason(motion, found)
-    counts, kept = motion.table.counts, len(course.states)
+    kept = len(course.states)
     return Trajectory(
         scene,
-        key,
+        formulation.key,
         integrator,
         rtol,
         atol,

@@ -9,7 +9,6 @@ from statistics import median
 from rich.table import Table
 
 from eomcheck.console import console
-from eomcheck.formulations import FORMULATIONS
 from eomcheck.studies.accuracy import Delivered
 from eomcheck.tolerance import C
 
@@ -46,7 +45,8 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
     records = list(records)
     moving = [r for r in records if r.refused is not None or r.relative != 0.0]
     exact = len(records) - len(moving)
-    for key in FORMULATIONS:
+    keys = tuple(dict.fromkeys(r.key for r in records))
+    for key in keys:
         mine = [r for r in moving if r.key == key]
         solved = [r for r in mine if r.refused is None]
         if not solved:
@@ -67,7 +67,7 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
             f"{median(foreseen):.2g}" if foreseen else "",
             f"{max(foreseen):.2g}" if foreseen else "",
         )
-    states = len(records) // len(FORMULATIONS)
+    states = len(records) // max(len(keys), 1)
     console.print(table)
     console.print(
         f"{states} states; errors against the enclosed truth. {exact} results that are "

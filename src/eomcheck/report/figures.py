@@ -21,28 +21,45 @@ from eomcheck.tolerance import C
 COLORS = dict(
     zip(
         FORMULATIONS,
-        # Okabe and Ito's palette, told apart by colour-blind readers
-        ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00"),
+        # Okabe and Ito's palette, told apart by colour-blind readers, without its yellow, too pale
+        # on white; then Tol's wine, and two to spare
+        (
+            "#000000",
+            "#0072B2",
+            "#E69F00",
+            "#009E73",
+            "#CC79A7",
+            "#56B4E9",
+            "#D55E00",
+            "#882255",
+            "#999933",
+            "#888888",
+        ),
         strict=False,
     )
 )
-MARKERS = dict(zip(FORMULATIONS, "osD^vP*", strict=False))
+MARKERS = dict(zip(FORMULATIONS, "osD^vP*Xh<", strict=False))
 RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
 """Exact agreement is drawn here: a logarithm has no zero."""
 
 
+def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the ends of the links of a snake (N + 1, 2), m, the head first."""
+    theta = q[2:]
+    steps = length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
+    return np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))
+
+
 def draw_snake(axes: Axes, scene: Snake) -> None:
     """Draw the links, the head and the wheels of a snake in its initial pose."""
     q, _ = scene.initial_state()
-    theta = q[2:]
-    steps = scene.length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
-    joints = np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))
-    axes.plot(*joints.T, "-o", color="0.25", lw=3, ms=5, solid_capstyle="round")
-    axes.plot(*joints[0], "o", color="white", mec="0.25", ms=11, mew=2)
-    centres = (joints[:-1] + joints[1:]) / 2
-    phi = theta + scene.wheel_angle
+    ends = joints(scene.length, q)
+    axes.plot(*ends.T, "-o", color="0.25", lw=3, ms=5, solid_capstyle="round")
+    axes.plot(*ends[0], "o", color="white", mec="0.25", ms=11, mew=2)
+    centres = (ends[:-1] + ends[1:]) / 2
+    phi = q[2:] + scene.wheel_angle
     wheel = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
     for centre, half in zip(centres, wheel, strict=True):
         axes.plot(*np.column_stack((centre - half, centre + half)), color="#D55E00", lw=6)
@@ -95,7 +112,7 @@ def draw_agreement(records: list[Agreement], path: Path) -> None:
     right.set_ylim(FLOOR / 3, 1e3)
     right.set_xlabel("number of links N")
     right.set_ylabel(f"distance from {REFERENCE}, relative to max |q̈|")
-    right.set_title("Seven formulations on random snakes", fontsize=11)
+    right.set_title("All formulations on random snakes", fontsize=11)
     right.annotate(
         "lowest row: equal to the last bit",
         (0.99, 0.045),
@@ -136,7 +153,7 @@ def draw_accuracy(records: list[Delivered], path: Path) -> None:
     left.set_ylim(bottom=0)
     left.set_title("What doubles deliver, against the enclosed truth", fontsize=11)
     left.grid(alpha=0.25)
-    left.legend(ncols=len(FORMULATIONS), fontsize=9, loc="lower center", frameon=False)
+    left.legend(ncols=4, fontsize=9, loc="lower center", frameon=False)
     right.axvline(C, color="#B00020", lw=1.2, ls="--")
     right.annotate(
         f"C = {C:g}",

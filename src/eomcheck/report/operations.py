@@ -75,9 +75,12 @@ def table_i_text(system: SolvedSystem) -> str:
     """Return what Table I says about a system."""
     if not system.final:
         return "not counted"
-    order = formulation_of(system.formulation).order_text
+    formulation = formulation_of(system.formulation)
+    order = formulation.order_text
     if system.differing:
         return f"{order}: differs at N = {', '.join(map(str, system.differing))}"
+    if not formulation.in_paper:
+        return f"not there; {order} at every N"
     return f"{order}: the same at every N"
 
 

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 from eomcheck.studies.records import Record
 
-GROUPS = ("settings", "counts", "errors", "machine", "versions")
+GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
 """Fields with names of their own: one column per name, `errors.energy`."""
 
 

@@ -7,8 +7,8 @@ from rich.table import Table
 from eomcheck.console import console
 
 
-def _yes(flag: bool) -> str:
-    return "yes" if flag else "no"
+def _yes(flag: bool | None) -> str:
+    return "" if flag is None else "yes" if flag else "no"
 
 
 def _formulations() -> Table:
@@ -21,10 +21,10 @@ def _formulations() -> Table:
         table.add_row(
             f.key,
             f.name,
-            f.equations,
+            f.equations or "not there",
             f.order_text,
             f"{f.level} level",
-            _yes(f.multipliers_in_paper),
+            "not there" if f.multipliers_in_paper is None else _yes(f.multipliers_in_paper),
             _yes(f.multipliers),
             f.limits,
         )

@@ -76,8 +76,8 @@ def print_stability(records: Sequence[Record]) -> None:
     counts = {one: sum(outcome(record) is one for record in records) for one in Outcome}
     console.print(
         f"{len(records)} cells: {counts[Outcome.GOOD]} good (true relative error at most "
-        f"{NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as their "
-        f"error bound tells, {counts[Outcome.SILENT]} silently wrong."
+        f"{NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
+        f"their error bound tells, {counts[Outcome.SILENT]} silently wrong."
     )
     for record in records:
         if outcome(record) is Outcome.SILENT or record.status == "failed":
@@ -159,8 +159,9 @@ class _Axis:
         """Set limits and ticks."""
         low, high = min(self.places.values()), max(self.places.values())
         margin = 0.03 * (high - low)
-        limits = (low - margin, high + margin)
-        axes.set_xlim(limits[::-1] if self.inverted else limits)
+        axes.set_xlim(low - margin, high + margin)
+        if self.inverted:
+            axes.invert_xaxis()
         start = low if 0.0 not in self.places else min(x for s, x in self.places.items() if s > 0)
         step = max(1, int(np.ceil((high - start) / 4)))
         ticks = list(np.arange(np.ceil(start), np.floor(high) + 0.5, step))
@@ -189,7 +190,9 @@ def _panel(axes: Axes, mine: list[Step], method: Method, axis: _Axis) -> None:
     axes.plot(x, worst, "-", marker=MARKERS[method.key], color=color, ms=4, lw=1.5)
     for at, step in zip(x, mine, strict=True):
         if step.refused > 0:
-            axes.plot(at, top + 1.0, "X", ms=6, color=color, mfc=color if step.refused == 1 else "w")
+            axes.plot(
+                at, top + 1.0, "X", ms=6, color=color, mfc=color if step.refused == 1 else "w"
+            )
         if step.worst is Outcome.SILENT:
             axes.plot(at, step.lost, "o", ms=13, mfc="none", mec="#B00020", mew=1.8)
     axes.set_ylim(-0.5, top + 2.2)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from matplotlib.axes import Axes
+from matplotlib.figure import SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 from rich.markup import escape
 from rich.table import Table
 
@@ -14,8 +19,10 @@ from eomcheck.report.figures import COLORS, MARKERS, plt
 from eomcheck.studies.records import Record
 from eomcheck.studies.work_precision import (
     TARGETS,
+    disturbed,
     fastest_to,
     finished,
+    most_accurate,
     pareto_front,
     summary,
 )
@@ -25,24 +32,36 @@ ERRORS = {
     "energy": "energy error, relative",
     "constraint": "constraint error, m/s",
 }
-AGAINST = {"seconds": "run time, s", "right-hand sides": "right-hand sides"}
+AGAINST = {"seconds": ("run time", "s"), "right-hand sides": ("right-hand sides", "")}
 NOTHING = 1e-17
 """Errors that are exactly 0 are drawn here."""
 
 
 def print_work_precision(records: Sequence[Record]) -> None:
-    """Print, scene by scene, times to reach an error, the Pareto front, failures and a summary."""
-    for name in dict.fromkeys(record.settings["reference"] for record in records):
+    """Print, scene by scene, times to reach an error, the Pareto front, drift, and what failed."""
+    for name in _names(records, "reference"):
         mine = [record for record in records if record.settings["reference"] == name]
         console.print(f"\n[bold]{name}[/]: best time of a run whose end state is right to ...")
         console.print(_targets(mine))
         console.print("None is both faster and more accurate than these:")
         console.print(_front(mine))
+        console.print("Drift in the most accurate run of each, and the power of time it goes with:")
+        console.print(_drifts(mine))
         for record in mine:
             if record.seconds is None:
-                what = "{formulation}, {integrator}, {tolerance:.0e}".format(**record.settings)
-                console.print(escape(f"{record.status}: {what}: {record.reason}"), soft_wrap=True)
+                said = f"{record.status}: {_cell(record)}: {record.reason}"
+                console.print(escape(said), soft_wrap=True)
+        shared = [_cell(record) for record in mine if disturbed(record)]
+        if shared:
+            console.print(
+                f"Disturbed, even the best run had to share its core: {'; '.join(shared)}.",
+                soft_wrap=True,
+            )
         console.print(summary(mine))
+
+
+def _cell(record: Record) -> str:
+    return "{formulation}, {integrator}, {tolerance:.0e}".format(**record.settings)
 
 
 def _targets(records: Sequence[Record]) -> Table:
@@ -53,7 +72,7 @@ def _targets(records: Sequence[Record]) -> Table:
         table.add_column(f"{target:.0e}", justify="right", no_wrap=True)
         table.add_column("with", no_wrap=True)
         table.add_column("ratio", justify="right", no_wrap=True)
-    for key in dict.fromkeys(record.settings["formulation"] for record in records):
+    for key in _names(records, "formulation"):
         cells = []
         for target in TARGETS:
             times = {i: r.seconds or 0.0 for (f, i), r in best[target].items() if f == key}
@@ -84,47 +103,116 @@ def _front(records: Sequence[Record]) -> Table:
     return table
 
 
+def _drifts(records: Sequence[Record]) -> Table:
+    table = Table(header_style="bold")
+    for name in ("formulation", "integrator"):
+        table.add_column(name)
+    for name in ("tolerance", "constraints, m/s per s", "t^", "energy, relative, per s", "t^"):
+        table.add_column(name, justify="right")
+    for key, record in most_accurate(records).items():
+        cells = [f"{record.settings['tolerance']:.0e}"]
+        for kind in ("constraint", "energy"):
+            drift, exponent = (record.errors.get(f"{kind}_{x}") for x in ("drift", "exponent"))
+            cells += [
+                "" if drift is None else f"{drift:.1e}",
+                "" if exponent is None else f"{exponent:.1f}",
+            ]
+        table.add_row(key, record.settings["integrator"], *cells)
+    return table
+
+
 def draw_work_precision(records: Sequence[Record], path: Path, against: str = "seconds") -> None:
-    """Draw the errors of one scene against run time or right-hand sides, a column an integrator."""
-    done = finished(records)
-    integrators = list(dict.fromkeys(record.settings["integrator"] for record in done))
-    figure, grid = plt.subplots(
+    """Draw errors against run time or right-hand sides: a block per scene, a column an integrator.
+
+    Hollow markers are disturbed run times; in the grey the reference knows no better.
+    """
+    scenes, integrators = _names(records, "reference"), _names(records, "integrator")
+    figure = plt.figure(
+        figsize=(2.6 * len(integrators) + 1.4, 7.8 * len(scenes) + 0.4), layout="constrained"
+    )
+    blocks = figure.subfigures(len(scenes), 1, squeeze=False)[:, 0]
+    handles: dict[str, Line2D] = {}
+    for block, scene in zip(blocks, scenes, strict=True):
+        mine = [r for r in finished(records) if r.settings["reference"] == scene]
+        if len(scenes) > 1:
+            block.suptitle(scene, fontweight="bold")
+        handles |= _draw_scene(block, mine, integrators, against)
+    if any(_hollow(records, against)):
+        hollow = Line2D([], [], ls="", marker="o", color="0.4", mfc="white", mew=0.7, ms=4)
+        handles["disturbed"] = hollow
+    figure.legend(
+        handles.values(),
+        handles,
+        loc="outside upper center",
+        ncols=9 if len(integrators) > 2 else 4,
+        frameon=False,
+    )
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def _names(records: Sequence[Record], what: str) -> list[str]:
+    return list(dict.fromkeys(record.settings[what] for record in records))
+
+
+def _draw_scene(
+    block: SubFigure, records: Sequence[Record], integrators: Sequence[str], against: str
+) -> dict[str, Line2D]:
+    """Draw finished runs of one scene and return a line of each formulation."""
+    lines: dict[str, Line2D] = {}
+    grid = block.subplots(
         len(ERRORS),
         len(integrators),
-        figsize=(2.6 * len(integrators) + 1.4, 8.2),
         sharex="col" if against == "seconds" else "all",
         sharey="row",
         squeeze=False,
-        layout="constrained",
     )
     for row, (error, label) in zip(grid, ERRORS.items(), strict=True):
         row[0].set_ylabel(label)
         for axes, integrator in zip(row, integrators, strict=True):
-            for key in dict.fromkeys(record.settings["formulation"] for record in done):
-                _line(axes, done, key, integrator, error, against)
+            for key in _names(records, "formulation"):
+                wanted = {"formulation": key, "integrator": integrator}
+                mine = [r for r in records if wanted.items() <= r.settings.items()]
+                lines[key] = _line(axes, mine, key, error, against)
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.grid(alpha=0.25)
             if error == "final":
                 axes.set_title(integrator, fontsize=11)
-                floor = max(record.errors["floor"] for record in done)
+                floor = max((record.errors["floor"] for record in records), default=NOTHING)
                 axes.axhspan(1e-18, floor, color="0.9", lw=0)
             if error == "constraint":
-                axes.set_xlabel(AGAINST[against])
-    grid[0, 0].set_ylim(bottom=1e-14)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+                _label_abscissa(axes, *AGAINST[against])
+    lowest = min((record.errors["final"] for record in records), default=NOTHING)
+    grid[0, 0].set_ylim(bottom=max(lowest, NOTHING) / 5)
+    return lines
 
 
-def _line(axes, records: Sequence[Record], key: str, integrator: str, error: str, against: str):
-    mine = [
-        record
-        for record in records
-        if (record.settings["formulation"], record.settings["integrator"]) == (key, integrator)
-    ]
-    mine.sort(key=lambda record: -record.settings["tolerance"])
-    x = [r.seconds if against == "seconds" else r.counts["right-hand sides"] for r in mine]
-    y = [max(record.errors[error], NOTHING) for record in mine]
-    axes.plot(x, y, "-", marker=MARKERS[key], color=COLORS[key], ms=4, lw=1.1, label=key)
+def _label_abscissa(axes: Axes, label: str, unit: str) -> None:
+    """Label an axis in logarithms so that the numbers of a narrow panel do not overlap."""
+    low, high = axes.get_xlim()
+    ticks = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=ticks))
+    axes.xaxis.set_major_formatter(EngFormatter(unit))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(label)
+
+
+def _line(axes: Axes, records: Sequence[Record], key: str, error: str, against: str) -> Line2D:
+    def draw(records: Sequence[Record], **style: Any) -> Line2D:
+        x = [_abscissa(record, against) for record in records]
+        y = [max(record.errors[error], NOTHING) for record in records]
+        return axes.plot(x, y, marker=MARKERS[key], color=COLORS[key], ms=4, lw=1.1, **style)[0]
+
+    line = draw(sorted(records, key=lambda record: -record.settings["tolerance"]))
+    draw(_hollow(records, against), ls="", mfc="white", mew=0.7)
+    return line
+
+
+def _hollow(records: Sequence[Record], against: str) -> list[Record]:
+    """Return the Records whose run times are not to be trusted, where run times are drawn."""
+    return [record for record in records if against == "seconds" and disturbed(record)]
+
+
+def _abscissa(record: Record, against: str) -> float:
+    return (record.seconds or 0.0) if against == "seconds" else record.counts[against]

@@ -30,6 +30,13 @@ from eomcheck.model import (
     Tree,
     finite_array,
 )
+from eomcheck.scenes.snake_chain import (
+    chain,
+    chain_acceleration,
+    chain_multipliers,
+    chain_velocity,
+    quasi_velocities,
+)
 
 
 class Parameters(NamedTuple):
@@ -103,9 +110,9 @@ def bias(mass, length, cos, sin, omega):
 
 
 @generic
-def spring_torques(stiffness, theta):
-    """Return T_i = k_i (θ_i - θ_{i+1}) of each joint (N-1,), N m (Eq. (D2))."""
-    return stiffness * (theta[:-1] - theta[1:])
+def spring_torque(stiffness, theta, joint):
+    """Return T_i = k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
+    return stiffness[joint] * (theta[joint] - theta[joint + 1])
 
 
 @generic
@@ -113,10 +120,11 @@ def forces(stiffness, theta):
     """Return Q (N+2,) of the springs, Eqs. (26)-(27), or None without springs."""
     if stiffness is None:
         return None
-    torque = spring_torques(stiffness, theta)
-    Q = np.zeros(theta.size + 2, torque.dtype)
-    Q[2:-1] -= torque
-    Q[3:] += torque
+    Q = np.zeros(theta.size + 2, theta.dtype)
+    for k in range(stiffness.size):
+        torque = spring_torque(stiffness, theta, k)
+        Q[k + 2] -= torque
+        Q[k + 3] += torque
     return Q
 
 
@@ -191,19 +199,22 @@ class Rolling(NamedTuple):
     """Rolling speed s_k and angular velocity ω_k of each link: s_k = s_u u, ṡ_k = s_u u̇ + s_rest.
 
     The centre of mass of link k moves with s_k t_k. The rate of t_k is normal to t_k, so only ṡ_k
-    does work on a partial velocity, and one number per link stands for the linear part.
+    does work on a partial velocity, and one number per link stands for the linear part: d = 1 in
+    `Bodies`, whose shapes these are.
     """
 
     s_u: Any
-    """∂s_k/∂u (N, 2)."""
+    """∂s_k/∂u (N, 1, 2)."""
     omega_u: Any
-    """∂ω_k/∂u (N, 2)."""
+    """∂ω_k/∂u (N, 1, 2)."""
     s_rest: Any
-    """ṡ_k at u̇ = 0 (N,)."""
+    """ṡ_k at u̇ = 0 (N, 1)."""
     omega_rest: Any
-    """ω̇_k at u̇ = 0 (N,)."""
+    """ω̇_k at u̇ = 0 (N, 1)."""
     u: Any
     """(s_1, ω_1)."""
+    v: Any
+    """q̇ (N+2,): velocity of the tip of link 1, then every ω_k."""
 
 
 @generic
@@ -217,13 +228,15 @@ def kinematics(parameters, angles, q, u):
     length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
     cos, sin = angles.cos, angles.sin
     links = length.size
-    s_u = np.zeros((links, 2), cos.dtype)
-    omega_u = np.zeros((links, 2), cos.dtype)
-    s_rest = np.zeros(links, cos.dtype)
-    omega_rest = np.zeros(links, cos.dtype)
-    s_u[0, 0] = omega_u[0, 1] = 1
+    partials, rests = np.zeros((2, links, 1, 2), cos.dtype), np.zeros((2, links, 1), cos.dtype)
+    s_u, omega_u, s_rest, omega_rest = partials[0], partials[1], rests[0], rests[1]
+    s_u[0, 0, 0] = omega_u[0, 0, 1] = 1
     s, omega = u[0], u[1]
     half = length[0] / 2
+    v = np.zeros(links + 2, cos.dtype)
+    v[0] = s * (cos_alpha[0] * cos[0] - sin_alpha[0] * sin[0]) + half * sin[0] * omega
+    v[1] = s * (sin_alpha[0] * cos[0] + cos_alpha[0] * sin[0]) - half * cos[0] * omega
+    v[2] = omega
     for k in range(1, links):
         # psi = φ_k - θ_{k-1} and delta = φ_k - φ_{k-1}
         cos_turn = cos[k] * cos[k - 1] + sin[k] * sin[k - 1]
@@ -241,26 +254,27 @@ def kinematics(parameters, angles, q, u):
         ss_s = cos_delta + offset * ww_s
         ss_w = before * sin_psi + offset * ww_w
         for i in range(2):
-            omega_u[k, i] = ww_s * s_u[k - 1, i] + ww_w * omega_u[k - 1, i]
-            s_u[k, i] = ss_s * s_u[k - 1, i] + ss_w * omega_u[k - 1, i]
+            omega_u[k, 0, i] = ww_s * s_u[k - 1, 0, i] + ww_w * omega_u[k - 1, 0, i]
+            s_u[k, 0, i] = ss_s * s_u[k - 1, 0, i] + ss_w * omega_u[k - 1, 0, i]
         s_before, omega_before = s, omega
         omega = ww_s * s_before + ww_w * omega_before
         s = ss_s * s_before + ss_w * omega_before
+        v[k + 2] = omega
 
         spin = before * omega_before * omega_before
         turning = s_before * omega_before
         along_axle = s * omega - turning * cos_delta - spin * sin_psi - offset * omega * omega
-        rate = ww_s * s_rest[k - 1] + ww_w * omega_rest[k - 1] + along_axle / lever
-        omega_rest[k] = rate
-        s_rest[k] = (
-            cos_delta * s_rest[k - 1]
-            + before * sin_psi * omega_rest[k - 1]
+        rate = ww_s * s_rest[k - 1, 0] + ww_w * omega_rest[k - 1, 0] + along_axle / lever
+        omega_rest[k, 0] = rate
+        s_rest[k, 0] = (
+            cos_delta * s_rest[k - 1, 0]
+            + before * sin_psi * omega_rest[k - 1, 0]
             + offset * rate
             + turning * sin_delta
             - spin * cos_psi
             - lever * omega * omega
         )
-    return Rolling(s_u, omega_u, s_rest, omega_rest, u)
+    return Rolling(s_u, omega_u, s_rest, omega_rest, u, v)
 
 
 @generic
@@ -280,9 +294,15 @@ def speeds(parameters, angles, rolling):
     W[1, 0], W[1, 1] = sin_phi, -half * cos[0]
     rest[0] = spin * cos[0] - turning * sin_phi
     rest[1] = spin * sin[0] + turning * cos_phi
-    W[2:] = rolling.omega_u
-    rest[2:] = rolling.omega_rest
+    W[2:] = rolling.omega_u[:, 0]
+    rest[2:] = rolling.omega_rest[:, 0]
     return Speeds(W, rest, None)
+
+
+@generic
+def qdot(parameters, angles, rolling):
+    """Return W u of `speeds`, passed from link to link with the recursion."""
+    return rolling.v
 
 
 @generic
@@ -290,27 +310,24 @@ def active_forces(stiffness, theta, omega_u):
     """Return F_Kane (2,) of the springs by Eq. (D1), or None without springs."""
     if stiffness is None:
         return None
-    torque = spring_torques(stiffness, theta)
-    force = np.zeros(2, torque.dtype)
-    for i in range(2):
-        total = 0
-        for k in range(torque.size):
-            total += torque[k] * (omega_u[k + 1, i] - omega_u[k, i])
-        force[i] = total
+    force = np.zeros(2, theta.dtype)
+    for k in range(stiffness.size):
+        torque = spring_torque(stiffness, theta, k)
+        for i in range(2):
+            force[i] += torque * (omega_u[k + 1, 0, i] - omega_u[k, 0, i])
     return force
 
 
 @generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies` of the snake, d = e = 1: along the wheel and about the vertical."""
-    links = parameters.mass.size
     return Bodies(
-        rolling.s_u.reshape(links, 1, 2),
-        rolling.omega_u.reshape(links, 1, 2),
-        rolling.s_rest.reshape(links, 1),
-        rolling.omega_rest.reshape(links, 1),
+        rolling.s_u,
+        rolling.omega_u,
+        rolling.s_rest,
+        rolling.omega_rest,
         parameters.mass,
-        parameters.inertia.reshape(links, 1, 1),
+        parameters.inertia[:, np.newaxis, np.newaxis],
         None,
         active_forces(parameters.stiffness, angles.value, rolling.omega_u),
     )
@@ -429,11 +446,17 @@ class Snake(Scene):
     constraints = staticmethod(constraints)
     kinematics = staticmethod(kinematics)
     speeds = staticmethod(speeds)
+    qdot = staticmethod(qdot)
     bodies = staticmethod(bodies)
     speeds_of = staticmethod(speeds_of)
     velocities = staticmethod(velocities)
     energies = staticmethod(energies)
     constraint = staticmethod(constraint)
+    quasi_velocities = staticmethod(quasi_velocities)
+    chain = staticmethod(chain)
+    chain_velocity = staticmethod(chain_velocity)
+    chain_acceleration = staticmethod(chain_acceleration)
+    chain_multipliers = staticmethod(chain_multipliers)
 
     def __post_init__(self):
         try:
@@ -526,6 +549,11 @@ class Snake(Scene):
     def r(self) -> int:
         """N constraints, one per wheel."""
         return self.links
+
+    @property
+    def s(self) -> int:
+        """2 N quasi-velocities, two per link."""
+        return 2 * self.links
 
     @property
     def name(self) -> str:

@@ -9,7 +9,8 @@ from eomcheck.certified import accuracy
 from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import speeds_of
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import applicable
+from eomcheck.scenes import Snake
 from eomcheck.studies.draws import draw
 
 
@@ -43,11 +44,11 @@ class Delivered:
 def measure_accuracy(min_links: int, max_links: int, examples: int, seed: int) -> list[Delivered]:
     """Return one Record per formulation and random state."""
     snakes = strategies.scene_states(strategies.snakes(min_links, max_links))
-    records = []
-    with progress("measuring", examples * len(FORMULATIONS)) as advance:
+    records, keys = [], applicable(Snake)
+    with progress("measuring", examples * len(keys)) as advance:
         for scene, (q, v, t) in draw(snakes, examples, seed):
             u = speeds_of(scene, q, v, t)
-            for key in FORMULATIONS:
+            for key in keys:
                 try:
                     found = accuracy(scene, key, q, u, t)
                 except RefusedError as refusal:

@@ -8,7 +8,7 @@ from eomcheck import strategies
 from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.studies.draws import draw
 from eomcheck.tolerance import allowed_error, largest
 
@@ -55,7 +55,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
     if scale == 0.0:
         return []
     records = []
-    for key, formulation in FORMULATIONS.items():
+    for key, formulation in applicable(at.scene).items():
         if key == REFERENCE:
             continue
         try:

@@ -20,6 +20,7 @@ from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of, kan
 from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import active_forces, forces, whole_links
+from eomcheck.scenes.snake_chain import wheel_forces
 
 MAX_DEGREE = 4
 """No polynomial of a higher degree is tried."""
@@ -37,6 +38,7 @@ class Operations:
     links: int
     n: int
     r: int
+    s: int
     additions: int
     multiplications: int
     divisions: int
@@ -55,13 +57,30 @@ class Operations:
 
 
 def lu_operations(system: System) -> int:
-    """Return the additions, multiplications and divisions of LU for a full matrix of order m.
+    """Return the additions, multiplications and divisions of LU for a matrix of order m.
 
-    m (m-1) (4m+1) / 6 for the factors and m (2m-1) for each right-hand side. Neither the
-    comparisons of pivoting nor an estimate of the condition are in it.
+    A full one: m (m-1) (4m+1) / 6 for the factors and m (2m-1) for each right-hand side. A banded
+    one: see `banded_operations`. Neither the comparisons of pivoting nor an estimate of the
+    condition are in it.
     """
     m = system.order
+    if system.half is not None:
+        return banded_operations(m, system.half)
     return m * (m - 1) * (4 * m + 1) // 6 + system.columns * m * (2 * m - 1)
+
+
+def banded_operations(m: int, half: int) -> int:
+    """Return the operations of `solve_banded`: LU of m rows and one refined solution.
+
+    Below a pivot are at most `half` rows and, as rows are exchanged, beside it at most 2 `half`
+    columns. The refinement takes the residual, a second solution and their sum.
+    """
+    rows = [min(half, m - 1 - k) for k in range(m)]
+    columns = [min(2 * half, m - 1 - k) for k in range(m)]
+    factors = sum(b + 2 * b * c for b, c in zip(rows, columns, strict=True))
+    solution = sum(2 * b + 2 * c + 1 for b, c in zip(rows, columns, strict=True))
+    residual = 2 * (m + 2 * sum(rows))
+    return factors + 2 * solution + residual + m
 
 
 def count(scene: Snake, formulation: Formulation) -> Operations:
@@ -74,12 +93,16 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
         at.v = counting.vector(scene.n)
         M, _, _, a, gamma, _ = at.terms
         formulation.solution(M, at.F, a, gamma, at.v, at.partition)
+    elif formulation.uses == "chain":
+        at.x = counting.vector(scene.s)
+        at.call(scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
+        formulation.solution(*at.chain)
     else:
         at.u = counting.vector(scene.p)
-        at.v  # noqa: B018  (this is q̇)
         if formulation.uses == "speeds":
             formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
         else:
+            at.qdot  # noqa: B018  (a part of the right-hand side)
             formulation.solution(*at.bodies)
     tally = counting.tally
     return Operations(
@@ -87,6 +110,7 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
         scene.links,
         scene.n,
         scene.r,
+        scene.s,
         tally.additions,
         tally.multiplications,
         tally.divisions,
@@ -237,7 +261,9 @@ def _solved_system(
 ) -> SolvedSystem:
     final = all(system is row.solves[-1] for row, system in solved)
     differing = [
-        row.links for row, system in solved if system.order != formulation.unknowns(row.n, row.r)
+        row.links
+        for row, system in solved
+        if system.order != formulation.unknowns(row.n, row.r, row.s)
     ]
     return SolvedSystem(
         formulation.key,
@@ -294,8 +320,10 @@ def _counts(record) -> tuple[int, int, int]:
 def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
     counting = Counting()
     stiffness, theta = counting.vector(scene.links - 1), counting.vector(scene.links)
-    if formulation.uses == "bodies":
-        partial = counting.vector(2 * scene.links).reshape(scene.links, 2)
+    if formulation.uses == "chain":
+        wheel_forces(stiffness, theta)
+    elif formulation.uses == "bodies":
+        partial = counting.vector(2 * scene.links).reshape(scene.links, 1, 2)
         force = active_forces(stiffness, theta, partial)
         kane.right_hand_side(force, counting.vector(scene.p))
     else:

@@ -12,8 +12,8 @@ from typing import Any
 import eomcheck
 from eomcheck.checks.proof import check_points, new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import InputError, distinct, named
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.errors import InputError, named
+from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.studies.provenance import sources
@@ -50,13 +50,12 @@ def proof_jobs(
     """Return the jobs for a kind of scene.
 
     Raises:
-        InputError: `points` below 1, or no such number of links.
+        InputError: `points` below 1, no such number of links, or a formulation that does not apply.
         UnknownNameError: no such scene or formulation.
     """
     kind = named("scene", scene, SCENES)
     check_points(points)
-    keys = FORMULATIONS if formulations is None else distinct("formulations", formulations)
-    chosen = tuple(formulation_of(key).key for key in keys)
+    chosen = tuple(formulation.key for formulation in formulations_for(kind, formulations))
     scenes = tuple(one for count in links for one in kind.structures(count))
     return ProofJobs(scenes, chosen, points, seed)
 

@@ -52,11 +52,13 @@ class Record:
         reason: why, where it is not done.
         seconds: best run time, or None where nothing was timed.
         quartiles: lower and upper quartile of the run times.
+        cpu_seconds: CPU time of the best run, less than `seconds` where it had to share its core.
         runs: number of timed runs.
         compile_seconds: what compiling took, apart from `seconds`.
         counts: right-hand sides, steps, ...
         errors: kind of error -> its size; infinities and NaN are kept.
-        machine: cpu, cores, os, python.
+        series: what was found over time, or over coordinates -> its values, a list (of lists).
+        machine: cpu, cores, os, python; of a timed cell also core and load, see `RunTime`.
         versions: of eomcheck (and the digest of its sources) and of the libraries installed.
         threads: BLAS threads that the environment sets, None if it does not.
         when: UTC, ISO 8601.
@@ -68,10 +70,12 @@ class Record:
     reason: str = ""
     seconds: float | None = None
     quartiles: tuple[float, float] | None = None
+    cpu_seconds: float | None = None
     runs: int = 0
     compile_seconds: float | None = None
     counts: dict[str, int] = field(default_factory=dict)
     errors: dict[str, float] = field(default_factory=dict)
+    series: dict[str, list] = field(default_factory=dict)
     machine: dict[str, Any] = field(default_factory=machine)
     versions: dict[str, str] = field(default_factory=versions)
     threads: int | None = field(default_factory=blas_threads)
@@ -82,11 +86,12 @@ class Record:
             raise InputError(f"status = {self.status!r}, expected one of {get_args(Status)}")
         # What is read back must equal what was written: no tuples, no scalars of numpy.
         plain: dict[str, Any] = {
-            "settings": json.loads(_json(self.settings)),
+            "settings": json.loads(_json("settings", self.settings)),
+            "series": json.loads(_json("series", self.series)),
             "counts": {name: int(value) for name, value in self.counts.items()},
             "errors": {name: float(value) for name, value in self.errors.items()},
         }
-        for name in ("seconds", "compile_seconds"):
+        for name in ("seconds", "cpu_seconds", "compile_seconds"):
             value = getattr(self, name)
             plain[name] = None if value is None else float(value)
         if self.quartiles is not None:
@@ -96,23 +101,23 @@ class Record:
             object.__setattr__(self, name, value)
 
 
-def _json(settings: object) -> str:
+def _json(what: str, given: object) -> str:
     """Return JSON (with Python's Infinity and NaN), sorted.
 
     Raises:
-        InputError: something in it would not come back as it is.
+        InputError: something in `given` would not come back as it is; the message says `what`.
     """
-    if not isinstance(settings, dict) or not all(isinstance(name, str) for name in settings):
-        raise InputError(f"settings = {settings!r}, expected a dict with names as keys")
+    if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
+        raise InputError(f"{what} = {given!r}, expected a dict with names as keys")
     try:
-        return json.dumps(settings, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+        return json.dumps(given, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
     except (TypeError, ValueError) as error:
-        raise InputError(f"settings = {settings!r}: {error}") from None
+        raise InputError(f"{what} = {given!r}: {error}") from None
 
 
 def key_of(settings: Settings) -> str:
     """Return the canonical JSON of settings: names sorted, and 1.0 is 1."""
-    return _json(_canonical(settings))
+    return _json("settings", _canonical(settings))
 
 
 def _canonical(value: Any) -> Any:

@@ -7,8 +7,9 @@ computes one anew, twice, and writes it to `validation/references`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from eomcheck.motion.reference import consistent_velocity, extended_reference, t
 from eomcheck.motion.run import difference
 from eomcheck.motion.stored import Reference, reference_of, save_reference
 from eomcheck.scenes import Snake
+from eomcheck.studies.spread import spread
 
 FOLDER = Path("validation/references")
 """Where references are kept, from the root of the repository."""
@@ -33,7 +35,10 @@ SHORTER = 3.0
 
 @dataclass(frozen=True)
 class Case:
-    """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`."""
+    """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`.
+
+    It can be pickled, so `scene` is no lambda.
+    """
 
     description: str
     scene: Callable[[], Scene]
@@ -63,12 +68,12 @@ CASES: dict[str, Case] = {
         minutes=4.0,
     ),
     "coil-2": Case(
-        "two links coiled by 308°, released at rest", lambda: Snake.coil(2), minutes=2.0
+        "two links coiled by 308°, released at rest", partial(Snake.coil, 2), minutes=2.0
     ),
     # A second of it would take the second integration half an hour.
     "coil-20": Case(
         "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
-        lambda: Snake.coil(20),
+        partial(Snake.coil, 20),
         end=0.25,
         parts=5,
         minutes=10.0,
@@ -81,6 +86,34 @@ CASES: dict[str, Case] = {
     ),
 }
 """Name -> case."""
+
+
+def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator[Reference]:
+    """Yield the `Reference` of each case as it is known; several are spread over processes.
+
+    Args:
+        cases: name -> case.
+        where: see `eomcheck.studies.spread.executor`.
+
+    Raises:
+        EngineError: heyoka is not installed.
+        RefusedError: a motion cannot be followed to its end.
+        WorkerError, InputError: see `eomcheck.studies.spread.spread`.
+    """
+    if len(cases) < 2:
+        for name, case in cases.items():
+            yield produce(name, case)
+        return
+    # The longest first: begun last, it would be waited for alone.
+    items = sorted(cases.items(), key=lambda item: -item[1].minutes)
+    with progress("references", len(items)) as advance:
+        for _, made in spread(where, _produce_quietly, items):
+            advance()
+            yield made
+
+
+def _produce_quietly(item: tuple[str, Case]) -> Reference:
+    return _produce(*item, advance=lambda: None)
 
 
 def produce(name: str, case: Case) -> Reference:

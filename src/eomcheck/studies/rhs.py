@@ -22,7 +22,7 @@ from eomcheck.engines.base import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation, velocity
-from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
+from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.motion.right_hand_side import right_hand_side
 from eomcheck.scenes import Snake
 
@@ -98,9 +98,11 @@ def _repeat_angles(trigonometry, theta, count):
 def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], object]:
     scene, q, u = bench_snake(links)
     rate = right_hand_side(scene, formulation)
-    speeds = velocity(scene, q, u) if formulation.uses == "terms" else u
     at = Evaluation(scene, q, np.zeros(scene.n))
-    arguments = (at.parameters, at.q, speeds, at.partition)
+    at.u = u
+    # Not `velocity`, which looks at the full constraint Jacobian.
+    at.v = at.velocity
+    arguments = (at.parameters, at.q, at.speeds_read(formulation), at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 
 
@@ -143,7 +145,7 @@ def measure_all(
         InputError: a number of links or of repeats below 1.
         UnknownNameError: no such formulation.
     """
-    formulations = [formulation_of(key) for key in (FORMULATIONS if keys is None else keys)]
+    formulations = formulations_for(Snake, keys)
     chosen = LINKS if links is None else tuple(links)
     for name, values in (("links", chosen), ("repeats", (repeats,))):
         for value in values:
@@ -156,7 +158,7 @@ def measure_all(
         jobs += [
             (f.key, n, partial(_formulation_call, f))
             for f in formulations
-            if f.uses == "bodies" or keys is not None or n <= DENSE_LIMIT
+            if f.linear or keys is not None or n <= DENSE_LIMIT
         ]
         if n <= DENSE_LIMIT:
             jobs.append((PINOCCHIO, n, _pinocchio_call))

@@ -26,7 +26,7 @@ from eomcheck.console import progress
 from eomcheck.enclosure import Enclosure, enclose
 from eomcheck.errors import EomcheckError, RefusedError, distinct
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.studies.families import FAMILIES, Posed, family_of
 from eomcheck.studies.records import Record, Records
 from eomcheck.studies.spread import spread
@@ -75,10 +75,10 @@ class Plan:
     formulations: tuple[str, ...]
     quick: bool = False
 
-    @property
-    def methods(self) -> tuple[Method, ...]:
-        """The formulations, with both partitions."""
-        return tuple(methods_of(self.formulations))
+    def methods(self, family: str) -> tuple[Method, ...]:
+        """Return the formulations that apply to the scenes of a family, with both partitions."""
+        apply = applicable(FAMILIES[family].scene)
+        return tuple(methods_of(key for key in self.formulations if key in apply))
 
     def places(self) -> Iterator[Place]:
         """Yield every state."""
@@ -121,7 +121,7 @@ def measure(
         where: see `eomcheck.studies.spread.executor`.
         fresh: forget what is known of these cells first.
     """
-    cells = {place: planned.methods for place in planned.places()}
+    cells = dict.fromkeys(planned.places(), planned.methods)
     every = [place.settings(method) for place in cells for method in cells[place]]
     if fresh:
         records.forget(STUDY, every)

@@ -12,26 +12,25 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from statistics import quantiles
 from typing import Any
 
 from eomcheck.errors import InputError
 from eomcheck.evaluate import velocity
-from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.motion.errors import errors_of
+from eomcheck.formulations import FORMULATIONS, applicable, formulation_of, formulations_for
+from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
-from eomcheck.motion.simulate import Motion, simulate
+from eomcheck.motion.simulate import Motion, Trajectory, simulate
 from eomcheck.motion.stored import Reference, load_reference
 from eomcheck.studies.records import Record, Records, run_cells
+from eomcheck.studies.run_time import RUNS, run_time
 
 STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors of the end state whose run times are compared."""
 
-RUNS = 20
-LONG = 2.0
-"""Runs that take longer than this, in s, are timed three times only."""
+DISTURBED = 1.05
+"""A best run that took more than this many times its CPU time had to share its core."""
 
 MOST_STEPS = 1_000_000
 
@@ -63,20 +62,22 @@ def plan(
     """Return a plan; what is None is taken whole, of references the paper's robot at rest.
 
     Raises:
-        InputError: no such reference, a tolerance that is not in (0, 1).
+        InputError: no such reference, a formulation that does not apply to its scene, a tolerance
+            that is not in (0, 1).
         UnknownNameError: no such formulation or integrator.
     """
     names = ("paper-rest",) if references is None else tuple(references)
     files = tuple(folder / f"{name}.json" for name in names)
+    keys = tuple(formulations) if formulations else None
     for file in files:
-        load_reference(file)
+        formulations_for(load_reference(file).scene, keys)
     chosen = TOLERANCES if tolerances is None else tuple(tolerances)
     for tolerance in chosen:
         if not 0 < tolerance < 1:
             raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
     return Plan(
         files,
-        tuple(formulation_of(key).key for key in (formulations or FORMULATIONS)),
+        tuple(dict.fromkeys(keys or FORMULATIONS)),
         tuple(integrator_of(key).key for key in (integrators or INTEGRATORS)),
         chosen,
     )
@@ -91,15 +92,16 @@ def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record
 
 def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
     # Tolerances innermost: what is compiled for the first one serves the others.
-    for file, key, integrator, tolerance in product(
-        planned.references, planned.formulations, planned.integrators, planned.tolerances
-    ):
-        yield {
-            "reference": file.stem,
-            "formulation": key,
-            "integrator": integrator,
-            "tolerance": tolerance,
-        }
+    for file in planned.references:
+        known = applicable(load_reference(file).scene)
+        keys = (key for key in planned.formulations if key in known)
+        for key, integrator, tolerance in product(keys, planned.integrators, planned.tolerances):
+            yield {
+                "reference": file.stem,
+                "formulation": key,
+                "integrator": integrator,
+                "tolerance": tolerance,
+            }
 
 
 class _Worker:
@@ -137,31 +139,26 @@ class _Worker:
         counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
         if found.status != "finished":
             return Record(STUDY, settings, "failed", found.reason, counts=counts)
-        seconds = _timed(motion, end, reference, options)
-        low, high = seconds[0], seconds[0]
-        if len(seconds) > 1:
-            low, _, high = quantiles(seconds, n=4)
+        taken = run_time(
+            lambda: motion.solve(end, output_times=reference.times, **options), runs=RUNS
+        )
         return Record(
             STUDY,
             settings,
-            seconds=min(seconds),
-            quartiles=(low, high),
-            runs=len(seconds),
+            **taken.recorded(),
             compile_seconds=compile_seconds,
             counts=counts,
-            errors=asdict(errors_of(found, reference)),
+            errors=asdict(errors_of(found, reference)) | _drifts(found),
         )
 
 
-def _timed(motion: Motion, end: float, reference: Reference, options: dict) -> list[float]:
-    seconds: list[float] = []
-    for run in range(RUNS):
-        start = time.perf_counter()
-        motion.solve(end, output_times=reference.times, **options)
-        seconds.append(time.perf_counter() - start)
-        if run >= 2 and min(seconds) > LONG:
-            break
-    return seconds
+def _drifts(found: Trajectory) -> dict[str, float]:
+    drifts = {"constraint": constraint_drift(found), "energy": energy_drift(found)}
+    errors: dict[str, float] = {}
+    for name, drift in drifts.items():
+        if drift is not None:
+            errors |= {f"{name}_drift": drift.rate, f"{name}_exponent": drift.exponent}
+    return errors
 
 
 # ---- What follows from the Records ---------------------------------------------------------------
@@ -184,6 +181,23 @@ def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str]
 
 def _faster(record: Record, than: Record | None) -> bool:
     return than is None or (record.seconds or 0.0) < (than.seconds or 0.0)
+
+
+def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
+    """Return, per formulation, the Record with the smallest final error."""
+    best: dict[str, Record] = {}
+    for record in finished(records):
+        than = best.get(record.settings["formulation"])
+        if than is None or record.errors["final"] < than.errors["final"]:
+            best[record.settings["formulation"]] = record
+    return best
+
+
+def disturbed(record: Record) -> bool:
+    """Return whether another program had the core for a part of the best run."""
+    if record.seconds is None or record.cpu_seconds is None:
+        return False
+    return record.seconds > DISTURBED * record.cpu_seconds
 
 
 def pareto_front(records: Iterable[Record]) -> list[Record]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eomcheck.model import Array, Scene
+from eomcheck.scenes import Snake
 
 
 class Posed(NamedTuple):
@@ -33,6 +34,7 @@ class Family:
         quick: those of `values` that a quick run takes.
         variants: names of the ways in which each severity is looked at.
         pose: (variant, severity) -> the state.
+        scene: kind of its scenes.
     """
 
     key: str
@@ -42,6 +44,7 @@ class Family:
     quick: tuple[float, ...]
     variants: tuple[str, ...]
     pose: Callable[[str, float], Posed]
+    scene: type[Scene] = Snake
 
 
 def decades(first: int, last: int, step: int = 1) -> tuple[float, ...]:

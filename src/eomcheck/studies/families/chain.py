@@ -42,12 +42,13 @@ def _pose(variant: str, links: float) -> Posed:
     return Posed(scene, q, u / fastest)
 
 
+NUMBERS = [*(2, 3, 5, 7, 10, 15, 20, 30, 40, 50, 70, 89, 100), 150, 200, 250, 300, 500, 700, 1000]
+
 LINKS = Family(
     key="links",
     name="Long chain",
     severity="number of links N",
-    values=(2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0)
-    + (89.0, 100.0, 150.0, 200.0, 250.0, 300.0, 500.0, 700.0, 1000.0),
+    values=tuple(map(float, NUMBERS)),
     quick=(2.0, 7.0, 20.0, 50.0),
     variants=tuple(SCENES),
     pose=_pose,

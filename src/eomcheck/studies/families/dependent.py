@@ -1,8 +1,8 @@
 """Constraints that nearly repeat each other: a second wheel on link 1, at almost the same angle.
 
 Two wheels at different angles hold their centre still, however little the angles differ; then the
-whole chain can only turn around that point. Two wheels at the same angle are one constraint, written
-twice.
+whole chain can only turn around that point. Two wheels at the same angle are one constraint,
+written twice.
 """
 
 from __future__ import annotations
@@ -208,4 +208,5 @@ DEPENDENT = Family(
     quick=(1.0, 1e-4, 1e-8, 1e-12, 1e-16, 0.0),
     variants=("at rest", "moving"),
     pose=_pose,
+    scene=TwoWheels,
 )

@@ -1,0 +1,367 @@
+"""`solve_banded` in every kind of number, and the formulation that it was written for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+from scipy.linalg import solve_banded as lapack_without_refinement
+from tests.exact import ExactFloats, RandomFractions
+
+from eomcheck import acceleration, simulate, velocity
+from eomcheck.arithmetic import ball, degree, finite_field
+from eomcheck.arithmetic.banded import HALF, WIDTH, full, solve_banded
+from eomcheck.arithmetic.counting import Counting, System
+from eomcheck.arithmetic.degree import Degrees
+from eomcheck.arithmetic.entries import each
+from eomcheck.arithmetic.float64 import compiled
+from eomcheck.arithmetic.linear import EPS, eliminate, singular_below, watching
+from eomcheck.arithmetic.noise import STEP, Noise
+from eomcheck.checks.point import Point
+from eomcheck.errors import RefusedError
+from eomcheck.evaluate import Evaluation, consistent_velocity
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.model import Array
+from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.quantities import Quantities
+from eomcheck.scenes import Snake
+from eomcheck.tolerance import allowed_error
+
+SIZES = [1, 2, 3, 4, 7, 8, 30]
+sizes = pytest.mark.parametrize("size", SIZES)
+BANDED, AU = FORMULATIONS["banded"], FORMULATIONS["au"]
+
+
+def inside(size: int) -> Array:
+    """Return which places of bands (size, 7) belong to the matrix."""
+    columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
+    return (columns >= 0) & (columns < size)
+
+
+def system(size: int, seed: int = 0) -> tuple[Array, Array]:
+    random = np.random.default_rng((size, seed))
+    bands = random.uniform(-1, 1, (size, WIDTH))
+    return np.where(inside(size), bands, 0.0), random.uniform(-1, 1, size)
+
+
+def compiled_solve(bands: Array, b: Array) -> Array:
+    return compiled(solve_it)(bands, b)
+
+
+def solve_it(bands, b):
+    return solve_banded(bands, b, "A")
+
+
+def row_errors(bands: Array, b: Array, x: Array) -> Array:
+    """Return the residual of each row over the magnitudes in it."""
+    A = full(bands)
+    size = np.abs(A) @ np.abs(x) + np.abs(b)
+    return np.abs(b - A @ x) / np.where(size > 0, size, 1.0)
+
+
+# ---- Doubles -------------------------------------------------------------------------------------
+
+
+@sizes
+def test_the_bands_are_the_diagonals_of_the_full_matrix(size):
+    bands, _ = system(size)
+    A = full(bands)
+    for d in range(-HALF, HALF + 1):
+        assert np.diagonal(A, d).tolist() == bands[inside(size)[:, HALF + d], HALF + d].tolist()
+    assert np.count_nonzero(A) == inside(size).sum()
+
+
+@sizes
+@pytest.mark.parametrize("solve", [solve_it, compiled_solve])
+def test_banded_doubles_are_solved_as_full_ones(size, solve):
+    bands, b = system(size)
+    A = full(bands)
+    x = solve(bands, b)
+    assert row_errors(bands, b, x).max() <= WIDTH * EPS
+    allowed = allowed_error(np.linalg.cond(A) * np.abs(x).max())
+    assert np.abs(x - np.linalg.solve(A, b)).max() <= allowed
+
+
+@pytest.mark.parametrize("solve", [solve_it, compiled_solve])
+def test_every_row_has_a_small_residual_whatever_the_size_of_the_rows(solve):
+    plain, refined = 0.0, 0.0
+    for seed in range(20):
+        bands, b = system(40, seed)
+        scale = 10.0 ** np.random.default_rng(seed).uniform(-8, 8, 40)
+        bands, b = bands * scale[:, None], b * scale
+        by_diagonal = np.array([np.roll(bands[:, WIDTH - 1 - d], HALF - d) for d in range(WIDTH)])
+        without = lapack_without_refinement((HALF, HALF), by_diagonal, b)
+        plain = max(plain, row_errors(bands, b, without).max())
+        refined = max(refined, row_errors(bands, b, solve(bands, b)).max())
+    assert refined <= WIDTH * EPS
+    assert plain > 100 * refined, "refinement would not be needed"
+
+
+@sizes
+def test_a_banded_matrix_is_recorded_by_its_name_order_and_condition(size):
+    bands, b = system(size)
+    with watching() as watch:
+        solve_banded(bands, b, "A")
+    (solved,) = watch.solves
+    assert (solved.name, solved.size) == ("A", size)
+    assert 0 < solved.rcond <= 1
+
+
+@pytest.mark.parametrize("size", SIZES[1:])
+def test_a_singular_banded_matrix_is_refused_and_compiled_gives_nan(size):
+    bands, b = system(size)
+    bands[1:2] = 0.0
+    with pytest.raises(RefusedError, match=f"the {size} x {size} matrix A is singular") as caught:
+        solve_banded(bands, b, "A")
+    refusal = caught.value
+    assert (refusal.what, refusal.rcond, refusal.threshold) == ("A", 0.0, singular_below(WIDTH))
+    assert refusal.matrix is not None
+    assert refusal.matrix.shape == bands.shape
+    assert np.isnan(compiled_solve(bands, b)).all()
+
+
+def test_dependent_rows_are_refused_at_the_threshold_of_a_band_not_of_a_full_matrix():
+    size = 200
+    bands, b = np.zeros((size, WIDTH)), np.ones(size)
+    bands[:, HALF] = 1.0
+    for small, refused in ((2 * singular_below(WIDTH), False), (singular_below(WIDTH) / 4, True)):
+        # rows 0 and 1: [1, 1] and [1, 1 + small]; the condition is about 4 / small
+        bands[0, HALF : HALF + 2] = bands[1, HALF - 1 : HALF + 1] = 1.0
+        bands[1, HALF] = 1.0 + 4 * small
+        if refused:
+            with pytest.raises(RefusedError):
+                solve_banded(bands, b, "A")
+        else:
+            assert np.isfinite(solve_banded(bands, b, "A")).all()
+    assert singular_below(WIDTH) < singular_below(size)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_banded_matrix_that_is_not_finite_is_refused_and_compiled_does_not_raise(bad):
+    bands, b = system(8)
+    bands[3, HALF] = bad
+    with pytest.raises(RefusedError):
+        solve_banded(bands, b, "A")
+    assert not np.isfinite(compiled_solve(bands, b)).all()
+
+
+def test_noise_moves_a_banded_solution_by_about_its_condition_and_is_not_recorded():
+    bands, b = system(30)
+    x = solve_banded(bands, b, "A")
+    with watching(Noise(0)) as watch:
+        moved = solve_banded(bands, b, "A")
+    condition = np.abs(np.linalg.inv(full(bands))) @ np.abs(full(bands))
+    change = np.abs(moved - x).max()
+    assert STEP * np.abs(x).max() / 10 < change < 10 * STEP * condition.sum(axis=1).max()
+    assert watch.solves == []
+
+
+@sizes
+def test_arguments_of_a_banded_solve_are_not_changed(size):
+    bands, b = system(size)
+    before = bands.copy(), b.copy()
+    for solve in (solve_it, compiled_solve):
+        solve(bands, b)
+        assert np.array_equal(bands, before[0])
+        assert np.array_equal(b, before[1])
+
+
+# ---- Exact numbers -------------------------------------------------------------------------------
+
+
+def exact_system(size: int) -> tuple[Array, Array]:
+    """Return small whole numbers, zeros among them, as fractions; elsewhere literal zeros."""
+    random = np.random.default_rng(size)
+    bands = np.zeros((size, WIDTH), object)
+    for place in np.argwhere(inside(size)):
+        bands[tuple(place)] = Fraction(int(random.integers(-3, 4)))
+    bands[:, HALF] += 1 + 3 * (bands[:, HALF] == 0)
+    return bands, np.array([Fraction(int(x)) for x in random.integers(-3, 4, size)], object)
+
+
+def test_a_zero_at_the_pivot_is_passed_over():
+    bands = np.zeros((2, WIDTH), object)
+    bands[0, HALF + 1] = bands[1, HALF - 1] = Fraction(2)
+    assert solve_banded(bands, np.array([Fraction(1), Fraction(3)]), "A").tolist() == [
+        Fraction(3, 2),
+        Fraction(1, 2),
+    ]
+
+
+@sizes
+def test_banded_fractions_are_solved_exactly_as_full_ones(size):
+    bands, b = exact_system(size)
+    x = solve_banded(bands, b, "A")
+    assert x.tolist() == eliminate(full(bands), b, "A").tolist()
+    assert (full(bands) @ x == b).all()
+
+
+@sizes
+def test_banded_elements_of_a_field_are_solved_as_full_ones(size):
+    prime = 2**61 - 1
+    bands, b = (
+        each(lambda y: y if isinstance(y, int) else flint.nmod(y.numerator, prime), x)
+        for x in exact_system(size)
+    )
+    x = solve_banded(bands, b, "A")
+    assert x.tolist() == finite_field._solve(full(bands), b, "A").tolist()
+
+
+@sizes
+def test_banded_balls_enclose_the_exact_solution(size):
+    bands, b = exact_system(size)
+    exact = solve_banded(bands, b, "A")
+    balls = (
+        each(lambda y: y if isinstance(y, int) else flint.arb(y.numerator), x) for x in (bands, b)
+    )
+    with ball.precision(100):
+        x = solve_banded(*balls, "A")
+    with ball.precision(400):
+        for found, truth in zip(x, exact, strict=True):
+            assert found.overlaps(flint.arb(flint.fmpq(truth.numerator, truth.denominator)))
+            assert found.rad() < 1e-15
+
+
+def test_balls_that_may_be_singular_are_refused():
+    bands, b = np.zeros((2, WIDTH), object), np.array([flint.arb(1)] * 2)
+    bands[0, HALF], bands[1, HALF] = flint.arb(1), flint.arb(0, 1e-30)
+    with pytest.raises(RefusedError, match="matrix A"):
+        solve_banded(bands, b, "A")
+
+
+def test_singular_banded_fractions_are_refused_by_name():
+    bands, b = exact_system(7)
+    bands[3] = 0 * bands[3]
+    with pytest.raises(RefusedError, match="the 7 x 7 matrix A is singular"):
+        solve_banded(bands, b, "A")
+
+
+def test_banded_bounds_are_those_of_the_full_matrix():
+    degrees = Degrees()
+    bands = np.where(inside(8), degrees.numbers(np.zeros((8, WIDTH))), 0)
+    b = degrees.vector(8)
+    banded, dense = solve_banded(bands, b, "A"), degree._solve(full(bands), b, "A")
+    assert [x.degree for x in banded] == [x.degree for x in dense]
+    assert [x.height for x in banded] == [x.height for x in dense]
+
+
+def test_a_banded_system_is_counted_with_its_band_and_not_eliminated():
+    counting = Counting()
+    solve_banded(counting.numbers(np.zeros((9, WIDTH))), counting.vector(9), "A")
+    tally = counting.tally
+    assert tally.systems == [System("A", 9, 1, HALF)]
+    assert tally.additions == tally.multiplications == tally.divisions == 0
+
+
+# ---- The formulation -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("links", [1, 2, 3, 6])
+def test_for_any_velocity_banded_has_the_acceleration_and_the_multipliers_of_au(links):
+    """Not only where the constraints hold: so drift does to both the same."""
+    for scene in Snake.structures(links):
+        free = Point(scene, RandomFractions(links)).free
+        found, expected = free.solution(BANDED), free.solution(AU)
+        assert (found.vdot == expected.vdot).all()
+        assert (found.multipliers == expected.multipliers).all()
+
+
+ACROSS = [np.pi / 2, -np.pi / 2]
+
+
+@pytest.mark.parametrize("alpha", ACROSS)
+@pytest.mark.parametrize("wheel", range(5))
+def test_a_wheel_across_its_link_is_solved_as_by_au(wheel, alpha):
+    snake = replace(Snake.coil(5), wheel_angle=np.where(np.arange(5) == wheel, alpha, 0.2))
+    q, _ = snake.initial_state()
+    at = Evaluation(snake, q, np.zeros(7))
+    v = consistent_velocity(at, np.array([1.0, -2.0, 0.5, 0.7, -0.3, 0.9, 0.4]))
+    found, expected = (acceleration(snake, key, q, v) for key in ("banded", "au"))
+    assert np.abs(found.vdot - expected.vdot).max() <= found.error_bound + expected.error_bound
+    assert found.error_bound < 1e-9 * np.abs(found.vdot).max()
+    at = Evaluation(snake, q, v)
+    spread = at.acceleration_spread(BANDED, "multipliers") + at.acceleration_spread(
+        AU, "multipliers"
+    )
+    assert np.abs(found.multipliers - expected.multipliers).max() <= allowed_error(spread)
+
+
+@pytest.mark.parametrize("alpha", ACROSS)
+def test_wheels_across_their_links_are_solved_exactly(alpha):
+    """cos α = 0 to the last digit, which no double is."""
+
+    class Across(RandomFractions):
+        def angles(self, x):
+            made = super().angles(x)
+            if np.array_equal(x, snake.wheel_angle):
+                made = made._replace(cos=0 * made.cos, sin=0 * made.sin + int(np.sign(alpha)))
+            return made
+
+    snake = replace(Snake.coil(4), wheel_angle=[alpha] * 4)
+    free = Point(snake, Across(1)).free
+    found, expected = free.solution(BANDED), free.solution(AU)
+    assert (found.vdot == expected.vdot).all()
+    assert (found.multipliers == expected.multipliers).all()
+
+
+@pytest.mark.parametrize("second", [np.pi / 2, -np.pi / 2, np.pi / 2 + 1e-14])
+@pytest.mark.parametrize("turn", [0.0, np.pi])
+@pytest.mark.parametrize("heading", [0.0, 0.3])
+def test_where_two_wheels_hold_the_same_motion_the_error_bound_tells(second, turn, heading):
+    one = np.ones(2)
+    snake = Snake(one, one, one, one[1:], [np.pi / 2, second])
+    q = np.array([0.0, 0.0, heading, heading + turn])
+    at = Evaluation(snake, q, np.zeros(4))
+    v = consistent_velocity(at, np.array([1.0, 2.0, 3.0, -1.5]))
+    with pytest.raises(RefusedError, match="M_Au"):
+        acceleration(snake, "au", q, v, consistent=False)
+    found = acceleration(snake, "banded", q, v, consistent=False)
+    with ball.precision(400):
+        balls = ball.Balls()
+        exact = Quantities(snake, balls, balls.numbers(q))
+        exact.v = balls.numbers(v)
+        truth = ball.midpoints(exact.solution(BANDED).vdot)
+        assert np.allclose(ball.midpoints(exact.solution(AU).vdot), truth, rtol=1e-15, atol=0.0)
+    assert np.abs(found.vdot - truth).max() <= found.error_bound
+
+
+def test_a_massless_body_is_no_exception_unless_its_motion_is_free():
+    snake = replace(Snake.coil(6), inertia=np.zeros(6))
+    q, _ = snake.initial_state()
+    v = velocity(snake, q, [1.0, 0.5])
+    found, expected = (acceleration(snake, key, q, v) for key in ("banded", "au"))
+    assert np.abs(found.vdot - expected.vdot).max() <= found.error_bound + expected.error_bound
+    with pytest.raises(RefusedError, match="KKT"):
+        acceleration(Snake([1.0], [1.0], [0.0], None, [0.3]), "banded", np.zeros(3), np.zeros(3))
+
+
+# ---- What it delivers ----------------------------------------------------------------------------
+
+
+def test_it_moves_a_snake_whose_head_speeds_do_not_tell_the_tail():
+    """At N = 60 M_Kane is singular in doubles; energy and wheels keep to the tolerance."""
+    scene = Snake.pattern(60)
+    assert simulate(scene, "kane", 0.02).status == "failed"
+    found = simulate(scene, "banded", 0.02, rtol=1e-11, atol=1e-11)
+    finer = simulate(scene, "banded", 0.02, rtol=1e-13, atol=1e-13)
+    assert found.status == finer.status == "finished"
+    assert np.abs(found.q[-1] - finer.q[-1]).max() < 1e-9
+    assert found.constraint_residual is not None
+    assert found.constraint_residual.max() < 1e-10
+    assert np.abs(found.energy - found.energy[0]).max() < 1e-10 * found.energy[0]
+
+
+@pytest.mark.parametrize("links", [1, 2, 7])
+def test_the_compiled_right_hand_side_has_no_other_errors_than_the_public_path(links):
+    exact = ExactFloats()
+    scene = Snake.coil(links)
+    q, _ = scene.initial_state()
+    at = Evaluation(scene, q, velocity(scene, q, [1.0, 0.5]))
+    here = scene.parameters(exact), scene.prepare(exact, q), exact.numbers(q)
+    truth, _ = BANDED.solution(*scene.chain(*here, exact.numbers(at.x)))
+    xdot = right_hand_side(scene, BANDED)(at.parameters, at.q, at.x, at.partition)[1]
+    error = np.abs(exact.numbers(xdot) - truth).max()
+    assert error <= acceleration(scene, "banded", q, at.v).error_bound
