@@ -219,22 +219,14 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
         return 0.0
     size, factors = len(lu), Factors(lu, pivots)
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
-    return reciprocal_radius(lambda w: inverse @ factors.times(w), size)
-
-
-def reciprocal_radius(times: Callable[[np.ndarray], np.ndarray], size: int) -> float:
-    """Return 1 / ρ of a matrix (size, size) without negative entries, or a little less, at most 1.
-
-    Args:
-        times: its product with a vector.
-        size: its order.
-    """
+    if not np.isfinite(inverse).all():
+        return 0.0
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
-        product = times(weights)
+        product = inverse @ factors.times(weights)
         # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
         before, radius = radius, min(radius, float((product / weights).max()))
-        if not np.isfinite(product).all() or radius > 0.9 * before:
+        if radius > 0.9 * before:
             break
         weights = np.maximum(product / product.max(), NORMAL)
     return min(1.0 / radius, 1.0)

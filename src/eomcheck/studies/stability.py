@@ -121,7 +121,7 @@ def measure(
         where: see `eomcheck.studies.spread.executor`.
         fresh: forget what is known of these cells first.
     """
-    cells = dict.fromkeys(planned.places(), planned.methods)
+    cells = {place: planned.methods(place.family) for place in planned.places()}
     every = [place.settings(method) for place in cells for method in cells[place]]
     if fresh:
         records.forget(STUDY, every)
