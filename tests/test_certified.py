@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import eomcheck
 from eomcheck import strategies
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
-from eomcheck.errors import RefusedError
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import State
 from eomcheck.scenes import Snake
@@ -53,6 +54,49 @@ def test_the_true_error_of_a_number_that_was_moved_is_by_how_much():
     right = truth.doubles()
     assert (true_error(right, truth) <= np.spacing(np.abs(right))).all()
     assert true_error(right + 1e-3, truth) == pytest.approx(1e-3, rel=1e-9)
+
+
+@keys
+@pytest.mark.parametrize("speed", [1e-150, 1e-160, 1e-170, 1e-250])
+def test_speeds_whose_squares_underflow_are_right_or_their_bound_tells(key: str, speed: float):
+    free = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], None, [0.1, -0.2])
+    found = eomcheck.accuracy(free, key, [0, 0, 0.3, 1.1], [speed, speed])
+    assert not found.silent
+    assert found.relative < 1e-12 if speed > 1e-155 else 1e-6 < found.relative <= 1
+    assert found.relative_bound >= found.relative
+
+
+@keys
+def test_an_inconsistent_velocity_is_compared_with_the_formulation_s_own_answer(key: str):
+    v = eomcheck.velocity(PAPER, Q, U) + 1e-3
+    found = eomcheck.accuracy(PAPER, key, Q, v=v)
+    own = eomcheck.enclose(PAPER, key, Q, v=v)
+    assert found.relative < 1e-12
+    assert (found.truth.doubles() == own.doubles()).all()
+    at_u = eomcheck.enclose(PAPER, key, Q, eomcheck.speeds_of(PAPER, Q, v)).doubles()
+    same = key in ("ml", "kane")
+    assert (np.abs(own.doubles() - at_u).max() < 1e-9) == same
+
+
+@pytest.mark.parametrize("given", [{}, {"u": U, "v": np.zeros(9)}])
+def test_either_speeds_or_a_velocity_is_to_be_given(given: dict):
+    for ask in (eomcheck.accuracy, eomcheck.enclose):
+        with pytest.raises(InputError, match="expected either u or v"):
+            ask(PAPER, "kane", Q, **given)
+
+
+def test_a_wrong_result_is_silent_only_if_its_bound_does_not_tell():
+    found = eomcheck.accuracy(PAPER, "kane", Q, U)
+    assert not found.silent
+    wrong = replace(found, relative=1e-5)
+    assert wrong.silent
+    assert not replace(wrong, relative_bound=1e-4).silent
+    assert not replace(wrong, relative=1e-7).silent
+
+
+def test_a_velocity_that_doubles_cannot_hold_is_refused():
+    with pytest.raises(RefusedError, match="v overflows"):
+        eomcheck.accuracy(PAPER, "kane", Q, [1e308, 1e308])
 
 
 def test_lost_digits_show():

@@ -48,6 +48,13 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["study", "work-precision", "x.db", "--tolerance", "2"], "tolerance = 2.0"),
         (["study", "work-precision", "x.db", "--figure", "x.gif"], "written as .png, .svg or .pdf"),
         (["study", "accuracy", "--examples", "0"], "examples = 0"),
+        (["study", "stability", "x.db", "--family", "none"], "unknown family 'none'; known: stiff"),
+        (["study", "stability", "x.db", "--formulation", "xx"], "unknown formulation 'xx'"),
+        (["study", "stability", "x.db", "--figures", "no/such"], "not a folder that exists"),
+        (["study", "stability", "x.db", "--executor", "ray:1"], "expected local, local:NUMBER"),
+        (["acceleration", "coil", "--links", "0"], "links = 0"),
+        (["acceleration", "paper", "--formulation", "xx"], "unknown formulation 'xx'"),
+        (["acceleration", "pattern", "--links", "95", "--speeds", "1", "1"], "wheel_angle[89]"),
         (["draw", "accuracy", "a.png", "--examples", "0"], "examples = 0"),
         (["draw", "accuracy", "picture.gif"], "written as .png, .svg or .pdf"),
         (["bench", "rhs", "--links", "0"], "links = 0"),
@@ -66,6 +73,23 @@ def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch,
     assert says in captured.err
     assert len(captured.err.strip().splitlines()) == 1
     assert "Traceback" not in captured.err
+
+
+def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):
+    assert run("acceleration", "paper", monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    for key in eomcheck.FORMULATIONS:
+        assert key in printed
+    assert "1415.777" in printed
+    assert "refuses" not in printed
+
+
+def test_a_refusal_names_the_matrix_and_its_rcond_and_is_exit_code_1(monkeypatch, capsys):
+    arguments = ["acceleration", "pattern", "--links", "60", "--speeds", "1", "0.5"]
+    assert run(*arguments, monkeypatch=monkeypatch) == 1
+    printed = capsys.readouterr().out
+    assert "kane refuses: the 2 x 2 matrix M_Kane is singular to working precision" in printed
+    assert "its reciprocal condition number is" in printed
 
 
 def test_unknown_options_are_exit_code_2(monkeypatch, capsys):

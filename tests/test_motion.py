@@ -119,6 +119,51 @@ def test_a_matrix_that_becomes_singular_stops_the_run_and_is_named(key: str, int
     matrix = {"el": "a'T", "em": "a_1"}[key]
     assert f"matrix {matrix} is singular to working precision" in found.reason
     assert np.isfinite(found.q).all() and np.isfinite(found.v).all()
+    assert found.refusal is not None and found.refusal.what == matrix
+
+
+@pytest.mark.parametrize("key", ["ml", "kane"])
+def test_a_matrix_that_is_singular_to_rounding_only_stops_the_run_as_well(key: str):
+    """Compiled code sees no more than zeros: M_Kane of 60 links has none."""
+    scene = Snake.pattern(60)
+    q, _ = scene.initial_state()
+    found = simulate(scene, key, 1e-3, q0=q, max_steps=100)
+    assert found.status == "failed"
+    assert isinstance(found.refusal, RefusedError)
+    assert found.refusal.what == {"ml": "M_ML", "kane": "M_Kane"}[key]
+    assert found.reason.startswith("the state at t = 0 s is refused: the 2 x 2 matrix")
+    assert f"{found.refusal.rcond:.2g}" in found.reason
+    assert found.times.size == 0
+
+
+@keys
+def test_a_motion_tells_how_far_to_trust_its_rates(key: str):
+    found = simulate(SOFT, key, 0.1, q0=Q, u0=U)
+    assert found.refusal is None
+    assert set(found.rcond) == set(acceleration(SOFT, key, Q, velocity(SOFT, Q, U)).rcond)
+    assert all(1e-6 < rcond <= 1 for rcond in found.rcond.values())
+    assert 0 < found.rate_error < 1e-9
+
+
+def test_rates_that_rounding_spoils_show():
+    scene = Snake.pattern(45)
+    q, _ = scene.initial_state()
+    found = simulate(scene, "kane", 1e-4, q0=q, max_steps=100)
+    assert found.rate_error > 1e-6
+    assert simulate(scene, "au", 1e-4, q0=q, max_steps=100).rate_error < 1e-8
+
+
+@pytest.mark.parametrize("speed", [1e150, 1e160, 1e250])
+def test_a_motion_too_fast_for_doubles_is_refused_or_failed_and_never_not_finite(speed: float):
+    for key in ("au", "em", "kane"):
+        try:
+            found = simulate(SOFT, key, 1e-3, q0=Q, u0=speed * U, max_steps=50)
+        except RefusedError:
+            continue
+        assert found.status == "failed"
+        assert found.reason
+        for part in (found.q, found.v, found.energy, found.constraint_residual):
+            assert np.isfinite(part).all()
 
 
 def test_a_run_that_is_given_too_few_steps_says_so():

@@ -10,10 +10,10 @@ import numpy as np
 from eomcheck.arithmetic.ball import ball, midpoints
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.enclosure import Enclosure, enclose
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluate import Evaluation, representable
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.model import Array, Scene, checked_scene
-from eomcheck.tolerance import largest
+from eomcheck.tolerance import NOTICEABLE, allowed_error, largest
 
 TRUTH = "kane"
 """The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
@@ -35,7 +35,9 @@ class Accuracy:
         error: |v̇ - true v̇| (n,), rounded up: nowhere is the error larger.
         ulps: the error of each entry (n,) in units in the last place of its true value; infinite
             where that may be 0 and the result is not exact.
-        relative: largest error over largest true entry; infinite if that is 0 and the error not.
+        relative: largest error over largest true entry, rounded up, of numbers too small for
+            doubles as well; infinite if the largest true entry is 0 and the error not.
+        relative_bound: error bound that `eomcheck.acceleration` reports over largest true entry.
         condition: condition number of each matrix solved, by name.
         kappa: how strongly this computation amplifies relative changes (docs/tolerance.md);
             infinite where no bound can be measured or the truth is 0.
@@ -49,6 +51,7 @@ class Accuracy:
     error: Array
     ulps: Array
     relative: float
+    relative_bound: float
     condition: dict[str, float]
     kappa: float
     ratio: float
@@ -57,6 +60,11 @@ class Accuracy:
     def digits(self) -> float:
         """Decimal digits of v̇ that are right, relative to its largest entry."""
         return certified_digits(self.relative)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the result is wrong and does not say so."""
+        return self.relative > max(NOTICEABLE, self.relative_bound)
 
 
 def certified_digits(relative: float) -> float:
@@ -74,10 +82,10 @@ def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluatio
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: the truth has no digits here.
+        RefusedError: the truth has no digits here, or the velocity overflows.
     """
     truth = enclose(scene, TRUTH, q, u, t, TRUE_DIGITS)
-    at = Evaluation(scene, q, midpoints(truth.v), t)
+    at = Evaluation(scene, q, representable("v", midpoints(truth.v)), t)
     at.u = np.array(u, dtype=np.float64)
     return truth, at
 
@@ -89,17 +97,35 @@ def true_error(vdot: Array, truth: Enclosure) -> Array:
     return np.where([error == 0 for error in errors], 0.0, np.nextafter(nearest, np.inf))
 
 
-def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = False) -> Accuracy:
+def relative_error(vdot: Array, truth: Enclosure) -> float:
+    """Return max |v̇ - true v̇| / max |true v̇|, rounded up."""
+    error = max(abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True))
+    return math.nextafter(_over(error, truth), math.inf) if error > 0 else 0.0
+
+
+def _over(error, truth: Enclosure) -> float:
+    """Return an error over the largest true entry, which may be too small for doubles."""
+    size = max(y.abs_lower() for y in truth.vdot)
+    if error == 0 or not size > 0:
+        return 0.0 if error == 0 else math.inf
+    return float((ball(error) / size).mid())
+
+
+def accuracy(
+    scene: Scene, key: str, q, u=None, t: float = 0.0, *, v=None, pivoted: bool = False
+) -> Accuracy:
     """Return the true error of one formulation in doubles, with what it solved on the way.
 
-    Formulations in Lagrange's terms are given the true velocity W u + offset, rounded to doubles;
-    those in generalized speeds are given u.
+    From u, formulations in Lagrange's terms are given the true velocity W u + offset, rounded to
+    doubles; those in generalized speeds are given u. The truth is the same for all. With v given
+    instead, consistent or not, each is compared with its own exact answer to these doubles.
 
     Args:
         scene: the scene.
         key: the formulation, a key of `eomcheck.FORMULATIONS`.
         q: coordinates (n,).
-        u: generalized speeds (p,).
+        u: generalized speeds (p,), or
+        v: velocities (n,).
         t: time, s.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
 
@@ -108,7 +134,10 @@ def accuracy(scene: Scene, key: str, q, u, t: float = 0.0, *, pivoted: bool = Fa
         RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
     """
     formulation = formulation_for(checked_scene(scene), key)
-    return certify(formulation, *true_state(scene, q, u, t), pivoted)
+    if v is None:
+        return certify(formulation, *true_state(scene, q, u, t), pivoted)
+    truth = enclose(scene, key, q, u, t, TRUE_DIGITS, v=v, pivoted=pivoted)
+    return certify(formulation, truth, Evaluation(scene, q, v, t), pivoted)
 
 
 def certify(
@@ -134,7 +163,8 @@ def certify(
         truth,
         error,
         ulps,
-        largest(error) / scale if scale > 0 else (0.0 if largest(error) == 0 else math.inf),
+        relative_error(result.vdot, truth),
+        _over(allowed_error(spread), truth),
         {name: 1.0 / rcond for name, rcond in result.rcond.items()},
         spread / scale if scale > 0 else math.inf,
         _ratio(largest(error), spread, scale),

@@ -327,6 +327,33 @@ def simulate(
         raise typer.Exit(1)
 
 
+@app.command()
+def acceleration(
+    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
+    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
+    speeds: Annotated[
+        tuple[float, float], typer.Option(help="Generalized speeds, m/s and rad/s.")
+    ] = (0.0, 0.0),
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+) -> None:
+    """Print what each formulation says at the start, how far to trust it, or why it refuses.
+
+    Exit code 1 if one refuses.
+    """
+    from eomcheck.report.accelerations import print_accelerations
+    from eomcheck.scenes import Snake
+    from eomcheck.scenes.snake import whole_links
+
+    makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
+    if whole_links(links) > MOST_LINKS:
+        raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
+    scene = Snake.paper() if robot is Robot.PAPER else makers[robot](links)
+    if print_accelerations(scene, speeds, formulation):
+        raise typer.Exit(1)
+
+
 @app.command("list")
 def list_registry(
     registry: Annotated[Registry, typer.Argument(help="What to list.")],
@@ -524,6 +551,44 @@ def study_work_precision(
         rates = figure.with_stem(f"{figure.stem}-rhs")
         draw_work_precision(found, rates, "right-hand sides")
         typer.echo(f"written: {figure}, {rates}")
+
+
+@study.command("stability")
+def study_stability(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    family: Annotated[
+        list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few severities of each family.")
+    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    executor: Where = "local",
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder to draw the atlas and a figure a family into.")
+    ] = None,
+) -> None:
+    """Drive every formulation through states of growing severity, and certify what it delivers."""
+    if figures is not None and not figures.is_dir():
+        raise InputError(f"{str(figures)!r} is not a folder that exists")
+    from eomcheck.report.stability import draw_all, print_stability
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.spread import check_place
+    from eomcheck.studies.stability import Outcome, measure, outcome, plan
+
+    planned = plan(family, formulation, quick)
+    check_place(executor)
+    with Records(records) as kept:
+        found = measure(planned, kept, executor, fresh)
+    print_stability(found)
+    if figures is not None:
+        paths = draw_all(found, figures)
+        typer.echo(f"written: {', '.join(map(str, paths))}")
+    if any(outcome(record) is Outcome.SILENT for record in found):
+        raise typer.Exit(1)
 
 
 @study.command("paper")

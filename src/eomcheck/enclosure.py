@@ -54,52 +54,68 @@ class Enclosure:
 
 
 def enclose(
-    scene: Scene, key: str, q, u, t: float = 0.0, digits: int = 30, *, pivoted: bool = False
+    scene: Scene,
+    key: str,
+    q,
+    u=None,
+    t: float = 0.0,
+    digits: int = 30,
+    *,
+    v=None,
+    pivoted: bool = False,
 ) -> Enclosure:
     """Return the acceleration of `scene` by one formulation, enclosed.
 
-    The velocity v = W u + offset is formed in balls: one in doubles would never satisfy the
-    constraints exactly, and formulations would be asked different questions.
+    From u the velocity v = W u + offset is formed in balls: one in doubles would never satisfy the
+    constraints exactly, and formulations would be asked different questions. With v given instead,
+    the answer is that of this formulation to exactly these doubles, be they consistent or not.
 
     Args:
         scene: the scene.
         key: the formulation, a key of `eomcheck.FORMULATIONS`.
         q: coordinates (n,).
-        u: generalized speeds (p,).
+        u: generalized speeds (p,), or
+        v: velocities (n,); those in generalized speeds take the u of v.
         t: time, s.
         digits: decimal digits that must be certain of every entry of v̇.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
 
     Raises:
-        InputError: wrong shapes, values that are not finite, `digits` below 1, `pivoted` without a
-            partition, a formulation that does not apply to the scene.
+        InputError: wrong shapes, values that are not finite, u and v both given or none, `digits`
+            below 1, `pivoted` without a partition, a formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
     """
     formulation = formulation_for(checked_scene(scene), key)
+    if (u is None) == (v is None):
+        raise InputError("expected either u or v, not both")
     q, _ = scene.check_state(q, np.zeros(scene.n), t)
-    u = finite_array("u", u, (scene.p,))
+    start = (
+        {"u": finite_array("u", u, (scene.p,))}
+        if v is None
+        else {"v": finite_array("v", v, (scene.n,))}
+    )
     if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or digits < 1:
         raise InputError(f"digits = {digits!r}, expected a whole number of at least 1")
     partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
-    return enclosure(scene, formulation, q, u, t, int(digits), partition)
+    return enclosure(scene, formulation, q, start, t, int(digits), partition)
 
 
 def enclosure(
     scene: Scene,
     formulation: Formulation,
     q: Array,
-    u: Array,
+    start: dict[str, Array],
     t: float,
     digits: int,
     partition: Partition,
 ) -> Enclosure:
-    """Return what `enclose` returns, of arguments that were checked."""
+    """Return what `enclose` returns, of arguments that were checked; `start` is {"u": u} or v."""
     bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
     most = max(MOST_BITS, 4 * bits)
     while True:
         try:
-            found = _with_bits(scene, formulation, q, u, t, bits, partition)
+            found = _with_bits(scene, formulation, q, start, t, bits, partition)
         except RefusedError:
             if bits >= most:
                 raise
@@ -121,7 +137,7 @@ def _with_bits(
     scene: Scene,
     formulation: Formulation,
     q: Array,
-    u: Array,
+    start: dict[str, Array],
     t: float,
     bits: int,
     partition: Partition,
@@ -129,7 +145,8 @@ def _with_bits(
     balls = Balls()
     with precision(bits):
         at = Quantities(scene, balls, balls.numbers(q), balls.numbers(np.array(t)).item())
-        at.u = balls.numbers(u)
+        for name, value in start.items():
+            setattr(at, name, balls.numbers(value))
         vdot, multipliers = at.solution(formulation, partition)
         vdot, v = (np.array([ball(x) for x in y], object) for y in (vdot, at.v))
         return Enclosure(vdot, multipliers, v, bits, _certain_digits(vdot, v))

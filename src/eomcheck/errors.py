@@ -20,6 +20,10 @@ class EomcheckError(Exception):
         # that cannot be read back breaks the pool of processes that it comes from.
         return type(self).__new__, (type(self), *self.args), self.__dict__
 
+    def __str__(self):
+        # One sentence on one line, however the values in it are printed.
+        return " ".join(super().__str__().split())
+
 
 class InputError(EomcheckError, ValueError):
     """Something handed in is not valid; the message names it, its value and what is allowed."""
@@ -42,6 +46,20 @@ def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
     if not isinstance(name, str) or name not in registry:
         raise UnknownNameError(kind, name, registry)
     return registry[name]
+
+
+def distinct(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names given, each once.
+
+    Raises:
+        InputError: they are no list of names.
+    """
+    try:
+        if isinstance(names, str):
+            raise TypeError
+        return tuple(dict.fromkeys(names))
+    except TypeError:
+        raise InputError(f"{kind} = {names!r}, expected a list of names") from None
 
 
 class InconsistentVelocityError(InputError):

@@ -7,6 +7,7 @@ the same with every number changed a little, which measures how far rounding can
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,7 +23,7 @@ from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.model import Arithmetic, Array, Scene, Terms, checked_scene, finite_array
 from eomcheck.quantities import Quantities
 from eomcheck.scenes.assembled import Assembled
-from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.tolerance import INCONCLUSIVE, NOTICEABLE, allowed_error, largest
 
 LOST = 2.0**-12
 """A change by this share of the quantity, at so small a noise, asks whether it is lost."""
@@ -67,10 +68,18 @@ class Evaluation(Quantities):
         self._origin = self
         self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
+        self._log_determinants: dict[tuple[str, bool], dict[str, float]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function on doubles, compiled if the scene can be."""
+        """Call a generic function on doubles, compiled if the scene can be.
+
+        A sibling moves each operation; where a function does more than rational operations, only
+        what it reads and returns is moved.
+        """
         with np.errstate(all="ignore"):
+            if self._noise is not None:
+                with suppress(TypeError):
+                    return self._noise.run(function, *arguments)
             return (compiled(function) if self.scene.compiled else function)(*arguments)
 
     def keep(self, record: Any) -> Any:
@@ -160,6 +169,8 @@ class Evaluation(Quantities):
         rcond = watch.rcond
         if formulation.state == "q, u":
             rcond = self._speeds_rcond | rcond
+        logs = {solve.name: solve.log_determinant for solve in watch.solves}
+        self._log_determinants[formulation.key, pivoted] = logs
         return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
@@ -225,7 +236,7 @@ class Evaluation(Quantities):
         size = largest(here)
         with np.errstate(all="ignore"):
             try:
-                changes = [largest(quantity(e) - here) for e in self.moved(coordinates)]
+                changes = [largest(np.asarray(quantity(e)) - here) for e in self.moved(coordinates)]
             except (RefusedError, np.linalg.LinAlgError):
                 return float("inf")
         *changes, stretched = changes
@@ -264,8 +275,9 @@ class Evaluation(Quantities):
     ) -> float:
         """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`.
 
-        Infinite where a matrix that was solved is so ill-conditioned that C κ ε exceeds
-        `INCONCLUSIVE`: noise may then lose the same digits as rounding, and measures nothing.
+        Infinite where C κ ε exceeds `INCONCLUSIVE` for a matrix that was solved, be it by its
+        condition number or because its determinant depends so strongly on what it was made of:
+        noise may then lose the same digits as rounding, and measures nothing.
 
         Raises:
             RefusedError: as `acceleration`.
@@ -273,11 +285,28 @@ class Evaluation(Quantities):
         rcond = self.acceleration(formulation, pivoted).rcond
         if rcond and allowed_error(1.0 / min(rcond.values())) > INCONCLUSIVE:
             return float("inf")
-        return self.spread(
+        spread = self.spread(
             lambda e: getattr(e.acceleration(formulation, pivoted), part),
             coordinates,
             can_be_lost=True,
         )
+        if np.isinf(spread) or self._determined(formulation, coordinates, pivoted):
+            return spread
+        return float("inf")
+
+    def _determined(self, formulation: Formulation, coordinates: bool, pivoted: bool) -> bool:
+        """Return whether the matrices solved are more than the rounding of what made them.
+
+        A right-hand side of zeros has the same solution in every sibling, and would not tell.
+        """
+        key = (formulation.key, pivoted)
+        here = self._log_determinants[key]
+        for sibling in self.moved(coordinates)[:SAMPLES]:
+            for name, log in sibling._log_determinants[key].items():
+                moved = abs(log - here[name]) * np.log(2.0)
+                if not allowed_error(moved / STEP) <= INCONCLUSIVE:
+                    return False
+        return True
 
 
 def acceleration(
@@ -401,13 +430,16 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: the scene has no generalized speeds here, or v overflows.
+        RefusedError: the scene has no generalized speeds here, v overflows, or rounding may change
+            it by more than 1e-6 of its largest entry.
     """
-    u = finite_array("u", u, (scene.p,))
+    u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
-    at.u = u
-    v = at.velocity
-    return _finite("v", consistent_velocity(at, v) if np.isfinite(v).all() else v)
+    for one in (at, *at.moved()):
+        one.u = u
+    v = representable("v", at.velocity)
+    _check_digits("v", at, lambda e: e.velocity)
+    return representable("v", consistent_velocity(at, v))
 
 
 def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
@@ -415,12 +447,37 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: u overflows.
+        RefusedError: u overflows, or rounding may change it by more than 1e-6 of its largest
+            entry.
     """
-    return _finite("u", Evaluation(scene, q, v, t).u)
+    at = Evaluation(scene, q, v, t)
+    for one in at.moved():
+        one.v = at.v
+    u = representable("u", at.u)
+    _check_digits("u", at, lambda e: e.u)
+    return u
 
 
-def _finite(name: str, x: Array) -> Array:
+def _check_digits(name: str, at: Evaluation, quantity: Callable[[Evaluation], Array]) -> None:
+    """Check that rounding leaves a quantity its digits."""
+    size, spread = largest(quantity(at)), at.spread(quantity, can_be_lost=True)
+    if allowed_error(spread) > NOTICEABLE * size > 0:
+        least = allowed_error(1.0) / NOTICEABLE
+        raise RefusedError(
+            name,
+            size / spread,
+            least,
+            f"{name} cancels: its reciprocal condition number is {size / spread:.2g}, six digits "
+            f"need {least:.2g}",
+        )
+
+
+def representable(name: str, x: Array) -> Array:
+    """Return x, an array of doubles.
+
+    Raises:
+        RefusedError: an entry is not finite.
+    """
     if not np.isfinite(x).all():
         raise RefusedError(name, float("nan"), 0.0, f"{name} overflows: doubles cannot hold it")
     return x

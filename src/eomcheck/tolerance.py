@@ -27,6 +27,14 @@ INCONCLUSIVE = 1e-3
 """Where allowed / |reference| exceeds this, nothing was checked."""
 
 
+NOTICEABLE = 1e-6
+"""No result may have a larger relative error and not say so, by a refusal or an error bound."""
+
+
+UNDERFLOW = 2.0**-900
+"""An allowed error below this is nothing but underflow: what vanishes exactly passes."""
+
+
 def allowed_error(spread: float) -> float:
     """Return C · ε · spread, where spread = κ · scale."""
     return C * EPS * spread

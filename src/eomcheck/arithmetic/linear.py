@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from eomcheck.arithmetic.noise import Noise
+from eomcheck.arithmetic.noise import NORMAL, Noise
 from eomcheck.errors import RefusedError
 
-_getrf, _gecon, _getrs = get_lapack_funcs(("getrf", "gecon", "getrs"), dtype=np.float64)
+_getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.float64)
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -31,11 +31,12 @@ SOLVERS: dict[type, Callable] = {}
 
 
 class Solve(NamedTuple):
-    """One matrix that was solved: its name, its order and its reciprocal condition number."""
+    """One matrix that was solved: name, order, reciprocal condition number and log2 |det|."""
 
     name: str
     size: int
     rcond: float
+    log_determinant: float
 
 
 class Watch:
@@ -70,15 +71,11 @@ def noise_present() -> Noise | None:
     return None if watch is None else watch.noise
 
 
-def record(
-    name: str, size: int, rcond: float, matrix: np.ndarray, terms: int | None = None
-) -> None:
-    """Record a matrix that was factored, except while noise moves it.
+def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
+    """Record a matrix that was factored, and refuse it if it is singular, unless noise moves it.
 
     Args:
-        name: of the matrix.
-        size: its order.
-        rcond: its reciprocal condition number.
+        found: what factoring found.
         matrix: itself, or its bands.
         terms: most terms in a sum that elimination forms, by default the order.
 
@@ -87,29 +84,29 @@ def record(
     """
     watch = _watch.get()
     if watch is not None:
+        watch.solves.append(found)
         if watch.noise is not None:
             return
-        watch.solves.append(Solve(name, size, rcond))
-    allowed = singular_below(size if terms is None else terms)
-    if not rcond > allowed:
+    allowed = singular_below(found.size if terms is None else terms)
+    if not found.rcond > allowed:
         raise RefusedError(
-            name,
-            rcond,
+            found.name,
+            found.rcond,
             allowed,
-            f"the {size} x {size} matrix {name} is singular to working precision: its "
-            f"reciprocal condition number is {rcond:.2g}, allowed is above {allowed:.2g}",
+            f"the {found.size} x {found.size} matrix {found.name} is singular to working "
+            f"precision: its reciprocal condition number is {found.rcond:.2g}, allowed is above "
+            f"{allowed:.2g}",
             matrix,
         )
 
 
 def singular_below(terms: int) -> float:
-    """Return the reciprocal condition number at and below which a scaled matrix is singular.
+    """Return the reciprocal condition number at and below which a matrix is singular.
 
-    LU with partial pivoting solves (A + E) x = b exactly, where each column of E is at most about
-    terms * eps times the largest entry of that column of A (Higham 2002, Thm. 9.3, with the growth
-    factor near 1 that is met in practice); `terms` is the number of terms in the sums that
-    elimination forms, the order of a full matrix. At rcond <= terms * eps some such A + E is
-    singular, so no digit of x is determined.
+    LU with partial pivoting solves (A + E) x = b exactly with |E| <= terms * eps * |L||U|, entry by
+    entry (Higham 2002, Thm. 9.3); `terms` is the number of terms in the sums that elimination
+    forms, the order of a full matrix. By `reciprocal_condition` some such A + E may be singular at
+    rcond <= terms * eps, and none is above it. No digit of x is determined then.
     """
     return terms * EPS
 
@@ -129,7 +126,7 @@ def solve(A, b, name):
         RefusedError: A is singular (for doubles: to working precision).
     """
     if A.dtype != object:
-        return _lapack_solve(A, b, name)
+        return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
         return b.copy()
     # Generic functions write literal zeros and ones among the numbers of the model.
@@ -142,20 +139,103 @@ def _lapack_solve(A, b, name):
     if size == 0:
         return b.copy()
     noise = noise_present()
-    # First columns, then rows: neither the units of the unknowns nor those of the equations matter.
-    scale = column_scale(A)
-    A = A * scale
-    row_scale = column_scale(A.T)
-    A, b = A * row_scale[:, None], b * (row_scale if b.ndim == 1 else row_scale[:, None])
     if noise is not None:
-        A = noise.by_column(A)
+        with np.errstate(all="ignore"):
+            return _moved_solve(A, b, name, noise)
+    A, b, scale, row_scale = _scaled(A, b)
     lu, pivots, _ = _getrf(A)
-    rcond = _gecon(lu, np.abs(A).sum(axis=0).max())[0] if np.isfinite(lu).all() else 0.0
-    record(name, size, float(rcond), A)
-    x = _getrs(lu, pivots, b)[0] if np.diagonal(lu).all() else np.full(b.shape, np.nan)
-    x = x * (scale if b.ndim == 1 else scale[:, None])
-    # Each right-hand side is rounded by itself: where results are summed and cancel, it shows.
-    return x if noise is None else noise.entries(x)
+    log = log_determinant(np.diagonal(lu), scale, row_scale)
+    record(Solve(name, size, reciprocal_condition(lu, pivots), log), A)
+    return _down(_getrs(lu, pivots, b)[0], scale)
+
+
+def _moved_solve(A, b, name, noise):
+    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
+
+    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
+    refused; what is singular is NaN.
+    """
+    A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
+    lu, pivots, _ = _getrf(A)
+    log = log_determinant(np.diagonal(lu), scale, row_scale)
+    record(Solve(name, len(A), np.nan, log), A)
+    if not np.diagonal(lu).all():
+        return np.full(b.shape, np.nan)
+    x = _getrs(lu, pivots, b)[0]
+    x += _getrs(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))[0]
+    return noise.array(noise.entries(_down(x, scale)))
+
+
+def _scaled(A, b):
+    """Return A, b and the scales of columns and rows.
+
+    The scale of rows decides which pivots are taken. First rows, as equations come: with columns
+    scaled first, M_Au of links of very different masses loses all digits where that of the rows as
+    they are loses one. The scale of columns only keeps everything near 1.
+    """
+    row_scale = column_scale(A.T)
+    A = A * row_scale[:, None]
+    scale = column_scale(A)
+    return A * scale, _down(b, row_scale), scale, row_scale
+
+
+def _down(x, scale):
+    """Return x (k,) or (k, m), each row times its scale (k,)."""
+    return x * (scale if x.ndim == 1 else scale[:, None])
+
+
+class Factors:
+    """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
+
+    eps times about this is what elimination, and substitution for each right-hand side, change it.
+    """
+
+    def __init__(self, lu: np.ndarray, pivots: np.ndarray):
+        self.L, self.U = np.abs(np.tril(lu, -1)), np.abs(np.triu(lu))
+        np.fill_diagonal(self.L, 1.0)
+        self.order = np.arange(len(pivots))
+        for i, pivot in enumerate(pivots):
+            self.order[i], self.order[pivot] = self.order[pivot], self.order[i]
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """Return |L||U| x, x (k,) or (k, m)."""
+        out = np.empty_like(x)
+        out[self.order] = self.L @ (self.U @ x)
+        return out
+
+
+ROUNDS = 20
+"""Most rounds of the iteration for a spectral radius; three to five are common."""
+
+
+def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
+    """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
+
+    |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
+    in the best of all units of the unknowns, and does not depend on those of the equations either
+    (Bauer 1963; Higham 2002, Sec. 7.3): kilograms or grams make no difference.
+    """
+    if not (np.isfinite(lu).all() and np.diagonal(lu).all()):
+        return 0.0
+    size, factors = len(lu), Factors(lu, pivots)
+    inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
+    if not np.isfinite(inverse).all():
+        return 0.0
+    weights, radius = np.ones(size), np.inf
+    for _ in range(ROUNDS):
+        product = inverse @ factors.times(weights)
+        # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
+        before, radius = radius, min(radius, float((product / weights).max()))
+        if radius > 0.9 * before:
+            break
+        weights = np.maximum(product / product.max(), NORMAL)
+    return min(1.0 / radius, 1.0)
+
+
+def log_determinant(pivots: np.ndarray, *scales: np.ndarray) -> float:
+    """Return log2 |det A| of the matrix as it was before it was scaled, from its pivots."""
+    with np.errstate(divide="ignore"):
+        return float(np.log2(np.abs(pivots)).sum() - sum(np.log2(s).sum() for s in scales))
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:

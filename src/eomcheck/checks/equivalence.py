@@ -10,6 +10,7 @@ from scipy.linalg import null_space
 
 from eomcheck.checks.claim import Case, claim, numbered, pairs
 from eomcheck.checks.finding import Finding
+from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.model import Array
@@ -125,15 +126,15 @@ def _engine_results(case: Case) -> Iterator[tuple]:
         try:
             result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
             by_force, multipliers_by_force = _responses(at)
-        except np.linalg.LinAlgError:
+            size = engine.bias_size(*case.state)
+            vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)
+            vdot_spread += by_force * size
+            multiplier_spread = 0.0
+            if result.multipliers is not None:
+                part = partial(_part_in, like, T, "multipliers")
+                multiplier_spread = at.spread(part, coordinates=True) + multipliers_by_force * size
+        except (np.linalg.LinAlgError, RefusedError):
             continue
-        size = engine.bias_size(*case.state)
-        vdot_spread = at.spread(partial(_part_in, like, T, "vdot"), coordinates=True)
-        vdot_spread += by_force * size
-        multiplier_spread = 0.0
-        if result.multipliers is not None:
-            part = partial(_part_in, like, T, "multipliers")
-            multiplier_spread = at.spread(part, coordinates=True) + multipliers_by_force * size
         yield engine, result, vdot_spread, multiplier_spread
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.model import Array, Scene, State
-from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 
 Verdict = Literal["passed", "failed", "inconclusive"]
 
@@ -135,11 +135,13 @@ def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]
         scale: size of what was compared; for a sum that should vanish, of its terms.
     """
     allowed = allowed_error(spread)
+    if not np.isfinite(scale):
+        return allowed, "inconclusive"  # it overflows: nothing to compare with
     if not np.isfinite(observed):
         return allowed, "failed"
     if not np.isfinite(allowed):
         return allowed, "inconclusive"
-    if allowed > INCONCLUSIVE * scale and not observed == allowed == 0.0:
+    if allowed > INCONCLUSIVE * scale and not (observed == 0.0 and allowed <= UNDERFLOW):
         return allowed, "inconclusive"
     return allowed, "passed" if observed <= allowed else "failed"
 

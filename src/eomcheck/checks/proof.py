@@ -23,7 +23,7 @@ from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, distinct
 from eomcheck.formulations import formulations_for
 from eomcheck.model import Scene
 
@@ -55,7 +55,7 @@ def prove(
             formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
     """
-    keys = None if formulations is None else tuple(formulations)
+    keys = None if formulations is None else distinct("formulations", formulations)
     check_points(points)
     seed = new_seed() if seed is None else seed
     findings: list[Finding] = []

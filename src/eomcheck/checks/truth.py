@@ -21,7 +21,7 @@ def _enclosed(case: Case, formulation: Formulation) -> Enclosure | str:
     """Return the enclosure, or why there is none."""
     at = case.at
     try:
-        return enclosure(at.scene, formulation, at.q, at.u, at.t, TRUE_DIGITS, at.partition)
+        return enclosure(at.scene, formulation, at.q, {"u": at.u}, at.t, TRUE_DIGITS, at.partition)
     except RefusedError as refusal:
         return str(refusal)
     except TypeError as error:

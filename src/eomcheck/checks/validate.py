@@ -20,7 +20,7 @@ from eomcheck.checks import CLAIMS, Case, Finding, State
 from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import InputError, named
+from eomcheck.errors import InputError, distinct, named
 from eomcheck.evaluate import Evaluation, check_consistent
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Scene, checked_scene
@@ -50,8 +50,8 @@ class Selection:
             InputError: a formulation applies to none of `scenes`.
             UnknownNameError: a name is not registered.
         """
-        names = ENGINES if engines is None else dict.fromkeys(engines)
-        ids = tuple(CLAIMS if claims is None else dict.fromkeys(claims))
+        names = ENGINES if engines is None else distinct("engines", engines)
+        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
         return cls(formulations_among(scenes, formulations), tuple(map(engine_of, names)), ids)
@@ -101,10 +101,12 @@ class Run:
         """Look at `examples` drawn cases; stop at the first failure and shrink it.
 
         Raises:
-            InputError: `examples` is less than 1.
+            InputError: `examples` is less than 1, or `seed` no whole number.
         """
-        if not isinstance(examples, int) or examples < 1:
+        if isinstance(examples, bool) or not isinstance(examples, int) or examples < 1:
             raise InputError(f"examples = {examples!r}, expected a whole number of at least 1")
+        if isinstance(seed, bool) or not isinstance(seed, int):
+            raise InputError(f"seed = {seed!r}, expected a whole number")
         failing: str | None = None
 
         def examine(drawn: tuple[Scene, State]) -> None:

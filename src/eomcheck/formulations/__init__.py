@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from eomcheck.errors import InputError, named
+from eomcheck.errors import InputError, distinct, named
 from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
 from eomcheck.formulations.base import Formulation, Partition
 from eomcheck.model import Scene
@@ -45,7 +45,7 @@ def formulations_for(
     """Return the formulations called `keys`, each once; by default all that apply to `scene`.
 
     Raises:
-        InputError: one of them does not apply.
+        InputError: one of them does not apply, or they are no list of names.
         UnknownNameError: there is no such formulation.
     """
     return formulations_among((scene,), keys)
@@ -65,7 +65,7 @@ def formulations_among(
         return tuple(f for key, f in FORMULATIONS.items() if key in apply)
     return tuple(
         formulation_of(key) if key in apply else formulation_for(scenes[0], key)
-        for key in dict.fromkeys(keys)
+        for key in distinct("formulations", keys)
     )
 
 

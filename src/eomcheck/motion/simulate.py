@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,10 +14,11 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation, check_consistent, velocity
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, State, checked_scene, finite_array
+from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
+from eomcheck.tolerance import allowed_error, largest
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,12 @@ class Trajectory:
         status: "finished", or "failed" if the end was not reached.
         reason: why not.
         seconds: time of the integration alone, s.
+        refusal: what the formulation says to the state where it failed, if it refuses it.
+        rcond: smallest reciprocal condition number of each matrix solved, by name, at the states
+            looked at: `LOOKED_AT` of them at most, first and last included.
+        rate_error: bound on the relative error of v̇ that rounding alone makes, the largest of the
+            first, the last and the worst conditioned of these states; infinite where none can be
+            measured.
         baumgarte: rate of Baumgarte's feedback, 1/s, or None without.
         projection: interval at which the velocity was projected, s, or None.
     """
@@ -61,8 +68,15 @@ class Trajectory:
     status: str
     reason: str
     seconds: float
+    refusal: RefusedError | None = None
+    rcond: dict[str, float] = field(default_factory=dict)
+    rate_error: float = math.inf
     baumgarte: float | None = None
     projection: float | None = None
+
+
+LOOKED_AT = 200
+"""Most states of a trajectory at which the matrices solved are looked at."""
 
 
 class Motion:
@@ -168,6 +182,16 @@ class Motion:
             return q, at.call(velocity_of_independent, a, b, speeds, self.partition)
         return q, speeds
 
+    def evaluation(self, y: Array, t: float) -> Evaluation | None:
+        """Return the evaluation at a state vector; None where doubles cannot hold it."""
+        q, v = self.split(y, t)
+        if not np.isfinite((q, v)).all():
+            return None
+        at = Evaluation(self.scene, q, v, t)
+        if self.formulation.state == "q, u":
+            at.u = y[self.scene.n : self.scene.n + self.speeds]
+        return at
+
     @cached_property
     def function(self):
         """The very same right-hand side as a Python function of (t, y), for other integrators."""
@@ -232,15 +256,15 @@ def simulate(
             acceleration level, and off by default; see `eomcheck.motion.stabilization`.
 
     Returns:
-        The trajectory. An integration that cannot go on is a result with `status` "failed" and a
-        reason, up to where it came.
+        The trajectory. An integration that cannot go on, or that came to a state which the
+        formulation refuses, is a result with `status` "failed" and a reason, up to where it came.
 
     Raises:
         InputError: values that are not valid, velocities that violate the constraints, a
             formulation that does not apply to the scene, a stabilization that does not apply to the
             formulation.
         UnknownNameError: no such formulation or integrator.
-        RefusedError: the generalized speeds do not exist.
+        RefusedError: the generalized speeds do not exist, or no doubles hold the velocities.
     """
     formulation = formulation_for(checked_scene(scene), key)
     check_stabilization(scene, formulation, baumgarte, projection)
@@ -276,25 +300,31 @@ def trajectory(
 ) -> Trajectory:
     """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
     scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
-    states = [State(*motion.split(y, t), t) for y, t in zip(found.y, found.t, strict=True)]
-    finite = np.array([bool(np.isfinite((*q, *v)).all()) for q, v, _ in states], dtype=bool)
-    states = [state for state, good in zip(states, finite, strict=True) if good]
-    done = found.success and bool(finite.all())
+    course = _Course(motion, found)
+    reason, refusal = course.refused or ("", None)
+    if not (reason or (found.success and course.whole)):
+        reason, refusal = _reason(motion, found)
+    kept = len(course.states)
     return Trajectory(
         scene,
         formulation.key,
         integrator,
         rtol,
         atol,
-        found.t[finite],
-        np.array([state.q for state in states]).reshape(-1, scene.n),
-        np.array([state.v for state in states]).reshape(-1, scene.n),
-        *_along(scene, formulation, states),
+        found.t[:kept],
+        np.array([at.q for at in course.states]).reshape(-1, scene.n),
+        np.array([at.v for at in course.states]).reshape(-1, scene.n),
+        course.rows(course.multipliers) if formulation.multipliers else None,
+        np.array(course.energy),
+        course.rows(course.residual),
         int(counts[CALLS]),
         found.steps,
-        "finished" if done else "failed",
-        "" if done else _reason(motion, found),
+        "failed" if reason else "finished",
+        reason,
         seconds,
+        refusal,
+        course.rcond,
+        course.rate_error(),
     )
 
 
@@ -303,7 +333,11 @@ def _number(value) -> bool:
 
 
 def _checked_times(output_times, t_end: float) -> Array:
-    times = finite_array("output_times", output_times, np.shape(output_times))
+    try:
+        shape = np.shape(output_times)
+    except ValueError:  # lists of different lengths
+        shape = ()
+    times = finite_array("output_times", output_times, shape)
     rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
     if not rising or times[0] < 0 or times[-1] > t_end:
         raise InputError(f"output_times must rise within [0, {t_end}], got {times}")
@@ -324,43 +358,81 @@ def _initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
     return at.q, at.v, u0
 
 
-def _along(
-    scene: Scene, formulation: Formulation, states: list[State]
-) -> tuple[Array | None, Array, Array | None]:
-    """Return multipliers (k, r), energy (k,) and constraint residual (k, r) along a motion."""
-    multipliers, energy, residual = [], [], []
-    for state in states:
-        at = Evaluation(scene, *state)
-        here = at.parameters, at.prepared, at.q, at.v
-        T, U = at.call(scene.energies, *here)
-        energy.append(T if U is None else T + U)
-        if scene.r > 0:
-            residual.append(np.abs(at.call(scene.constraint, *here)))
-        if formulation.multipliers and scene.r > 0:
+class _Course:
+    """What follows from the states of a motion, one after the other, up to the first that fails."""
+
+    def __init__(self, motion: Motion, found: Steps):
+        self.scene, self.formulation = motion.scene, motion.formulation
+        self.states: list[Evaluation] = []
+        self.energy: list[float] = []
+        self.residual: list[Array] = []
+        self.multipliers: list[Array | None] = []
+        self.rcond: dict[str, float] = {}
+        self.refused: tuple[str, RefusedError] | None = None
+        self._worst = (math.inf, 0)
+        count = len(found.y)
+        looked_at = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
+        for place, (t, y) in enumerate(zip(found.t, found.y, strict=True)):
+            look = self.formulation.multipliers or place in looked_at
             try:
-                multipliers.append(at.acceleration(formulation).multipliers)
+                at = motion.evaluation(y, t)
+                if at is None or not self._keep(at, look):
+                    break
+            except RefusedError as refusal:
+                self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
+                break
+        self.whole = len(self.states) == count
+
+    def _keep(self, at: Evaluation, look: bool) -> bool:
+        """Add a state; return False where its energy overflows."""
+        here = at.parameters, at.prepared, at.q, at.v
+        T, U = at.call(self.scene.energies, *here)
+        energy = T if U is None else T + U
+        residual = np.abs(at.call(self.scene.constraint, *here)) if self.scene.r > 0 else None
+        if not (np.isfinite(energy) and (residual is None or np.isfinite(residual).all())):
+            return False
+        if look:
+            result = at.acceleration(self.formulation)
+            self.multipliers.append(result.multipliers)
+            for name, rcond in result.rcond.items():
+                self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
+                self._worst = min(self._worst, (rcond, len(self.states)))
+        self.states.append(at)
+        self.energy.append(float(energy))
+        if residual is not None:
+            self.residual.append(residual)
+        return True
+
+    def rows(self, values: list) -> Array | None:
+        """Return values per constraint (k, r), None without constraints."""
+        return np.array(values).reshape(-1, self.scene.r) if self.scene.r > 0 else None
+
+    def rate_error(self) -> float:
+        """Return the largest relative error bound of v̇ at the first, last and worst state."""
+        worst = 0.0
+        for place in {0, self._worst[1], len(self.states) - 1} if self.states else ():
+            at = self.states[place]
+            try:
+                size = largest(at.acceleration(self.formulation).vdot)
             except RefusedError:
-                multipliers.append(np.full(scene.r, np.nan))
-    rows = (-1, scene.r)
-    return (
-        np.array(multipliers).reshape(rows) if formulation.multipliers and scene.r > 0 else None,
-        np.array(energy),
-        np.array(residual).reshape(rows) if scene.r > 0 else None,
-    )
+                return math.inf
+            bound = allowed_error(at.acceleration_spread(self.formulation))
+            worst = max(worst, bound / size if size > 0 else 0.0)
+        return worst
 
 
-def _reason(motion: Motion, found: Steps) -> str:
+def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
     """Say why an integration did not reach its end."""
     if motion.table.counts[FAILED] == 0:
-        return found.message
+        return found.message or "the energy overflows", None
     when = motion.table.failure_time[0]
     y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
-    why = "it overflows, or a matrix is singular there"
+    why, refusal = "it overflows, or a matrix is singular there", None
     try:
         q, v = motion.split(y, when)
         # A velocity that the independent ones do not determine is what a_1 refuses as well.
         at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
         at.acceleration(motion.formulation)
-    except RefusedError as refusal:
-        why = str(refusal)
-    return f"the right-hand side is not finite at t = {when:.9g} s: {why}"
+    except RefusedError as error:
+        why, refusal = str(error), error
+    return f"the right-hand side is not finite at t = {when:.9g} s: {why}", refusal

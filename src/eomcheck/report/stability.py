@@ -1,0 +1,279 @@
+"""The stability atlas as tables, one figure a family and one heat map of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from rich.markup import escape
+from rich.table import Table
+
+from eomcheck.certified import DIGITS_OF_DOUBLES
+from eomcheck.console import console
+from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.studies.families import FAMILIES
+from eomcheck.studies.records import Record
+from eomcheck.studies.stability import (
+    Method,
+    Outcome,
+    Step,
+    breaks_at,
+    digits_lost,
+    method_of,
+    outcome,
+    steps,
+)
+from eomcheck.tolerance import NOTICEABLE
+
+WORDS = {
+    Outcome.REFUSED: "refused",
+    Outcome.TOLD: "bound tells",
+    Outcome.SILENT: "SILENT",
+}
+LIMIT = digits_lost(NOTICEABLE)
+"""Digits lost at which a result is no longer good."""
+
+
+def families_of(records: Sequence[Record]) -> list[str]:
+    """Return the families among the Records, in the order of the registry."""
+    found = {record.settings["family"] for record in records}
+    return [key for key in FAMILIES if key in found]
+
+
+def methods_of_records(records: Sequence[Record]) -> list[Method]:
+    """Return the methods among the Records, in the order in which they were measured first."""
+    return list(dict.fromkeys(method_of(record) for record in records))
+
+
+# ---- Tables --------------------------------------------------------------------------------------
+
+
+def breaks_text(records: Sequence[Record], family: str, method: Method) -> str:
+    """Return where a method breaks, such as "1e-08, refused", or "" where it never does."""
+    found = breaks_at(records, family, method)
+    return "" if found is None else f"{found.severity:.3g}, {WORDS[found.outcome]}"
+
+
+def print_stability(records: Sequence[Record]) -> None:
+    """Print where each method breaks in each family, why, and whatever is silent."""
+    methods = methods_of_records(records)
+    for family in families_of(records):
+        facts = FAMILIES[family]
+        table = Table(header_style="bold")
+        for name in ("method", "breaks at", "", "digits lost before", "why"):
+            table.add_column(name, no_wrap=name != "why")
+        for method in methods:
+            mine = steps(records, family, method)
+            if mine:
+                table.add_row(method.name, *_row(mine, records, family, method))
+        console.print(f"\n[bold]{facts.name}[/]: {facts.severity}")
+        console.print(table)
+    counts = {one: sum(outcome(record) is one for record in records) for one in Outcome}
+    console.print(
+        f"{len(records)} cells: {counts[Outcome.GOOD]} good (true relative error at most "
+        f"{NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
+        f"their error bound tells, {counts[Outcome.SILENT]} silently wrong."
+    )
+    for record in records:
+        if outcome(record) is Outcome.SILENT or record.status == "failed":
+            what = f"{record.settings}: {record.reason or record.errors}"
+            console.print(escape(f"{outcome(record).name}: {what}"), soft_wrap=True)
+
+
+def _row(mine: list[Step], records: Sequence[Record], family: str, method: Method) -> list[str]:
+    found = breaks_at(records, family, method)
+    place = len(mine) if found is None else [s.severity for s in mine].index(found.severity)
+    before = [step.lost for step in mine[:place] if not np.isnan(step.lost)]
+    lost = f"{max(before):.1f}" if before else ""
+    if found is None:
+        return ["", "", lost, ""]
+    record = found.record
+    if record.status != "done":
+        why = record.reason
+    else:
+        matrix = max(
+            (name for name in record.errors if name.startswith("condition ")),
+            key=record.errors.__getitem__,
+        )
+        why = (
+            f"true error {record.errors['relative']:.0e}; condition number of "
+            f"{matrix.removeprefix('condition ')} {record.errors[matrix]:.0e}"
+        )
+    return [f"{found.severity:.3g}", WORDS[found.outcome], lost, escape(why)]
+
+
+# ---- One figure a family -------------------------------------------------------------------------
+
+
+def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
+    """Draw digits lost against severity, a panel a method, with what κ ε foresaw beside it."""
+    facts = FAMILIES[family]
+    methods = [m for m in methods_of_records(records) if steps(records, family, m)]
+    columns = 3
+    rows = -(-len(methods) // columns)
+    figure, grid = plt.subplots(
+        rows,
+        columns,
+        figsize=(3.3 * columns, 2.2 * rows + 0.9),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    axis = _Axis(sorted({s.severity for m in methods for s in steps(records, family, m)}), facts)
+    for panel, method in zip(grid.flat, methods, strict=False):
+        _panel(panel, steps(records, family, method), method, axis)
+    for panel in grid.flat[len(methods) :]:
+        panel.set_axis_off()
+    for place in range(columns):
+        last = [k for k in range(len(methods)) if k % columns == place][-1]
+        grid.flat[last].set_xlabel(facts.severity if place == 1 or len(methods) == 1 else "")
+        grid.flat[last].tick_params(labelbottom=True)
+    for row in grid:
+        row[0].set_ylabel("digits lost")
+    figure.suptitle(facts.name, fontsize=12)
+    figure.legend(handles=_keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+class _Axis:
+    """Where severities are drawn: by their logarithm, 0 one step beyond its neighbour."""
+
+    def __init__(self, severities: list[float], facts):
+        order = [x for x in facts.values if x in severities]
+        positive = [x for x in order if x > 0]
+        step = abs(np.log10(positive[-1] / positive[0])) / max(len(positive) - 1, 1) or 1.0
+        self.inverted = len(positive) > 1 and positive[-1] < positive[0]
+        self.places = {x: float(np.log10(x)) for x in positive}
+        if 0.0 in order:
+            self.places[0.0] = min(self.places.values()) - max(step, 0.5)
+        self.whole = all(x == round(x) and x <= 1000 for x in positive)
+
+    def set_up(self, axes: Axes) -> None:
+        """Set limits and ticks."""
+        low, high = min(self.places.values()), max(self.places.values())
+        margin = 0.03 * (high - low)
+        axes.set_xlim(low - margin, high + margin)
+        if self.inverted:
+            axes.invert_xaxis()
+        start = low if 0.0 not in self.places else min(x for s, x in self.places.items() if s > 0)
+        step = max(1, int(np.ceil((high - start) / 4)))
+        ticks = list(np.arange(np.ceil(start), np.floor(high) + 0.5, step))
+        labels = [f"{10**t:.0f}" if self.whole else f"$10^{{{t:.0f}}}$" for t in ticks]
+        if 0.0 in self.places:
+            ticks.append(self.places[0.0])
+            labels.append("0")
+        axes.set_xticks(ticks, labels)
+
+
+def _panel(axes: Axes, mine: list[Step], method: Method, axis: _Axis) -> None:
+    color = COLORS[method.key]
+    top = DIGITS_OF_DOUBLES
+    x = np.array([axis.places[step.severity] for step in mine])
+    axes.axhspan(LIMIT, top, color="0.93", lw=0)
+    foreseen = [step.foreseen if step.refused == 0 else np.nan for step in mine]
+    axes.plot(x, foreseen, ":", color="0.35", lw=1.6)
+    for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
+        y = [
+            next((digits_lost(r.errors["relative"]) for r in s.solved if _is(r, variant)), np.nan)
+            for s in mine
+        ]
+        axes.plot(x, y, "-", color=color, lw=0.6, alpha=0.45)
+    # Where some variant is refused, the worst of the others would look like a recovery.
+    worst = [step.lost if step.refused == 0 else np.nan for step in mine]
+    axes.plot(x, worst, "-", marker=MARKERS[method.key], color=color, ms=4, lw=1.5)
+    for at, step in zip(x, mine, strict=True):
+        if step.refused > 0:
+            axes.plot(
+                at, top + 1.0, "X", ms=6, color=color, mfc=color if step.refused == 1 else "w"
+            )
+        if step.worst is Outcome.SILENT:
+            axes.plot(at, step.lost, "o", ms=13, mfc="none", mec="#B00020", mew=1.8)
+    axes.set_ylim(-0.5, top + 2.2)
+    axes.set_yticks([0, 4, 8, 12, 16])
+    axes.set_title(method.name, fontsize=10, loc="left", color="0.15")
+    axes.grid(alpha=0.25)
+    axis.set_up(axes)
+
+
+def _is(record: Record, variant: str) -> bool:
+    return record.settings["variant"] == variant
+
+
+def _keys() -> list:
+    line = {"color": "0.15", "lw": 1.5}
+    return [
+        Line2D([], [], marker="o", ms=4, label="worst variant", **line),
+        Line2D([], [], color="0.35", lw=0.6, label="each variant"),
+        Line2D([], [], color="0.35", lw=1.4, ls=":", label="foreseen by κ ε"),
+        Line2D([], [], marker="X", ls="", color="0.15", label="refused (hollow: in part)"),
+    ]
+
+
+def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
+    """Draw the heat map and a figure a family into a folder, and return the files."""
+    paths = [folder / "stability.png"]
+    draw_atlas(records, paths[0])
+    for family in families_of(records):
+        paths.append(folder / f"stability-{family}.png")
+        draw_family(records, family, paths[-1])
+    return paths
+
+
+# ---- The heat map --------------------------------------------------------------------------------
+
+
+def draw_atlas(records: Sequence[Record], path: Path) -> None:
+    """Draw every method through every family: darker is worse, hatched is refused."""
+    families, methods = families_of(records), methods_of_records(records)
+    figure, axes = plt.subplots(figsize=(1.75 * len(families) + 1.8, 0.5 * len(methods) + 2.2))
+    colors = plt.get_cmap("YlOrRd")
+    scale = Normalize(0.0, DIGITS_OF_DOUBLES)
+    for column, family in enumerate(families):
+        for row, method in enumerate(methods):
+            mine = steps(records, family, method)
+            for place, step in enumerate(mine):
+                width = 0.92 / len(mine)
+                box = (column + 0.04 + place * width, row + 0.1), width, 0.8
+                _cell(axes, step, box, colors, scale)
+    axes.set_xlim(0, len(families))
+    axes.set_ylim(len(methods), 0)
+    names = [FAMILIES[key].name.replace(" ", "\n", 1) for key in families]
+    axes.set_xticks(np.arange(len(families)) + 0.5, names, fontsize=9)
+    axes.set_yticks(np.arange(len(methods)) + 0.5, [m.name for m in methods])
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    bar = figure.colorbar(
+        plt.cm.ScalarMappable(scale, colors), ax=axes, pad=0.015, fraction=0.025, aspect=24
+    )
+    bar.set_label("digits lost, worst variant")
+    bar.ax.axhline(LIMIT, color="black", lw=1.2)
+    axes.set_xlabel("each box: from mild (left) to severe (right)", labelpad=8)
+    handles = [
+        Patch(fc="0.97", ec="0.45", hatch="////", label="refused"),
+        Patch(fc=colors(0.1), ec="0.45", hatch="////", label="refused in part"),
+    ]
+    if any(outcome(record) is Outcome.SILENT for record in records):
+        handles.append(Patch(fc="white", ec="#0033CC", lw=2, label="silently wrong"))
+    axes.legend(
+        handles=handles, loc="upper right", bbox_to_anchor=(1.0, -0.03), ncols=3, frameon=False
+    )
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def _cell(axes: Axes, step: Step, box: tuple, colors, scale: Normalize) -> None:
+    face = "0.97" if np.isnan(step.lost) else colors(scale(step.lost))
+    axes.add_patch(Rectangle(*box, fc=face, ec="none", lw=0))
+    if step.refused > 0:
+        axes.add_patch(Rectangle(*box, fc="none", ec="0.45", lw=0, hatch="//////"))
+    if step.worst is Outcome.SILENT:
+        axes.add_patch(Rectangle(*box, fc="none", ec="#0033CC", lw=2))

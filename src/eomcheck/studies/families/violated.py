@@ -1,0 +1,40 @@
+"""Velocities that slide the wheels sideways a little, looked at with `consistent=False`.
+
+The formulations then answer different questions: those in Lagrange's terms take v as it is, those
+in generalized speeds its u and nothing else. Each is compared with its own exact answer to these
+very doubles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.evaluate import Evaluation, velocity
+from eomcheck.scenes import Snake
+from eomcheck.studies.families.base import Family, Posed, decades
+
+SCENES = {
+    "coil": Snake.coil(7),
+    "pattern": Snake.pattern(20),
+    "free": Snake(np.ones(3), np.ones(3), np.ones(3) / 12, None, [0.1, 0.2, 0.3], [0.0, 0.4, 1.0]),
+}
+
+
+def _pose(variant: str, violation: float) -> Posed:
+    scene = SCENES[variant]
+    q, _ = scene.initial_state()
+    v = velocity(scene, q, [1.0, 0.5])
+    a = Evaluation(scene, q, v).terms.a
+    sideways = np.linalg.lstsq(a, np.ones(scene.r), rcond=None)[0]
+    return Posed(scene, q, None, v + violation * np.abs(v).max() * sideways)
+
+
+VIOLATED = Family(
+    key="violated",
+    name="Violated constraints",
+    severity="sliding of every wheel over the largest speed",
+    values=decades(-16, 0),
+    quick=decades(-16, 0, 4),
+    variants=tuple(SCENES),
+    pose=_pose,
+)

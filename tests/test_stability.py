@@ -1,0 +1,331 @@
+"""The stability atlas: its families, what is measured and kept, what is read off the Records."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from eomcheck.certified import DIGITS_OF_DOUBLES, accuracy
+from eomcheck.errors import RefusedError, UnknownNameError
+from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.formulations import FORMULATIONS, applicable
+from eomcheck.report.stability import draw_all, print_stability
+from eomcheck.studies import stability
+from eomcheck.studies.families import FAMILIES
+from eomcheck.studies.families.base import decades
+from eomcheck.studies.families.dependent import DEPENDENT, TwoWheels
+from eomcheck.studies.records import Record, Records
+from eomcheck.studies.stability import (
+    STUDY,
+    Method,
+    Outcome,
+    Place,
+    breaks_at,
+    digits_lost,
+    measure,
+    measure_state,
+    methods_of,
+    outcome,
+    plan,
+    steps,
+)
+
+families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
+
+# ---- The families --------------------------------------------------------------------------------
+
+
+@families
+def test_severities_rise_or_fall_all_the_way_and_quick_ones_are_among_them(family):
+    ways = {math.copysign(1.0, b - a) for a, b in pairwise(family.values)}
+    steps = list(pairwise(family.values))
+    if family.values[0] == 0.0:
+        steps = steps[1:]
+    assert len(ways) == 1, "none is there twice, and none out of order"
+    assert all(a != b for a, b in steps)
+    places = [family.values.index(value) for value in family.quick]
+    assert places == sorted(places)
+    assert len(set(family.variants)) == len(family.variants)
+
+
+@families
+def test_each_variant_is_a_state_at_its_mildest_and_at_its_most_severe_quick_one(family):
+    for variant in family.variants:
+        for severity in (family.quick[0], family.quick[-1]):
+            posed = family.pose(variant, severity)
+            assert (posed.u is None) != (posed.v is None)
+            assert posed.q.shape == (posed.scene.n,)
+            if posed.u is not None:
+                assert posed.u.shape == (posed.scene.p,)
+            else:
+                assert posed.v.shape == (posed.scene.n,)
+
+
+@families
+def test_some_formulation_solves_the_mildest_state_to_ten_digits(family):
+    for variant in family.variants:
+        posed = family.pose(variant, family.values[0])
+        found = accuracy(posed.scene, "kane", posed.q, posed.u, v=posed.v)
+        assert found.relative < 1e-10
+
+
+def test_decades_rise_and_fall():
+    assert decades(0, 2) == (1.0, 10.0, 100.0)
+    assert decades(-1, -3) == (0.1, 0.01, 0.001)
+    assert decades(0, 160, 80) == (1.0, 1e80, 1e160)
+
+
+def test_a_wheel_comes_as_near_to_π_over_2_as_doubles_let_it():
+    family = FAMILIES["wheel-angle"]
+    for distance in family.values:
+        alpha = family.pose("+π/2, wheel 3", distance).scene.wheel_angle[2]
+        assert np.cos(alpha) == pytest.approx(distance, rel=0.3)
+    assert family.pose("+π/2, wheel 3", family.values[-1]).scene.wheel_angle[2] == np.pi / 2
+
+
+def test_a_second_wheel_holds_the_centre_of_its_link_still():
+    posed = DEPENDENT.pose("moving", 0.1)
+    at = Evaluation(posed.scene, posed.q, np.zeros(posed.scene.n))
+    at.u = posed.u
+    moving = Evaluation(posed.scene, posed.q, at.velocity)
+    check_consistent(moving)
+    V, omega = at.call(posed.scene.velocities, at.parameters, at.prepared, at.q, moving.v)
+    assert np.abs(V[0]).max() < 1e-15
+    assert omega[0, 0] == 1.0
+    a, first = moving.terms.a, TwoWheels(posed.scene.first, 0.0)
+    assert np.linalg.matrix_rank(a) == 6
+    repeated = Evaluation(first, posed.q, moving.v).terms
+    assert np.array_equal(repeated.a[-1], repeated.a[0])
+    assert repeated.gamma[-1] == repeated.gamma[0]
+
+
+def test_two_wheels_at_one_angle_leave_no_speed_to_choose():
+    posed = DEPENDENT.pose("moving", 0.0)
+    at = Evaluation(posed.scene, posed.q, np.zeros(posed.scene.n))
+    with pytest.raises(RefusedError, match="one constraint"):
+        at.speeds  # noqa: B018
+
+
+def test_every_formulation_refuses_a_constraint_written_twice():
+    for method in methods_of(applicable(TwoWheels)):
+        (record,) = measure_state((Place("dependent", "moving", 0.0), [method]))
+        assert record.status == "refused", method
+
+
+# ---- Measuring -----------------------------------------------------------------------------------
+
+PLACE = Place("straight", "3 links", 1e-4)
+
+
+def test_a_formulation_with_a_partition_is_measured_with_both():
+    assert list(methods_of(["au", "el"])) == [Method("au"), Method("el"), Method("el", True)]
+    assert {method.key for method in methods_of(FORMULATIONS)} == set(FORMULATIONS)
+
+
+def test_a_formulation_that_does_not_apply_to_the_scenes_of_a_family_has_no_cells_there():
+    planned = plan(["straight", "dependent"])
+    assert Method("banded") in planned.methods("straight")
+    assert Method("banded") not in planned.methods("dependent")
+    assert Method("kane") in planned.methods("dependent")
+
+
+def test_a_cell_holds_the_true_error_what_was_foreseen_and_every_condition_number():
+    posed = FAMILIES["straight"].pose("3 links", 1e-4)
+    for method, record in zip(
+        methods_of(FORMULATIONS),
+        measure_state((PLACE, list(methods_of(FORMULATIONS)))),
+        strict=True,
+    ):
+        found = accuracy(posed.scene, method.key, posed.q, posed.u, pivoted=method.pivoted)
+        assert record.settings == PLACE.settings(method)
+        assert record.status == "done"
+        assert record.errors["relative"] == found.relative
+        assert record.errors["bound"] == found.relative_bound
+        assert record.errors["predicted"] == pytest.approx(found.relative_bound / 32)
+        names = {name.removeprefix("condition ") for name in record.errors if " " in name}
+        assert names == set(found.condition)
+        assert record.errors["condition"] == max(found.condition.values())
+
+
+def test_a_refused_cell_names_the_matrix():
+    (record,) = measure_state((Place("straight", "3 links", 0.0), [Method("em")]))
+    assert record.status == "refused"
+    assert "matrix a_1 is singular to working precision" in record.reason
+
+
+def test_where_constraints_are_violated_each_has_its_own_truth():
+    place = Place("violated", "coil", 1e-4)
+    au, kane = measure_state((place, [Method("au"), Method("kane")]))
+    for record in (au, kane):
+        assert record.errors["relative"] < 1e-12
+    assert au.errors["question"] == 0.0
+    assert 1e-8 < kane.errors["question"] < 1e-2
+
+
+def test_a_run_is_resumed_and_repeats_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(stability, "spread", _here)
+    planned = plan(["turns"], ["au", "kane"], quick=True)
+    with Records(tmp_path / "records.db") as records:
+        first = measure(planned, records)
+        assert len(first) == 2 * 2 * len(FAMILIES["turns"].quick)
+        assert {outcome(record) for record in first} == {Outcome.GOOD}
+        records.forget(STUDY, [first[3].settings])
+        asked.clear()
+        again = measure(planned, records)
+        assert asked == [(Place(*_place(first[3])), 1)]
+        assert [r.settings for r in again] == [r.settings for r in first]
+        asked.clear()
+        wider = measure(plan(["turns"], ["au", "kane", "em"], quick=True), records)
+        assert len(wider) == len(first) * 2
+        assert {count for _, count in asked} == {2}, "em, and em with a pivoted partition"
+        asked.clear()
+        assert len(measure(planned, records, fresh=True)) == len(first)
+        assert len(asked) == len(first) / 2
+
+
+asked: list[tuple[Place, int]] = []
+
+
+def _here(where, function, items):
+    for place, methods in items:
+        asked.append((place, len(methods)))
+        yield (place, methods), function((place, methods))
+
+
+def _place(record: Record) -> tuple:
+    return tuple(record.settings[name] for name in Place._fields)
+
+
+def test_processes_measure_the_same(tmp_path: Path):
+    planned = plan(["dependent"], ["au"], quick=True)
+    with Records(tmp_path / "records.db") as records:
+        found = measure(planned, records, "local:2")
+    for record in found:
+        (here,) = measure_state((Place(*_place(record)), [Method("au")]))
+        assert (here.status, here.errors) == (record.status, record.errors)
+
+
+@pytest.mark.parametrize(("families", "formulations"), [(["none"], None), (None, ["newton"])])
+def test_unknown_families_and_formulations_are_named(families, formulations):
+    with pytest.raises(UnknownNameError):
+        plan(families, formulations)
+
+
+def test_a_plan_covers_every_family_variant_and_severity_once():
+    places = list(plan().places())
+    assert len(places) == len(set(places))
+    assert len(places) == sum(len(f.values) * len(f.variants) for f in FAMILIES.values())
+
+
+# ---- What is read off the Records ----------------------------------------------------------------
+
+
+def record(severity: float, relative: float | None, bound: float = math.inf, variant="3 links"):
+    settings = Place("straight", variant, severity).settings(Method("el"))
+    if relative is None:
+        return Record(STUDY, settings, "refused", "a'T is singular", errors={"rcond": 0.0})
+    errors = {"relative": relative, "bound": bound, "predicted": 2 * relative, "condition": 7.0}
+    return Record(STUDY, settings, errors=errors | {"condition a'T": 7.0})
+
+
+RECORDS = [
+    record(1e-1, 1e-15),
+    record(1e-1, 1e-14, variant="7 links"),
+    record(1e-4, 1e-9),
+    record(1e-4, 1e-12, variant="7 links"),
+    record(1e-8, 1e-4, 1e-3),
+    record(1e-8, None, variant="7 links"),
+    record(0.0, None),
+    record(0.0, None, variant="7 links"),
+]
+
+
+@pytest.mark.parametrize(
+    ("one", "expected"),
+    [
+        (record(0.1, 0.0), Outcome.GOOD),
+        (record(0.1, 1e-6), Outcome.GOOD),
+        (record(0.1, 1e-6, 0.0), Outcome.GOOD),
+        (record(0.1, 2e-6, 2e-6), Outcome.TOLD),
+        (record(0.1, 2e-6, 1e-6), Outcome.SILENT),
+        (record(0.1, math.inf, math.inf), Outcome.TOLD),
+        (record(0.1, math.inf, 1.0), Outcome.SILENT),
+        (record(0.1, None), Outcome.REFUSED),
+    ],
+)
+def test_an_outcome_is_read_off_error_and_bound(one, expected):
+    assert outcome(one) is expected
+
+
+def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
+    found = steps(reversed(RECORDS), "straight", Method("el"))
+    assert [step.severity for step in found] == [1e-1, 1e-4, 1e-8, 0.0]
+    assert [step.worst for step in found] == [
+        Outcome.GOOD,
+        Outcome.GOOD,
+        Outcome.TOLD,
+        Outcome.REFUSED,
+    ]
+    assert [step.refused for step in found] == [0.0, 0.0, 0.5, 1.0]
+    assert found[1].lost == pytest.approx(DIGITS_OF_DOUBLES - 9)
+    assert found[1].foreseen == pytest.approx(DIGITS_OF_DOUBLES - 9 + math.log10(2))
+    assert math.isnan(found[3].lost)
+    assert steps(RECORDS, "straight", Method("el", True)) == []
+
+
+def test_a_method_breaks_where_some_variant_first_fails():
+    found = breaks_at(RECORDS, "straight", Method("el"))
+    assert found is not None
+    assert (found.severity, found.outcome) == (1e-8, Outcome.TOLD)
+    assert breaks_at(RECORDS[:4], "straight", Method("el")) is None
+
+
+def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(capsys):
+    print_stability(RECORDS)
+    before = capsys.readouterr().out
+    assert "1e-08" in before and "bound tells" in before and "0 silently wrong" in before
+    doctored = [
+        replace(r, errors=r.errors | {"relative": 1e-3, "bound": 1e-5})
+        if r.settings["severity"] == 1e-4
+        else r
+        for r in RECORDS
+    ]
+    found = breaks_at(doctored, "straight", Method("el"))
+    assert found is not None
+    assert (found.severity, found.outcome) == (1e-4, Outcome.SILENT)
+    print_stability(doctored)
+    after = capsys.readouterr().out
+    assert "0.0001" in after and "2 silently wrong" in after
+    assert after.count("SILENT:") == 2
+
+
+def test_digits_lost_count_from_those_that_doubles_have():
+    assert digits_lost(0.0) == digits_lost(1e-17) == 0.0
+    assert digits_lost(1e-6) == pytest.approx(9.95, abs=0.01)
+    assert digits_lost(math.inf) == digits_lost(2.0) == DIGITS_OF_DOUBLES
+
+
+def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentation(tmp_path: Path):
+    silent = record(1e-4, 1e-3, 1e-9, "20 links")
+    paths = draw_all([*RECORDS, silent, *_cheap()], tmp_path)
+    assert [path.name for path in paths] == [
+        "stability.png",
+        "stability-straight.png",
+        "stability-dependent.png",
+    ]
+    for path in paths:
+        assert 10_000 < path.stat().st_size < 200_000
+        assert image.imread(path)[..., :3].std() > 0.05
+
+
+def _cheap() -> list[Record]:
+    found = []
+    for severity in DEPENDENT.quick:
+        found += measure_state((Place("dependent", "moving", severity), [Method("au")]))
+    return found

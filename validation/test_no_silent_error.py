@@ -1,0 +1,313 @@
+"""No public function returns NaN, or a wrong result without saying so.
+
+Wrong means a true relative error above 1e-6; said it is by a refusal or by the error bound. The
+states are hostile ones, and those of the families of the stability atlas at any severity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+import eomcheck
+from eomcheck import strategies
+from eomcheck.arithmetic.ball import Balls, ball, precision
+from eomcheck.certified import true_error
+from eomcheck.errors import EomcheckError, RefusedError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.model import Scene, State
+from eomcheck.quantities import Quantities
+from eomcheck.scenes import Snake
+from eomcheck.studies.families import FAMILIES, Posed
+from eomcheck.studies.stability import methods_of
+from eomcheck.tolerance import NOTICEABLE, largest
+
+METHODS = tuple(methods_of(FORMULATIONS))
+MOST_LINKS = 30
+"""Longer chains take too long here; the atlas has them."""
+
+
+def hostile(links: tuple[int, int]):
+    return strategies.scene_states(strategies.hostile_snakes(*links), strategies.hostile_states)
+
+
+@st.composite
+def posed(draw) -> tuple[str, Posed]:
+    """Draw a state of a family, at a severity between its values as well."""
+    family = FAMILIES[draw(st.sampled_from(sorted(FAMILIES)))]
+    variant = draw(st.sampled_from(family.variants))
+    if family.key == "links":
+        severity = float(draw(st.integers(2, MOST_LINKS)))
+    else:
+        exponents = [math.log10(value) for value in family.values if value > 0]
+        between = st.floats(min(exponents), max(exponents)).map(lambda x: 10.0**x)
+        severity = draw(st.sampled_from(family.values) | between)
+    return f"{family.key}, {variant}, {severity!r}", family.pose(variant, severity)
+
+
+def assert_told(scene: Scene, key: str, pivoted: bool, q, v, consistent: bool) -> bool:
+    """Assert that an acceleration is right or says that it is not; return whether it is there."""
+    try:
+        found = eomcheck.acceleration(scene, key, q, v, consistent=consistent, pivoted=pivoted)
+    except EomcheckError:
+        return False
+    assert np.isfinite(found.vdot).all()
+    assert found.multipliers is None or np.isfinite(found.multipliers).all()
+    assert found.error_bound >= 0
+    assert all(0 < rcond <= 1 for rcond in found.rcond.values())
+    try:
+        truth = eomcheck.enclose(scene, key, q, v=v, digits=20, pivoted=pivoted)
+    except RefusedError:
+        # Exactly singular: there is no true value, and doubles must at least have seen that.
+        assert math.isinf(found.error_bound), (key, pivoted)
+        return True
+    error, scale = largest(true_error(found.vdot, truth)), largest(truth.doubles())
+    assert error <= max(NOTICEABLE * scale, found.error_bound), (key, pivoted, error, scale)
+    return True
+
+
+# ---- What was found, before it was mended --------------------------------------------------------
+
+UNDERFLOWN_MASS = Snake(
+    [0.0347739952447091, 198.21272767489523, 1.0000230261160268],
+    [1.0] * 3,
+    [0.0] * 3,
+    None,
+    [1.038328547048313e-192, 0.0, 0.0],
+)
+"""The squares of partial angular velocities of 1e-193 underflow in M_Kane: all digits were lost."""
+
+CANCELLED_DRIFT = Snake(
+    [18234.831975800753, 1.0, 0.00036665490671437725],
+    [18234.831975800753, 1.0, 0.00036665490671437725],
+    [1.0000002744895709, 0.0, 0.0],
+    None,
+    [0.0698, 0.0, 1.5707963267948966],
+)
+"""Two accelerations of 1e-4 m/s² cancel identically in gamma, and left rounding of 1e-20 that no
+change of the inputs showed."""
+
+TWICE_FORMED = Snake(
+    [10.0, 0.9999769744141629, 9.315991720772956, 127425.22771803918, 13733025.98912754],
+    [1.0, 5434741.526779694, 321984.3572663425, 1839889.325860646, 2.170729267011684e-08],
+    [0.0, 3.112068033324997e-07, 0.0, 0.0, 0.0001685844209177057],
+    None,
+    [-1.5707963076873637, 0.0, -0.0, -0.0, -1.5592286350674833],
+)
+"""M w and M rest are rounded apart, and not as one M that is a little off: Em lost five digits more
+than changes of M showed."""
+
+MASSLESS = Snake([10.0], [4.3], [0.0], None, [1.1])
+"""M_ML is singular, and in doubles the rounding of zero; its right-hand side is 0."""
+
+FOUND = (
+    (
+        UNDERFLOWN_MASS,
+        State(
+            np.array([0.0, 0.0, 1.038328547048313e-192, 0.0, 0.0]),
+            np.array(
+                [
+                    6.159136350144322e-08,
+                    -2.5559781489950775e-08,
+                    5.111956297990155e-08,
+                    -5.111956297990156e-08,
+                    5.111956297990159e-08,
+                ]
+            ),
+        ),
+    ),
+    (
+        CANCELLED_DRIFT,
+        State(
+            np.array(
+                [-214782657.1060139, -9.106243015676064e-300, 1.5, 1.1754943508222875e-38, -0.0]
+            ),
+            np.array(
+                [
+                    1.1224462378217709e-20,
+                    -1.3513445089589002e-21,
+                    1.2342537740177098e-24,
+                    -4.813919341860729e-22,
+                    -1.0,
+                ]
+            ),
+        ),
+    ),
+    (
+        TWICE_FORMED,
+        State(
+            np.array(
+                [
+                    580172750.999835,
+                    -7.360626653963749e-30,
+                    37321650.42455399,
+                    733930323.5046608,
+                    229721179.30118704,
+                    2.2250738585072014e-308,
+                    -171461775.7177403,
+                ]
+            ),
+            np.array(
+                [
+                    5.835092096690615e45,
+                    -4.272269035422179e45,
+                    -2.0011501283798802e47,
+                    -1.3645142612430842e40,
+                    9.02094704337114e41,
+                    1.2690056182687202e41,
+                    1.5364253981497953e57,
+                ]
+            ),
+        ),
+    ),
+    (MASSLESS, State(np.array([-1e9, 8e8, 9e8]), np.zeros(3))),
+)
+
+
+# ---- Accelerations -------------------------------------------------------------------------------
+
+
+def test_no_hostile_state_has_an_acceleration_that_is_wrong_and_does_not_say_so(links, examples):
+    def told(case: tuple[Scene, State], consistent: bool) -> None:
+        scene, (q, v, _) = case
+        for key, pivoted in METHODS:
+            assert_told(scene, key, pivoted, q, v, consistent)
+
+    for case in FOUND:
+        told = example(case, False)(told)
+    search = given(hostile(links), st.booleans())(told)
+    settings(max_examples=examples or settings().max_examples)(search)()
+
+
+def test_no_family_has_an_acceleration_that_is_wrong_and_does_not_say_so(examples):
+    solved = 0
+
+    def told(case: tuple[str, Posed]) -> None:
+        nonlocal solved
+        _, (scene, q, u, v) = case
+        for key, pivoted in METHODS:
+            try:
+                found = eomcheck.accuracy(scene, key, q, u, v=v, pivoted=pivoted)
+            except EomcheckError:
+                continue
+            assert not found.silent, (key, pivoted, found)
+            assert np.isfinite(found.vdot).all()
+        if v is None:
+            try:
+                v = eomcheck.velocity(scene, q, u)
+            except RefusedError:
+                return
+        for key, pivoted in METHODS:
+            solved += assert_told(scene, key, pivoted, q, v, False)
+
+    search = given(posed())(told)
+    settings(max_examples=examples or settings().max_examples)(search)()
+    assert solved > 0
+
+
+# ---- Velocities and speeds -----------------------------------------------------------------------
+
+
+def in_balls(scene: Scene, q) -> Quantities:
+    balls = Balls()
+    return Quantities(scene, balls, balls.numbers(q), balls.numbers(np.zeros(1))[0])
+
+
+def assert_close(found: np.ndarray, exact: np.ndarray) -> None:
+    assert np.isfinite(found).all()
+    error = max(abs(ball(float(x)) - y).mid() for x, y in zip(found, exact, strict=True))
+    size = max(abs(y).mid() for y in exact)
+    assert error <= NOTICEABLE * size or float(error) <= 1e-320, (found, exact)
+
+
+def test_no_hostile_state_has_speeds_that_are_wrong_and_do_not_say_so(links, examples):
+    def told(case: tuple[Scene, State], u: tuple[float, float]) -> None:
+        scene, (q, v, _) = case
+        with precision(4000):
+            try:
+                found = eomcheck.speeds_of(scene, q, v)
+            except RefusedError:
+                pass
+            else:
+                at = in_balls(scene, q)
+                at.v = Balls().numbers(v)
+                assert_close(found, at.u)
+                u = (found[0], u[1]) if u[0] > 1 else u
+            try:
+                found = eomcheck.velocity(scene, q, u)
+            except RefusedError:
+                return
+            at = in_balls(scene, q)
+            at.u = Balls().numbers(np.array(u))
+            assert_close(found, at.velocity)
+
+    size = st.floats(-300.0, 300.0).map(lambda x: 10.0**x) | st.floats(-10.0, 10.0)
+    search = given(hostile(links), st.tuples(size, size))(told)
+    settings(max_examples=examples or settings().max_examples)(search)()
+
+
+# ---- Motions -------------------------------------------------------------------------------------
+
+
+def with_springs(case: tuple[Snake, State]) -> tuple[Snake, State]:
+    """Return the snake with springs, if of no stiffness: code is compiled once for all."""
+    scene, state = case
+    if scene.stiffness is None:
+        none = np.zeros(scene.links - 1)
+        parts = (scene.mass, scene.length, scene.inertia, none, scene.wheel_angle)
+        scene = Snake(*parts)
+    return scene, state
+
+
+def test_no_hostile_state_has_a_motion_that_is_not_finite_and_does_not_say_so(links, examples):
+    low, high = links
+
+    def told(case: tuple[Snake, State], key: str, integrator: str) -> None:
+        scene, (q, v, _) = case
+        try:
+            found = eomcheck.simulate(
+                scene, key, 1e-2, integrator=integrator, q0=q, v0=v, max_steps=20
+            )
+        except EomcheckError:
+            return
+        parts = (found.q, found.v, found.energy, found.constraint_residual, found.multipliers)
+        for part in parts:
+            assert part is None or np.isfinite(part).all()
+        assert (found.status == "failed") == bool(found.reason)
+        if found.refusal is not None:
+            assert found.refusal.what in found.reason
+        if found.status == "finished":
+            assert all(rcond > 0 for rcond in found.rcond.values())
+            assert found.rate_error >= 0
+
+    search = given(
+        hostile((max(low, 2), max(high, 2))).map(with_springs),
+        st.sampled_from(sorted(FORMULATIONS)),
+        st.sampled_from(["DOP853", "LSODA", "Radau"]),
+    )(told)
+    settings(max_examples=examples or settings().max_examples)(search)()
+
+
+# ---- Checks --------------------------------------------------------------------------------------
+
+
+def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
+    low, high = links
+
+    def passes(case: tuple[Scene, State]) -> None:
+        scene, state = case
+        try:
+            # How engines round is their own affair: they are compared in ordinary states.
+            findings = eomcheck.check(scene, *state, engines=[])
+        except EomcheckError:
+            return
+        for finding in findings:
+            assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
+            if finding.verdict == "passed":
+                assert np.isfinite((finding.observed, finding.allowed)).all()
+
+    search = given(hostile((low, min(high, 5))))(passes)
+    settings(max_examples=examples or settings().max_examples)(search)()
