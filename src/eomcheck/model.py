@@ -137,7 +137,8 @@ class Tree(NamedTuple):
     """A neutral description of a tree of rigid bodies, for engines that build their own model.
 
     Joint j hangs on joint `parent[j]` (-1: the ground), displaced by `offset[j]`, and carries one
-    body. Joint coordinates are `coordinates @ q`.
+    body. Depth first: what hangs on a joint follows it before anything else does. Joint coordinates
+    are `coordinates @ q`.
     """
 
     parent: tuple[int, ...]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from eomcheck.model import Scene
 from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.four_bar_chain import FourBarChain
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
@@ -17,8 +18,17 @@ SCENES: dict[str, type[Scene]] = {
         Sleigh,
         RollingDisk,
         TurntableBall,
+        FourBarChain,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake", "TurntableBall"]
+__all__ = [
+    "SCENES",
+    "ChainPendulum",
+    "FourBarChain",
+    "RollingDisk",
+    "Sleigh",
+    "Snake",
+    "TurntableBall",
+]
