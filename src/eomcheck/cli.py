@@ -520,6 +520,39 @@ def study_work_precision(
         typer.echo(f"written: {figure}, {rates}")
 
 
+@study.command("stiff")
+def study_stiff(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    stiffness: Annotated[
+        list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane, banded]")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
+    ] = False,
+    references: Annotated[
+        Path, typer.Option(help="Folder of the reference solutions.")
+    ] = REFERENCES,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Draw the figures into this folder.")] = None,
+) -> None:
+    """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
+    if figures is not None:
+        _check_folder(figures)
+    from eomcheck.report.stiff import draw_stiff, print_stiff
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.stiff import measure, plan
+
+    planned = plan(quick, stiffness, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, references, fresh)
+    print_stiff(found)
+    if figures is not None:
+        typer.echo(f"written: {', '.join(map(str, draw_stiff(found, figures)))}")
+
+
 @study.command("paper")
 def study_paper(
     records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
