@@ -185,7 +185,7 @@ def _draw_work_precision(records: Sequence[Record], path: Path) -> None:
                 line.sort(key=lambda r: -r.settings["tolerance"])
                 axes.plot(
                     [cost(r) for r in line],
-                    [r.errors["final"] for r in line],
+                    [max(r.errors["final"], r.errors["floor"]) for r in line],
                     ms=4,
                     lw=1.2,
                     label=integrator,
