@@ -527,7 +527,7 @@ def study_stiff(
         list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
     ] = None,
     formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane, banded]")
+        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane]")
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
@@ -551,6 +551,36 @@ def study_stiff(
     print_stiff(found)
     if figures is not None:
         typer.echo(f"written: {', '.join(map(str, draw_stiff(found, figures)))}")
+
+
+@study.command("long-run")
+def study_long_run(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    t_end: Annotated[float | None, typer.Option(help="End, s. [1000]")] = None,
+    tolerance: Annotated[float | None, typer.Option(help="rtol = atol. [1e-6]")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="30 s by two formulations only.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the errors over time into this file.")
+    ] = None,
+) -> None:
+    """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
+    if figure is not None:
+        _check_figure(figure)
+    from eomcheck.report.long_run import draw_long_run, print_long_run
+    from eomcheck.studies.long_run import measure, plan
+    from eomcheck.studies.records import Records
+
+    planned = plan(quick, t_end, tolerance, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, fresh)
+    print_long_run(found)
+    if figure is not None:
+        draw_long_run(found, figure)
+        typer.echo(f"written: {figure}")
 
 
 @study.command("paper")
