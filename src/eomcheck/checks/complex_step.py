@@ -16,8 +16,8 @@ room above underflow."""
 
 
 def step(e: Evaluation) -> float:
-    """Return the step of time, s, in which nothing moves further than `TINY`."""
-    return TINY / (largest(e.v) or 1.0)
+    """Return the step of time, s, of at most 1e-30, in which nothing moves further than that."""
+    return TINY / max(largest(e.v), 1.0)
 
 
 def moving(e: Evaluation, qdot: Array | None, vdot: Array | None) -> tuple[Any, Array, Array]:

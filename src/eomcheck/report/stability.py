@@ -114,7 +114,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
     """Draw digits lost against severity, a panel a method, with what κ ε foresaw beside it."""
     facts = FAMILIES[family]
     methods = [m for m in methods_of_records(records) if steps(records, family, m)]
-    columns = 3
+    columns = min(3, len(methods))
     rows = -(-len(methods) // columns)
     figure, grid = plt.subplots(
         rows,
@@ -132,7 +132,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
         panel.set_axis_off()
     for place in range(columns):
         last = [k for k in range(len(methods)) if k % columns == place][-1]
-        grid.flat[last].set_xlabel(facts.severity if place == 1 or len(methods) == 1 else "")
+        grid.flat[last].set_xlabel(facts.severity if place == columns // 2 else "")
         grid.flat[last].tick_params(labelbottom=True)
     for row in grid:
         row[0].set_ylabel("digits lost")
