@@ -43,3 +43,7 @@ class Symbols:
         """Return the angles x (k,), doubles or expressions, with their cosines and sines."""
         value = x if x.dtype == object else self.numbers(x)
         return Angles(value, each(self.casadi.cos, value), each(self.casadi.sin, value))
+
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of expressions x (k,)."""
+        return each(self.casadi.sqrt, x)

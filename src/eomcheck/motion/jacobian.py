@@ -31,9 +31,10 @@ def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, A
         )
     symbols = Symbols()
     column, y = symbols.variables("y", scene.n + scene.p)
-    at = Quantities(scene, symbols, y[: scene.n])
+    time = symbols.casadi.SX.sym("t")
+    at = Quantities(scene, symbols, y[: scene.n], time)
     at.u = y[scene.n :]
     rates = symbols.casadi.vertcat(*at.qdot, *formulation.solution(*at.bodies))
     matrix = symbols.casadi.densify(symbols.casadi.jacobian(rates, column))
-    function = symbols.casadi.Function("jacobian", [column], [matrix])
-    return lambda t, y: np.asarray(function(y))
+    function = symbols.casadi.Function("jacobian", [time, column], [matrix])
+    return lambda t, y: np.asarray(function(t, y))
