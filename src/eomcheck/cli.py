@@ -468,15 +468,27 @@ def study_accuracy(
 
 @study.command("operations")
 def study_operations(
-    links: Annotated[str, typer.Option(help="Numbers of links, N or N..M.")] = "2..100",
+    links: Annotated[
+        str | None, typer.Option(help="Numbers of links, N or N..M. [2..100, with --scene 3]")
+    ] = None,
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
     ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="Show what absent terms save instead, on a kind of scene or all."),
+    ] = None,
+    repeats: Annotated[
+        int, typer.Option(help="With --scene: timed runs; the median counts. 0 for counts alone.")
+    ] = 15,
     json: Json = None,
 ) -> None:
     """Count the operations of one right-hand side, exactly, for every number of links."""
-    low, high = interval(links)
+    low, high = interval(links or ("2..100" if scene is None else "3"))
     _check_writable(json)
+    if scene is not None:
+        _study_absent(scene, high, formulation, repeats, json)
+        return
     from eomcheck.report.operations import print_operations, write_operations
     from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
 
@@ -485,6 +497,22 @@ def study_operations(
     print_operations(records, fits, systems, compare_springs(high, formulation))
     if json is not None:
         write_operations(json, records, fits, systems)
+        typer.echo(f"written: {json}")
+
+
+def _study_absent(
+    scene: str, links: int, formulation: list[str] | None, repeats: int, json: Path | None
+) -> None:
+    if repeats < 0:
+        raise InputError(f"repeats = {repeats}, expected at least 0")
+    from eomcheck.report.absent import print_savings, write_savings
+    from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.absent import savings
+
+    found = savings(kinds_of(scene), links, formulation, repeats)
+    print_savings(found)
+    if json is not None:
+        write_savings(json, found)
         typer.echo(f"written: {json}")
 
 

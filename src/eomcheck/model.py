@@ -305,6 +305,11 @@ class Scene(ABC):
         return self.n - self.r
 
     @property
+    def s(self) -> int:
+        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        return 0
+
+    @property
     def name(self) -> str:
         """What reports call this scene, by default its key."""
         return self.key
