@@ -256,7 +256,7 @@ def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
         run("prove", "--links", "1,3", "--points", "2", "--seed", "7", monkeypatch=monkeypatch) == 0
     )
     printed = capsys.readouterr().out
-    assert "0 disproved on 3 of 3 structures" in printed
+    assert "0 disproved on 5 of 5 structures" in printed
     assert "2 random points and primes each, seed 7" in printed
     assert "equivalence" in printed and "bits" in printed
 

@@ -66,7 +66,7 @@ def jacobians(parameters, angles, q, v):
         linear[i, 0, i], linear[i, 1, i] = -y, x
         rest[i, 0], rest[i, 1] = -x * v[i] * v[i], -y * v[i] * v[i]
     for k in range(windows):
-        before, coupler = (k - 1) % bodies, windows + k
+        before, coupler = k - 1, windows + k
         x, y = length[before] * cos[before], length[before] * sin[before]
         linear[coupler, 0, before], linear[coupler, 1, before] = -y, x
         rest[coupler, 0] -= x * v[before] * v[before]
@@ -85,7 +85,7 @@ def weights(gravity, mass, length, cos):
     for i in range(bodies):
         Q[i] = -gravity[0] * mass[i] * length[i] * cos[i] / 2
     for k in range(windows):
-        before = (k - 1) % bodies
+        before = k - 1
         Q[before] -= gravity[0] * mass[windows + k] * length[before] * cos[before]
     return Q
 
@@ -120,7 +120,7 @@ def constraints(parameters, angles, q):
     windows = bodies // 2
     a = np.zeros((2 * windows, bodies), cos.dtype)
     for k in range(windows):
-        before, coupler = (k - 1) % bodies, windows + k
+        before, coupler = k - 1, windows + k
         a[2 * k, before] = -length[before] * sin[before]
         a[2 * k + 1, before] = length[before] * cos[before]
         a[2 * k, coupler] = -length[coupler] * sin[coupler]
@@ -138,7 +138,7 @@ def drift(parameters, angles, q, v):
     windows = bodies // 2
     gamma = np.zeros((2 * windows, 1), v.dtype)
     for k in range(windows):
-        before, coupler = (k - 1) % bodies, windows + k
+        before, coupler = k - 1, windows + k
         first = length[before] * v[before] * v[before]
         across = length[coupler] * v[coupler] * v[coupler]
         last = length[k] * v[k] * v[k]
@@ -156,7 +156,7 @@ def position_residual(parameters, angles, q):
     windows = bodies // 2
     gap = np.zeros((2 * windows, 1), q.dtype)
     for k in range(windows):
-        before, coupler = (k - 1) % bodies, windows + k
+        before, coupler = k - 1, windows + k
         gap[2 * k, 0] = (
             length[before] * cos[before] + length[coupler] * (cos[coupler] - 1) - length[k] * cos[k]
         )
@@ -187,7 +187,7 @@ def velocities(parameters, angles, q, v):
         x, y = tip_velocity(parameters, angles, v, i)
         V[i, 0], V[i, 1] = x / 2, y / 2
     for k in range(windows):
-        x, y = tip_velocity(parameters, angles, v, (k - 1) % bodies)
+        x, y = tip_velocity(parameters, angles, v, k - 1)
         V[windows + k, 0] += x
         V[windows + k, 1] += y
     return V, v.reshape(bodies, 1)
@@ -200,7 +200,7 @@ def constraint(parameters, angles, q, v):
     windows = bodies // 2
     c = np.zeros((2 * windows, 1), v.dtype)
     for k in range(windows):
-        x_1, y_1 = tip_velocity(parameters, angles, v, (k - 1) % bodies)
+        x_1, y_1 = tip_velocity(parameters, angles, v, k - 1)
         x_2, y_2 = tip_velocity(parameters, angles, v, windows + k)
         x_3, y_3 = tip_velocity(parameters, angles, v, k)
         c[2 * k, 0], c[2 * k + 1, 0] = x_1 + x_2 - x_3, y_1 + y_2 - y_3
@@ -219,7 +219,7 @@ def height_energy(gravity, mass, length, sin):
     for i in range(bodies):
         U += gravity[0] * mass[i] * length[i] * sin[i] / 2
     for k in range(windows):
-        before = (k - 1) % bodies
+        before = k - 1
         U += gravity[0] * mass[windows + k] * length[before] * sin[before]
     return U
 
