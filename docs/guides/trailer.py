@@ -1,4 +1,4 @@
-"""A two-wheeled trailer whose hitch is at (x, y); its axle does not slip sideways. q = [θ, x, y]."""
+"""A two-wheeled trailer, its hitch at (x, y), whose axle does not slip sideways. q = [θ, x, y]."""
 
 from typing import Any, NamedTuple
 
