@@ -13,7 +13,7 @@ import numpy as np
 
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
-from eomcheck.arithmetic.linear import SOLVERS, solve
+from eomcheck.arithmetic.linear import CARRIERS, SOLVERS, solve
 from eomcheck.model import Angles, Arithmetic, Array
 
 
@@ -121,6 +121,7 @@ def _solve(A: Array, b: Array, name: str) -> Array:
 
 
 SOLVERS[Dual] = _solve
+CARRIERS.add(Dual)
 
 
 class Recorder:

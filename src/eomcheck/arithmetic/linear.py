@@ -29,6 +29,9 @@ EPS = float(np.finfo(np.float64).eps)
 SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
 
+CARRIERS: set[type] = set()
+"""Kinds of number that carry another kind, and stand beside it where they have nothing to add."""
+
 
 class Solve(NamedTuple):
     """One matrix that was solved: name, order, reciprocal condition number and log2 |det|."""
@@ -130,8 +133,9 @@ def solve(A, b, name):
     if A.shape[0] == 0:
         return b.copy()
     # Generic functions write literal zeros and ones among the numbers of the model.
-    numbers = (x for x in chain(A.flat, b.flat) if not isinstance(x, int))
-    return SOLVERS.get(type(next(numbers, 0)), eliminate)(A, b, name)
+    kinds = {type(x) for x in chain(A.flat, b.flat) if not isinstance(x, int)}
+    kind = next(iter(kinds & CARRIERS or kinds), int)
+    return SOLVERS.get(kind, eliminate)(A, b, name)
 
 
 def _lapack_solve(A, b, name):

@@ -1,0 +1,67 @@
+"""The tutorial's scene: short, right, and a mistake in it is found and named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.checks import CLAIMS, Finding
+from eomcheck.model import Scene
+from eomcheck.scenes.named import kinds_of
+
+TRAILER = Path(__file__).parents[1] / "docs" / "guides" / "trailer.py"
+Q, U = np.array([0.4, 1.0, 2.0]), np.array([1.5, 0.7])
+
+
+def trailer(path: Path) -> type[Scene]:
+    (kind,) = kinds_of(f"{path}:Trailer")
+    kind.compiled = False
+    return kind
+
+
+def failures(findings: list[Finding]) -> list[Finding]:
+    """Return the Findings that failed, the closest to the cause first."""
+    failed = [finding for finding in findings if finding.verdict == "failed"]
+    return sorted(failed, key=lambda finding: list(CLAIMS).index(finding.claim))
+
+
+def checked(kind: type[Scene]) -> list[Finding]:
+    scene = kind.example()
+    return eomcheck.check(scene, Q, eomcheck.velocity(scene, Q, U), consistent=False)
+
+
+def test_the_tutorial_takes_less_than_80_lines_and_passes_all_checks_and_proofs():
+    assert len(TRAILER.read_text(encoding="utf-8").splitlines()) < 80
+    kind = trailer(TRAILER)
+    findings = checked(kind)
+    assert len(findings) > 100
+    assert {f.verdict for f in findings} == {"passed"}
+    proved = eomcheck.prove(kind, points=1, seed=0)
+    assert len(proved) > 60
+    assert {f.verdict for f in proved} == {"passed"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "claim", "says"),
+    [
+        ("gamma[0] = -v[0]", "gamma[0] = v[0]", "constraint-drift", "row axle: sign"),
+        ("= back * sin, -back", "= back * sin, back", "mass-matrix", "θ"),
+        ("-angle.sin[0], angle", "angle.sin[0], angle", "constraint-jacobian", "axle"),
+        ("rest[0, 0], rest", "rest[0, 1], rest", "bias", "row"),
+        ("V[0, 1] = v[2] - par", "V[0, 1] = v[2] + par", "mass-matrix", "θ"),
+    ],
+)
+def test_a_mistake_in_the_trailer_is_found_and_named(tmp_path, old, new, claim, says):
+    source = TRAILER.read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    # A name of its own: Python keeps modules by name.
+    path = tmp_path / f"trailer_{abs(hash(new))}.py"
+    path.write_text(source.replace(old, new), encoding="utf-8")
+    kind = trailer(path)
+    for found in (failures(checked(kind)), failures(eomcheck.prove(kind, points=1, seed=0))):
+        assert found, "not found"
+        assert found[0].claim == claim, str(found[0])
+        assert says in str(found[0])
