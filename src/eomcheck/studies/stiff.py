@@ -324,8 +324,11 @@ def cheapest(
 
 
 def cost(record: Record, what: str = "seconds") -> float:
-    """Return what a run took."""
-    return (record.seconds or 0.0) if what == "seconds" else float(record.counts[what])
+    """Return what a run took: CPU time of the best run, s, or a count.
+
+    CPU time is compared, not run time, for it does not tell what else ran on the machine.
+    """
+    return (record.cpu_seconds or 0.0) if what == "seconds" else float(record.counts[what])
 
 
 def crossover(
