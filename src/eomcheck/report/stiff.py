@@ -258,10 +258,10 @@ def _draw_jacobians(records: Sequence[Record], path: Path) -> None:
                     )
         axes.axhline(1.0, color="0.5", lw=0.8)
         axes.set_xscale("log")
-        axes.set_ylim(bottom=0)
         axes.grid(alpha=0.25)
         axes.set_xlabel("joint stiffness k / (N m/rad)")
         axes.set_title("CPU time" if what == "seconds" else what, fontsize=11)
+    panels[0].set_ylim(bottom=0)
     panels[0].set_ylabel("exact Jacobian over differences")
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False
