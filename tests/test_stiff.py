@@ -78,6 +78,7 @@ def run(k: float, integrator: str, seconds: float | None, error: float = 1e-4) -
         settings,
         "failed" if seconds is None else "done",
         seconds=seconds,
+        cpu_seconds=seconds,
         counts={"right-hand sides": 10},
         errors={"final": error, "floor": 1e-12},
     )

@@ -79,7 +79,7 @@ def _print_truths(records: Sequence[Record]) -> None:
 def _print_costs(records: Sequence[Record], problem: str, key: str) -> None:
     for target in TARGETS:
         console.print(
-            f"\n[bold]{problem}, {key}[/]: best time in ms, and right-hand sides, to an error of "
+            f"\n[bold]{problem}, {key}[/]: CPU time in ms, and right-hand sides, to an error of "
             f"{target:.0e}"
         )
         stiffnesses = _values(records, "stiffness")
@@ -100,7 +100,7 @@ def _print_costs(records: Sequence[Record], problem: str, key: str) -> None:
 
 def _print_crossovers(records: Sequence[Record]) -> None:
     console.print("\n[bold]Implicit integrators are the cheaper ones from this k on[/], N m/rad:")
-    table = _table("", "error", "formulation", "by time", "by right-hand sides")
+    table = _table("", "error", "formulation", "by CPU time", "by right-hand sides")
     for problem in PROBLEMS:
         for target in TARGETS:
             for key in _values(records, "formulation"):
@@ -117,7 +117,7 @@ def _print_jacobians(records: Sequence[Record]) -> None:
     console.print("\n[bold]SciPy, kane, damped[/]: exact Jacobian beside finite differences")
     table = _table(
         *("integrator", "rtol", "k / (N m/rad)"),
-        *("right-hand sides", "exact", "saved", "ms", "exact", "saved", "error", "exact"),
+        *("right-hand sides", "exact", "saved", "CPU ms", "exact", "saved", "error", "exact"),
     )
     for integrator in IN_SCIPY:
         for tolerance in _values(records, "tolerance"):
@@ -196,7 +196,7 @@ def _draw_work_precision(records: Sequence[Record], path: Path) -> None:
             _logarithmic(axes)
             axes.set_ylim(1e-13, 3.0)
             axes.set_title(f"k = {k:.0e} N m/rad", fontsize=10)
-            axes.set_xlabel("run time / s")
+            axes.set_xlabel("CPU time / s")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
     figure.savefig(path, dpi=150)
@@ -209,7 +209,7 @@ def _draw_cost(records: Sequence[Record], path: Path) -> None:
     figure, grid = plt.subplots(
         2, 2, figsize=(9.2, 6.6), sharex=True, sharey="row", layout="constrained"
     )
-    labels = {"seconds": "run time / s", "right-hand sides": "right-hand sides"}
+    labels = {"seconds": "CPU time / s", "right-hand sides": "right-hand sides"}
     for column, problem in enumerate(PROBLEMS):
         for row, (what, label) in enumerate(labels.items()):
             axes = grid[row, column]
@@ -258,12 +258,14 @@ def _draw_jacobians(records: Sequence[Record], path: Path) -> None:
                     )
         axes.axhline(1.0, color="0.5", lw=0.8)
         axes.set_xscale("log")
-        axes.set_ylim(0, 1.5)
         axes.grid(alpha=0.25)
         axes.set_xlabel("joint stiffness k / (N m/rad)")
-        axes.set_title("run time" if what == "seconds" else what, fontsize=11)
+        axes.set_title("CPU time" if what == "seconds" else what, fontsize=11)
+    panels[0].set_ylim(bottom=0)
     panels[0].set_ylabel("exact Jacobian over differences")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False
+    )
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
