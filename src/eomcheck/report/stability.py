@@ -54,9 +54,24 @@ def methods_of_records(records: Sequence[Record]) -> list[Method]:
 
 
 def breaks_text(records: Sequence[Record], family: str, method: Method) -> str:
-    """Return where a method breaks, such as "1e-08, refused", or "" where it never does."""
+    """Return where a method breaks, such as "1e-08 refused", "–" where it does not apply."""
+    if not steps(records, family, method):
+        return "–"
     found = breaks_at(records, family, method)
-    return "" if found is None else f"{found.severity:.3g}, {WORDS[found.outcome]}"
+    if found is None or found.outcome is Outcome.TOLD:
+        return "" if found is None else f"{found.severity:.3g}"
+    return f"{found.severity:.3g} {WORDS[found.outcome]}"
+
+
+def write_breaks(records: Sequence[Record], path: Path) -> None:
+    """Write where each method breaks in each family as a table in Markdown."""
+    families = families_of(records)
+    lines = [["", *(FAMILIES[key].name for key in families)], ["---"] * (len(families) + 1)]
+    for method in methods_of_records(records):
+        breaks = (breaks_text(records, key, method) for key in families)
+        lines.append([f"`{method.key}`{', pivoted' if method.pivoted else ''}", *breaks])
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    path.write_text(text, encoding="utf-8")
 
 
 def print_stability(records: Sequence[Record]) -> None:
@@ -217,9 +232,10 @@ def _keys() -> list:
 
 
 def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
-    """Draw the heat map and a figure a family into a folder, and return the files."""
-    paths = [folder / "stability.png"]
+    """Draw the heat map, the table of breaks and a figure a family, and return the files."""
+    paths = [folder / "stability.png", folder / "stability-breaks.md"]
     draw_atlas(records, paths[0])
+    write_breaks(records, paths[1])
     for family in families_of(records):
         paths.append(folder / f"stability-{family}.png")
         draw_family(records, family, paths[-1])
