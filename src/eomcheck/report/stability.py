@@ -179,12 +179,14 @@ class _Axis:
             axes.invert_xaxis()
         start = low if 0.0 not in self.places else min(x for s, x in self.places.items() if s > 0)
         step = max(1, int(np.ceil((high - start) / 4)))
-        ticks = list(np.arange(np.ceil(start), np.floor(high) + 0.5, step))
+        ticks = np.arange(np.ceil(start), np.floor(high) + 0.5, step)
         labels = [f"{10**t:.0f}" if self.whole else f"$10^{{{t:.0f}}}$" for t in ticks]
+        places = dict(zip(ticks, labels, strict=True))
         if 0.0 in self.places:
-            ticks.append(self.places[0.0])
-            labels.append("0")
-        axes.set_xticks(ticks, labels)
+            zero = self.places[0.0]
+            places = {t: name for t, name in places.items() if t - zero > 0.12 * (high - low)}
+            places[zero] = "0"
+        axes.set_xticks(list(places), list(places.values()))
 
 
 def _panel(axes: Axes, mine: list[Step], method: Method, axis: _Axis) -> None:
