@@ -318,9 +318,14 @@ def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentatio
     paths = draw_all([*RECORDS, silent, *_cheap()], tmp_path)
     assert [path.name for path in paths] == [
         "stability.png",
+        "stability-breaks.md",
         "stability-straight.png",
         "stability-dependent.png",
     ]
+    table = paths.pop(1).read_text(encoding="utf-8").splitlines()
+    assert table[0] == "|  | Straight snake | Dependent constraints |"
+    assert table[2].startswith("| `el` | 0.0001 SILENT | – |")
+    assert table[3].startswith("| `au` | – | 1e-12 |")
     for path in paths:
         assert 10_000 < path.stat().st_size < 200_000
         assert image.imread(path)[..., :3].std() > 0.05

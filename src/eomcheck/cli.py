@@ -596,7 +596,8 @@ def study_stability(
     fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
     executor: Where = "local",
     figures: Annotated[
-        Path | None, typer.Option(help="Folder to draw the atlas and a figure a family into.")
+        Path | None,
+        typer.Option(help="Folder to draw the atlas, a figure a family and a table into."),
     ] = None,
 ) -> None:
     """Drive every formulation through states of growing severity, and certify what it delivers."""

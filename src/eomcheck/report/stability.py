@@ -54,9 +54,24 @@ def methods_of_records(records: Sequence[Record]) -> list[Method]:
 
 
 def breaks_text(records: Sequence[Record], family: str, method: Method) -> str:
-    """Return where a method breaks, such as "1e-08, refused", or "" where it never does."""
+    """Return where a method breaks, such as "1e-08 refused", "–" where it does not apply."""
+    if not steps(records, family, method):
+        return "–"
     found = breaks_at(records, family, method)
-    return "" if found is None else f"{found.severity:.3g}, {WORDS[found.outcome]}"
+    if found is None or found.outcome is Outcome.TOLD:
+        return "" if found is None else f"{found.severity:.3g}"
+    return f"{found.severity:.3g} {WORDS[found.outcome]}"
+
+
+def write_breaks(records: Sequence[Record], path: Path) -> None:
+    """Write where each method breaks in each family as a table in Markdown."""
+    families = families_of(records)
+    lines = [["", *(FAMILIES[key].name for key in families)], ["---"] * (len(families) + 1)]
+    for method in methods_of_records(records):
+        breaks = (breaks_text(records, key, method) for key in families)
+        lines.append([f"`{method.key}`{', pivoted' if method.pivoted else ''}", *breaks])
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    path.write_text(text, encoding="utf-8")
 
 
 def print_stability(records: Sequence[Record]) -> None:
@@ -164,12 +179,14 @@ class _Axis:
             axes.invert_xaxis()
         start = low if 0.0 not in self.places else min(x for s, x in self.places.items() if s > 0)
         step = max(1, int(np.ceil((high - start) / 4)))
-        ticks = list(np.arange(np.ceil(start), np.floor(high) + 0.5, step))
+        ticks = np.arange(np.ceil(start), np.floor(high) + 0.5, step)
         labels = [f"{10**t:.0f}" if self.whole else f"$10^{{{t:.0f}}}$" for t in ticks]
+        places = dict(zip(ticks, labels, strict=True))
         if 0.0 in self.places:
-            ticks.append(self.places[0.0])
-            labels.append("0")
-        axes.set_xticks(ticks, labels)
+            zero = self.places[0.0]
+            places = {t: name for t, name in places.items() if t - zero > 0.12 * (high - low)}
+            places[zero] = "0"
+        axes.set_xticks(list(places), list(places.values()))
 
 
 def _panel(axes: Axes, mine: list[Step], method: Method, axis: _Axis) -> None:
@@ -217,9 +234,10 @@ def _keys() -> list:
 
 
 def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
-    """Draw the heat map and a figure a family into a folder, and return the files."""
-    paths = [folder / "stability.png"]
+    """Draw the heat map, the table of breaks and a figure a family, and return the files."""
+    paths = [folder / "stability.png", folder / "stability-breaks.md"]
     draw_atlas(records, paths[0])
+    write_breaks(records, paths[1])
     for family in families_of(records):
         paths.append(folder / f"stability-{family}.png")
         draw_family(records, family, paths[-1])
