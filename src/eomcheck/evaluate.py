@@ -159,7 +159,8 @@ class Evaluation(Quantities):
         partition = self.partition_for(formulation, pivoted)
         with watching(self._noise) as watch, np.errstate(all="ignore"):
             vdot, multipliers = self.solution(formulation, partition)
-        if self._noise is None and not np.isfinite(vdot).all():
+        finite = np.isfinite(vdot).all() and (multipliers is None or np.isfinite(multipliers).all())
+        if self._noise is None and not finite:
             raise RefusedError(
                 "v̇",
                 float("nan"),

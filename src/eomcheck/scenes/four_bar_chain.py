@@ -323,6 +323,11 @@ class FourBarChain(Assembled):
         return as_code(self)
 
     @property
+    def links(self) -> int:
+        """N: what kinds of scenes that have a number of links to choose call it."""
+        return self.windows
+
+    @property
     def windows(self) -> int:
         """N."""
         return self.mass.size // 2
