@@ -174,7 +174,12 @@ def _draw_work_precision(records: Sequence[Record], path: Path) -> None:
     stiffnesses = _values(records, "stiffness")
     shown = stiffnesses[:: max(1, (len(stiffnesses) - 1) // 3)][:4]
     figure, grid = plt.subplots(
-        2, len(shown), figsize=(2.9 * len(shown) + 0.6, 6.4), sharey="row", layout="constrained"
+        2,
+        len(shown),
+        figsize=(2.9 * len(shown) + 0.6, 6.4),
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
     )
     for row, problem in zip(grid, PROBLEMS, strict=True):
         row[0].set_ylabel(f"{problem}\nrelative error")
