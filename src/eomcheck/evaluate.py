@@ -165,7 +165,7 @@ class Evaluation(Quantities):
                 "v̇",
                 float("nan"),
                 0.0,
-                f"the acceleration by {formulation.key} overflows: doubles cannot hold it",
+                f"the acceleration v̇ by {formulation.key} overflows: doubles cannot hold it",
             )
         rcond = watch.rcond
         if formulation.state == "q, u":
