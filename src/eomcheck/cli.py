@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 import re
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eomcheck import __version__
 from eomcheck.errors import EomcheckError, InputError, WorkerError
+
+if TYPE_CHECKING:
+    from eomcheck.studies.records import Records
 
 app = typer.Typer(
     name="eomcheck",
@@ -117,6 +121,10 @@ Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Kept = Annotated[
+    Path | None,
+    typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+]
 
 
 @app.command()
@@ -134,6 +142,7 @@ def validate(
         list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
     ] = None,
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Check every claim on the example of a scene (the paper's robot) and on random ones."""
     bounds = interval("1..12" if links is None else links)
@@ -144,6 +153,7 @@ def validate(
     from eomcheck.console import console, progress
     from eomcheck.report.findings import print_run, print_scenes, write_json
     from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.findings import look_at_kind
 
     kinds = kinds_of(scene)
     if links is not None and not any(kind.has_links for kind in kinds):
@@ -153,13 +163,16 @@ def validate(
         made.version()  # a missing library is bad input, said before anything is computed
     runs = {kind.key: Run() for kind in kinds}
     interrupted = False
-    with progress("checking", (examples + 2) * len(kinds)) as advance:
+    with (
+        _records_or_none(records) as kept,
+        progress("checking", (examples + 2) * len(kinds)) as advance,
+    ):
         try:
             for kind in kinds:
-                runs[kind.key].look_at_kind(kind, selection, bounds, examples, seed, advance)
+                look_at_kind(kind, runs[kind.key], selection, bounds, examples, seed, advance, kept)
         except KeyboardInterrupt:
             interrupted = True
-    findings = [finding for run in runs.values() for finding in run.finish(selection)]
+    findings = [finding for run in runs.values() for finding in run.findings]
     if len(kinds) == 1:
         print_run(runs[kinds[0].key], selection)
     else:
@@ -190,6 +203,7 @@ def prove(
     ] = None,
     executor: Where = "local",
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of a scene at once."""
     numbers = None if links is None else whole_numbers(links)
@@ -199,22 +213,32 @@ def prove(
     from eomcheck.studies.proofs import Proofs, proof_jobs
     from eomcheck.studies.spread import check_place
 
-    proofs = Proofs(proof_jobs(scene, numbers, points, seed, formulation), json, executor)
+    jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
-    try:
-        proofs.run()
-    except WorkerError:
-        print_proofs(proofs)
-        raise
-    except KeyboardInterrupt:
-        print_proofs(proofs)
-        raise typer.Exit(130) from None
+    with _records_or_none(records) as kept:
+        proofs = Proofs(jobs, json, executor, kept)
+        try:
+            proofs.run()
+        except WorkerError:
+            print_proofs(proofs)
+            raise
+        except KeyboardInterrupt:
+            print_proofs(proofs)
+            raise typer.Exit(130) from None
     print_proofs(proofs)
     if json is not None:
         proofs.write()
         typer.echo(f"written: {json}")
     if proofs.failed:
         raise typer.Exit(1)
+
+
+def _records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:
+    if path is None:
+        return nullcontext()
+    from eomcheck.studies.records import Records
+
+    return Records(path)
 
 
 def _at_least_one(**numbers: int) -> None:
@@ -473,18 +497,29 @@ def study_operations(
         list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
     ] = None,
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Count the operations of one right-hand side, exactly, for every number of links."""
     low, high = interval(links)
     _check_writable(json)
     from eomcheck.report.operations import print_operations, write_operations
-    from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
+    from eomcheck.studies.operations import (
+        compare_springs,
+        fit,
+        measure,
+        record_of,
+        solved_systems,
+    )
 
-    records = measure(range(low, high + 1), formulation)
-    fits, systems = fit(records), solved_systems(records)
-    print_operations(records, fits, systems, compare_springs(high, formulation))
+    with _records_or_none(records) as kept:
+        counted = measure(range(low, high + 1), formulation)
+        if kept is not None:
+            for one in counted:
+                kept.add(record_of(one))
+    fits, systems = fit(counted), solved_systems(counted)
+    print_operations(counted, fits, systems, compare_springs(high, formulation))
     if json is not None:
-        write_operations(json, records, fits, systems)
+        write_operations(json, counted, fits, systems)
         typer.echo(f"written: {json}")
 
 

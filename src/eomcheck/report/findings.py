@@ -40,10 +40,11 @@ def _cell(findings: list[Finding]) -> str:
         return "[yellow]?[/]"
     if finding.verdict == "failed":
         return "[bold red]FAIL[/]"
-    return f"[green]{_percent(finding.ratio)}[/]"
+    return f"[green]{percent(finding.ratio)}[/]"
 
 
-def _percent(ratio: float) -> str:
+def percent(ratio: float) -> str:
+    """Return observed / allowed in whole percent."""
     return "0" if ratio == 0 else "<1%" if ratio < 0.01 else f"{100 * ratio:.0f}%"
 
 
