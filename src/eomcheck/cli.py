@@ -1,4 +1,4 @@
-"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`, `eomcheck study`.
+"""The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
 
 Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
 until then is printed and saved). Each command imports what it needs when it runs.
@@ -262,6 +262,14 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
+def _check_output(path: Path | None, records: list[Path]) -> None:
+    """Check that `path` can be written and is none of the files of records that are read."""
+    _check_writable(path)
+    for one in records:
+        if path is not None and path.exists() and one.exists() and path.samefile(one):
+            raise InputError(f"{str(path)!r} holds the records themselves")
+
+
 def _check_folder(path: Path) -> None:
     if not path.is_dir():
         raise InputError(f"{str(path)!r} is not a folder that exists")
@@ -399,9 +407,7 @@ def export_records(
     ] = True,
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
-    _check_writable(file)
-    if file is not None and file.exists() and records.exists() and file.samefile(records):
-        raise InputError(f"{str(file)!r} holds the records themselves")
+    _check_output(file, [records])
     from eomcheck.report.records import write_csv
     from eomcheck.studies.records import Records
 
@@ -413,6 +419,37 @@ def export_records(
     with file.open("w", encoding="utf-8", newline="") as output:
         write_csv(found, output)
     typer.echo(f"written: {file}")
+
+
+@app.command()
+def report(
+    records: Annotated[
+        list[Path], typer.Argument(help="Files of records: of validate, prove and the studies.")
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
+    ] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
+) -> None:
+    """Report what was found: verdict, claims, failing states, and the studies there are."""
+    if html is markdown is junit is None:
+        html = Path("report.html")
+    for path in (html, markdown, junit):
+        _check_output(path, records)
+    from eomcheck.report.junit import write_junit
+    from eomcheck.report.markdown import write_markdown
+    from eomcheck.report.overview import Overview, read
+    from eomcheck.report.page import write_page
+
+    overview = Overview(read(records))
+    for path, write in ((html, write_page), (markdown, write_markdown), (junit, write_junit)):
+        if path is not None:
+            write(overview, path)
+            typer.echo(f"written: {path}")
+    typer.echo(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    if overview.verdict == "failed":
+        raise typer.Exit(1)
 
 
 @bench.command("rhs")
