@@ -40,11 +40,12 @@ SYMBOLS = dict(
 
 
 class Axis(NamedTuple):
-    """An axis: its title with the unit, in logarithms or not, or of categories in order."""
+    """An axis: its title with the unit, in logarithms, of categories in order, or over a range."""
 
     title: str
     log: bool = False
     categories: Sequence[str] = ()
+    range: tuple[float, float] | None = None
 
     def layout(self) -> dict[str, Any]:
         """Return it as plotly's layout."""
@@ -53,6 +54,8 @@ class Axis(NamedTuple):
             made |= {"type": "category", "categoryarray": list(self.categories)}
         elif self.log:
             made |= {"type": "log", "exponentformat": "power"}
+        elif self.range:
+            made["range"] = self.range
         return made
 
 

@@ -204,8 +204,10 @@ class Overview:
             first = ", ".join(judged.claim.id for judged in self.failed)
             fails = "fails" if len(self.failed) == 1 else "fail"
             return f"{len(self.failed)} {of} {fails}: {first}."
+        if self.verdict == "not finished" and not self.claims:
+            return "The run did not come to its end; no claim was checked."
         if self.verdict == "not finished":
-            return f"The run did not come to its end; none {of} has failed until then."
+            return f"The run did not come to its end; until then none {of} failed."
         checked = [judged for judged in self.claims if judged.whole.kind == "passed"]
         if len(checked) < len(self.claims):
             return f"{len(checked)} {of} hold; on the others nothing could be checked."

@@ -15,6 +15,9 @@ from eomcheck.studies.records import Record
 from eomcheck.studies.stability import STUDY, Outcome, Step, outcome, steps
 from eomcheck.tolerance import NOTICEABLE
 
+CROSSES, STEP = DIGITS_OF_DOUBLES + 1.0, 0.4
+"""Where refusals are drawn, one row a method."""
+
 
 def section(overview: Overview) -> Section | None:
     """Return a diagram a family, and the severity at which each method breaks."""
@@ -56,6 +59,7 @@ def _charts(records: Sequence[Record]) -> Iterator:
         {"family": [FAMILIES[family].name for family in families]},
     )
     methods = methods_of_records(records)
+    step = STEP * len(methods)
     for family in families:
         facts = FAMILIES[family]
         # A category an entry: severities include 0, which a logarithm has no place for.
@@ -63,7 +67,7 @@ def _charts(records: Sequence[Record]) -> Iterator:
         panel = chart.panel(
             (facts.name,),
             Axis(facts.severity, categories=order),
-            Axis(f"digits lost, of {DIGITS_OF_DOUBLES:.0f}"),
+            Axis(f"digits lost, of {DIGITS_OF_DOUBLES:.0f}", range=(-0.5, CROSSES + step + 0.5)),
         )
         for row, method in enumerate(methods):
             mine = steps(records, family, method)
@@ -78,7 +82,7 @@ def _charts(records: Sequence[Record]) -> Iterator:
                 hollow=[step.refused > 0 for step in mine],
             )
             refused = [k for k, step in enumerate(mine) if step.refused > 0]
-            height = DIGITS_OF_DOUBLES + 1.0 + 0.3 * row
+            height = CROSSES + STEP * row
             panel.crosses(method.key, [x[k] for k in refused], height, [said[k] for k in refused])
     yield chart
 
