@@ -113,9 +113,9 @@ def _paper():
                 counts={"steps": 10, "state": 2 * links},
                 errors={"constraint": 1e-9, "energy": 0.0, "constraint allowed": 1e-12},
                 series={
-                    "times": [0.0, 1.0],
-                    "q": [[0.0] * (links + 2)] * 2,
-                    "constraint": [0.0, 1e-9],
-                    "energy": [0.0, 0.0],
+                    "times": [k / 10 for k in range(11)],
+                    "q": [[0.0] * (links + 2)] * 11,
+                    "constraint": [1e-9 * k for k in range(11)],
+                    "energy": [0.0] * 11,
                 },
             )

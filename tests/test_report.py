@@ -140,7 +140,7 @@ def test_there_is_a_section_only_where_there_is_data(good: Path, tmp_path: Path)
     assert 'id="operations"' in text and 'id="claims"' not in text
     with Records(tmp_path / "s.db") as records:
         records.add(Record("own", {}))
-    assert "Plotly" not in page_of(tmp_path / "s.db", tmp_path)  # no chart, no library
+    assert len(page_of(tmp_path / "s.db", tmp_path)) < 50_000  # no chart, no library for charts
 
 
 # ---- HTML, Markdown, JUnit -----------------------------------------------------------------------

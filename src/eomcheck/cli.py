@@ -78,7 +78,8 @@ def _options(
 
 
 MOST_LINKS = 100_000
-REFERENCES = Path("validation/references")
+SUITE = Path("validation")
+REFERENCES = SUITE / "references"
 
 
 def whole_numbers(text: str) -> list[int]:
@@ -431,19 +432,36 @@ def report(
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
+    equivalences: Annotated[
+        Path | None, typer.Option(help="Write the page of verified equivalences into this file.")
+    ] = None,
+    suite: Annotated[
+        Path, typer.Option(help="Folder of the validation suite, of which that page names tests.")
+    ] = SUITE,
 ) -> None:
-    """Report what was found: verdict, claims, failing states, and the studies there are."""
-    if html is markdown is junit is None:
+    """Report what was found: verdict, claims, failing states, and the studies there are.
+
+    Exit code 1 if a claim fails.
+    """
+    if html is markdown is junit is equivalences is None:
         html = Path("report.html")
-    for path in (html, markdown, junit):
+    for path in (html, markdown, junit, equivalences):
         _check_output(path, records)
+    from functools import partial
+
+    from eomcheck.report.equivalences import write_equivalences
     from eomcheck.report.junit import write_junit
     from eomcheck.report.markdown import write_markdown
     from eomcheck.report.overview import Overview, read
     from eomcheck.report.page import write_page
 
     overview = Overview(read(records))
-    for path, write in ((html, write_page), (markdown, write_markdown), (junit, write_junit)):
+    for path, write in (
+        (html, write_page),
+        (markdown, write_markdown),
+        (junit, write_junit),
+        (equivalences, partial(write_equivalences, suite=suite)),
+    ):
         if path is not None:
             write(overview, path)
             typer.echo(f"written: {path}")

@@ -34,7 +34,7 @@ def section(overview: Overview) -> Section | None:
         "Work-precision",
         "Error against run time over all tolerances; lower and further left is better. " + text,
         [table for table in tables if table.rows],
-        lambda: _charts(by_name),
+        lambda: list(_charts(by_name)),
     )
 
 
