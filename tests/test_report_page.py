@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import pytest
 from tests import reports
 
+from eomcheck.report.figures import COLORS
 from eomcheck.report.overview import Overview, read
-from eomcheck.report.page import write_page
+from eomcheck.report.page import DARK, LIGHT, on_dark, write_page
 
 sync_api = pytest.importorskip("playwright.sync_api")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -86,6 +87,7 @@ def test_the_legend_lights_one_formulation_everywhere(page):
         ("au", True),
         ("ml", True),
         ("kane", False),
+        ("casadi", False),  # no formulation
     }
     opacity = """() => [...document.querySelectorAll(".plot")].flatMap(
         (plot) => plot._fullData.map((trace) => [trace.name, trace.opacity]))"""
@@ -119,7 +121,7 @@ def test_a_point_tells_tolerance_counts_and_status(page):
     )
     page.mouse.move(*box)
     page.wait_for_selector(".hoverlayer .hovertext")
-    assert "tolerance" in page.locator(".hoverlayer").first.inner_text()
+    assert "tolerance" in (page.locator(".hoverlayer").first.text_content() or "")
 
 
 def test_a_link_to_a_failing_state_unfolds_it(page):
@@ -132,12 +134,13 @@ def test_a_link_to_a_failing_state_unfolds_it(page):
 
 
 def test_colours_are_those_of_the_scheme(page):
-    colors = page.evaluate(
-        "() => Object.fromEntries([...document.querySelector('.plot')._fullData]"
-        ".map((trace) => [trace.name, trace.line.color]))"
+    drawn = page.evaluate(
+        """() => [...document.querySelector(".plot")._fullData].map(
+        (trace) => [trace.name, trace.line.color])"""
     )
     dark = page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
-    assert colors["au"] == ("#2080bc" if dark else "#0072B2") or dark
-    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == (
-        "rgb(21, 24, 28)" if dark else "rgb(255, 255, 255)"
-    )
+    for key, color in drawn:
+        assert color == (on_dark(COLORS[key]) if dark else COLORS[key])
+    back = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    background = DARK if dark else LIGHT
+    assert back == f"rgb({', '.join(str(int(background[i : i + 2], 16)) for i in (1, 3, 5))})"

@@ -18,6 +18,7 @@ from eomcheck.errors import InputError
 from eomcheck.report.findings import group
 from eomcheck.report.overview import LEVELS, Cell, Judged, Overview, made
 from eomcheck.report.templating import render
+from eomcheck.scenes import SCENES
 from eomcheck.studies.findings import PROOFS, RUNS, STATES, Kept
 
 PROVED = LEVELS[0]
@@ -87,10 +88,33 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         entries=list(entries(overview, suite)),
         version=__version__,
         heading=RUN,
+        commands=list(dict.fromkeys(commands(overview))),
         provenance=list(dict.fromkeys(made(one) for one in of_run)),
         versions={name: version for one in of_run for name, version in one.versions.items()},
     )
     path.write_text(text, encoding="utf-8")
+
+
+def commands(overview: Overview) -> Iterator[str]:
+    """Yield the commands that made the Records; of `prove`, for each kind of scene."""
+    asked = {one.settings["scene"]: one.counts for one in overview.runs}
+    same = len({tuple(counts.items()) for counts in map(_options, asked.values())}) == 1
+    whole = same and asked.keys() == SCENES.keys()
+    for scene, counts in asked.items():
+        options = "".join(f" --{name} {value}" for name, value in _options(counts).items())
+        yield f"eomcheck validate --scene {'all' if whole else scene}{options}"
+    proofs = group(overview.of(PROOFS), lambda one: one.settings["scene"])
+    links = {one.settings["links"] for one in overview.of(PROOFS)} - {None}
+    every = proofs.keys() == SCENES.keys()
+    for scene, records in proofs.items():
+        mine = links if every else {one.settings["links"] for one in records} - {None}
+        of = f" --links {ranges(mine, '..', ',')}" if mine else ""
+        yield f"eomcheck prove --scene {'all' if every else scene}{of}"
+
+
+def _options(counts: dict[str, int]) -> dict[str, int | str]:
+    links = f"{counts['first links']}..{counts['last links']}"
+    return {"examples": counts["examples"], "links": links, "seed": counts["seed"]}
 
 
 def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
@@ -114,7 +138,7 @@ def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
         yield Entry(judged.claim, rows, shown)
 
 
-def ranges(numbers: Iterable[int]) -> str:
+def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
     """Return whole numbers as "1 to 4, 20"."""
     runs: list[list[int]] = []
     for number in sorted(set(numbers)):
@@ -122,7 +146,7 @@ def ranges(numbers: Iterable[int]) -> str:
             runs[-1][1] = number
         else:
             runs.append([number, number])
-    return ", ".join(f"{low}" if low == high else f"{low} to {high}" for low, high in runs)
+    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)
 
 
 # ---- Tests ---------------------------------------------------------------------------------------

@@ -168,7 +168,7 @@ class Overview:
     @property
     def states(self) -> int:
         """Number of states looked at."""
-        return Cell.of(self.rows).states
+        return sum(run.counts["states"] for run in self.runs)
 
     @property
     def structures(self) -> int:
@@ -216,7 +216,9 @@ class Overview:
     @property
     def basis(self) -> str:
         """What the verdict rests on, in a sentence."""
-        parts = [f"{len(self.rows)} findings", _count(self.states, "state")]
+        parts = [f"{len(self.rows)} findings"]
+        if self.states:
+            parts.append(_count(self.states, "state"))
         if self.structures:
             parts.append(f"{_count(self.structures, 'structure')} proved")
         said = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
