@@ -17,6 +17,8 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=f"none of {', '.join(NAMES)} installed")
 
+PATIENCE = 10 * 60 * 1000
+"""Milliseconds after which nothing will come any more, on a machine that does other things too."""
 OPTIONS = [
     *("--no-sandbox", "--disable-gpu", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
@@ -38,7 +40,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[sync_api.Browser]:
     with sync_api.sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        made = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE)
         yield made
         made.close()
 
@@ -49,6 +51,7 @@ def page(request: pytest.FixtureRequest, browser, url: str) -> Iterator[sync_api
     viewport = {"width": width, "height": 900}
     with browser.new_context(viewport=viewport, color_scheme=scheme, offline=True) as context:
         made = context.new_page()
+        made.set_default_timeout(PATIENCE)
         made.complaints = []
         made.on("console", lambda message: made.complaints.append(message.text))
         made.on("pageerror", lambda error: made.complaints.append(str(error)))
