@@ -40,12 +40,13 @@ SYMBOLS = dict(
 
 
 class Axis(NamedTuple):
-    """An axis: its title with the unit, in logarithms, of categories in order, or over a range."""
+    """An axis: its title with the unit, in logarithms, of categories in order, over a range."""
 
     title: str
     log: bool = False
     categories: Sequence[str] = ()
     range: tuple[float, float] | None = None
+    ticks: Sequence[int] = ()
 
     def layout(self) -> dict[str, Any]:
         """Return it as plotly's layout."""
@@ -56,7 +57,12 @@ class Axis(NamedTuple):
             made |= {"type": "log", "exponentformat": "power"}
         elif self.range:
             made["range"] = self.range
+        if self.ticks:
+            made["tickvals"] = list(self.ticks)
         return made
+
+
+LINKS = Axis("number of links N", log=True, ticks=(1, 2, 3, 5, 7, 10, 20, 30, 50, 70, 100, 1000))
 
 
 class Panel:

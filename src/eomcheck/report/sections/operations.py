@@ -47,7 +47,7 @@ def section(overview: Overview) -> Section | None:
 
 
 def _charts(counted: list[Operations]) -> Iterator:
-    from eomcheck.report.charts import Axis, Chart
+    from eomcheck.report.charts import LINKS, Axis, Chart
 
     kinds = {
         ALL: lambda one: one.outside_solves + one.elimination,
@@ -56,7 +56,7 @@ def _charts(counted: list[Operations]) -> Iterator:
     }
     chart = Chart("operations", "Operations over the number of links", {"count": list(kinds)})
     for kind, value in kinds.items():
-        panel = chart.panel((kind,), Axis("number of links N", log=True), Axis(kind, log=True))
+        panel = chart.panel((kind,), LINKS, Axis(kind, log=True))
         for key, rows in by_formulation(counted).items():
             some = [row for row in rows if value(row) > 0]
             said = [

@@ -33,7 +33,7 @@ def section(overview: Overview) -> Section | None:
 
 
 def _charts(found: Found) -> Iterator:
-    from eomcheck.report.charts import Axis, Chart
+    from eomcheck.report.charts import LINKS, Axis, Chart
 
     solvers = {str(solver): solver for solver in found.solvers}
     chart = Chart(
@@ -44,7 +44,7 @@ def _charts(found: Found) -> Iterator:
     for (quantity, label), (name, solver) in product(QUANTITIES.items(), solvers.items()):
         panel = chart.panel(
             (label, name),
-            Axis("number of links N", log=True),
+            LINKS,
             Axis(f"{label}, {UNITS[quantity]}", log=True),
         )
         for key in found.formulations:
