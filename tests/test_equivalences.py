@@ -14,8 +14,8 @@ from eomcheck.report.equivalences import (
     PROVED,
     RUN,
     independent_of_run,
+    named_tests,
     ranges,
-    tests_of,
     write_equivalences,
 )
 from eomcheck.report.overview import Overview, read
@@ -93,7 +93,7 @@ def test_what_one_run_says_is_not_compared():
 
 
 def test_every_claim_has_a_test_in_the_validation_suite():
-    found = tests_of(SUITE)
+    found = named_tests(SUITE)
     assert CLAIMS.keys() <= found.keys()
     assert found[PROVED] == (
         "validation/test_proofs.py::test_every_identity_is_proved_with_4_points",

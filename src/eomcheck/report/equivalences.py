@@ -123,7 +123,7 @@ def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
     Raises:
         InputError: see `write_equivalences`.
     """
-    tests = tests_of(suite)
+    tests = named_tests(suite)
     for judged in overview.claims:
         key = judged.claim.id
         looked_at = [row for row in judged.rows if row.level in LEVELS]
@@ -152,7 +152,7 @@ def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
 # ---- Tests ---------------------------------------------------------------------------------------
 
 
-def tests_of(suite: Path) -> dict[str, tuple[str, ...]]:
+def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
     """Return the tests of each claim: those that name it. Those that prove are under "proved".
 
     Raises:
