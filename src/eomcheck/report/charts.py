@@ -109,6 +109,8 @@ class Panel:
         self._add(key, at, said, mode="markers", marker={"symbol": "x-thin-open", "size": 7})
 
     def _add(self, key: str, at: dict[str, list], said: Sequence[Sequence[str]], **style: Any):
+        if not said:
+            return
         text = ["<br>".join(_wrapped(lines)) for lines in said]
         self.figure.add_scatter(
             **at,
