@@ -1,4 +1,4 @@
-"""The command line: `eomcheck validate`, `eomcheck list`, `eomcheck bench`, `eomcheck study`.
+"""The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
 
 Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
 until then is printed and saved). Each command imports what it needs when it runs.
@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 import re
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eomcheck import __version__
 from eomcheck.errors import EomcheckError, InputError, WorkerError
+
+if TYPE_CHECKING:
+    from eomcheck.studies.records import Records
 
 app = typer.Typer(
     name="eomcheck",
@@ -74,7 +78,8 @@ def _options(
 
 
 MOST_LINKS = 100_000
-REFERENCES = Path("validation/references")
+SUITE = Path("validation")
+REFERENCES = SUITE / "references"
 
 
 def whole_numbers(text: str) -> list[int]:
@@ -117,6 +122,10 @@ Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Kept = Annotated[
+    Path | None,
+    typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+]
 
 
 @app.command()
@@ -134,6 +143,7 @@ def validate(
         list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
     ] = None,
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Check every claim on the example of a scene (the paper's robot) and on random ones."""
     bounds = interval("1..12" if links is None else links)
@@ -144,6 +154,7 @@ def validate(
     from eomcheck.console import console, progress
     from eomcheck.report.findings import print_run, print_scenes, write_json
     from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.findings import look_at_kind
 
     kinds = kinds_of(scene)
     if links is not None and not any(kind.has_links for kind in kinds):
@@ -153,13 +164,16 @@ def validate(
         made.version()  # a missing library is bad input, said before anything is computed
     runs = {kind.key: Run() for kind in kinds}
     interrupted = False
-    with progress("checking", (examples + 2) * len(kinds)) as advance:
+    with (
+        _records_or_none(records) as kept,
+        progress("checking", (examples + 2) * len(kinds)) as advance,
+    ):
         try:
             for kind in kinds:
-                runs[kind.key].look_at_kind(kind, selection, bounds, examples, seed, advance)
+                look_at_kind(kind, runs[kind.key], selection, bounds, examples, seed, advance, kept)
         except KeyboardInterrupt:
             interrupted = True
-    findings = [finding for run in runs.values() for finding in run.finish(selection)]
+    findings = [finding for run in runs.values() for finding in run.findings]
     if len(kinds) == 1:
         print_run(runs[kinds[0].key], selection)
     else:
@@ -190,6 +204,7 @@ def prove(
     ] = None,
     executor: Where = "local",
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of a scene at once."""
     numbers = None if links is None else whole_numbers(links)
@@ -199,22 +214,32 @@ def prove(
     from eomcheck.studies.proofs import Proofs, proof_jobs
     from eomcheck.studies.spread import check_place
 
-    proofs = Proofs(proof_jobs(scene, numbers, points, seed, formulation), json, executor)
+    jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
-    try:
-        proofs.run()
-    except WorkerError:
-        print_proofs(proofs)
-        raise
-    except KeyboardInterrupt:
-        print_proofs(proofs)
-        raise typer.Exit(130) from None
+    with _records_or_none(records) as kept:
+        proofs = Proofs(jobs, json, executor, kept)
+        try:
+            proofs.run()
+        except WorkerError:
+            print_proofs(proofs)
+            raise
+        except KeyboardInterrupt:
+            print_proofs(proofs)
+            raise typer.Exit(130) from None
     print_proofs(proofs)
     if json is not None:
         proofs.write()
         typer.echo(f"written: {json}")
     if proofs.failed:
         raise typer.Exit(1)
+
+
+def _records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:
+    if path is None:
+        return nullcontext()
+    from eomcheck.studies.records import Records
+
+    return Records(path)
 
 
 def _at_least_one(**numbers: int) -> None:
@@ -236,6 +261,14 @@ def _check_writable(path: Path | None) -> None:
             path.unlink()
     except OSError as error:
         raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+
+
+def _check_output(path: Path | None, records: list[Path]) -> None:
+    """Check that `path` can be written and is none of the files of records that are read."""
+    _check_writable(path)
+    for one in records:
+        if path is not None and path.exists() and one.exists() and path.samefile(one):
+            raise InputError(f"{str(path)!r} holds the records themselves")
 
 
 def _check_folder(path: Path) -> None:
@@ -375,9 +408,7 @@ def export_records(
     ] = True,
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
-    _check_writable(file)
-    if file is not None and file.exists() and records.exists() and file.samefile(records):
-        raise InputError(f"{str(file)!r} holds the records themselves")
+    _check_output(file, [records])
     from eomcheck.report.records import write_csv
     from eomcheck.studies.records import Records
 
@@ -389,6 +420,54 @@ def export_records(
     with file.open("w", encoding="utf-8", newline="") as output:
         write_csv(found, output)
     typer.echo(f"written: {file}")
+
+
+@app.command()
+def report(
+    records: Annotated[
+        list[Path], typer.Argument(help="Files of records: of validate, prove and the studies.")
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
+    ] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
+    equivalences: Annotated[
+        Path | None, typer.Option(help="Write the page of verified equivalences into this file.")
+    ] = None,
+    suite: Annotated[
+        Path, typer.Option(help="Folder of the validation suite, of which that page names tests.")
+    ] = SUITE,
+) -> None:
+    """Report what was found: verdict, claims, failing states, and the studies there are.
+
+    Exit code 1 if a claim fails.
+    """
+    if html is markdown is junit is equivalences is None:
+        html = Path("report.html")
+    for path in (html, markdown, junit, equivalences):
+        _check_output(path, records)
+    from functools import partial
+
+    from eomcheck.report.equivalences import write_equivalences
+    from eomcheck.report.junit import write_junit
+    from eomcheck.report.markdown import write_markdown
+    from eomcheck.report.overview import Overview, read
+    from eomcheck.report.page import write_page
+
+    overview = Overview(read(records))
+    for path, write in (
+        (html, write_page),
+        (markdown, write_markdown),
+        (junit, write_junit),
+        (equivalences, partial(write_equivalences, suite=suite)),
+    ):
+        if path is not None:
+            write(overview, path)
+            typer.echo(f"written: {path}")
+    typer.echo(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    if overview.verdict == "failed":
+        raise typer.Exit(1)
 
 
 @bench.command("rhs")
@@ -482,6 +561,7 @@ def study_operations(
         int, typer.Option(help="With --scene: timed runs; the median counts. 0 for counts alone.")
     ] = 15,
     json: Json = None,
+    records: Kept = None,
 ) -> None:
     """Count the operations of one right-hand side, exactly, for every number of links."""
     low, high = interval(links or ("2..100" if scene is None else "3"))
@@ -490,13 +570,23 @@ def study_operations(
         _study_absent(scene, high, formulation, repeats, json)
         return
     from eomcheck.report.operations import print_operations, write_operations
-    from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
+    from eomcheck.studies.operations import (
+        compare_springs,
+        fit,
+        measure,
+        record_of,
+        solved_systems,
+    )
 
-    records = measure(range(low, high + 1), formulation)
-    fits, systems = fit(records), solved_systems(records)
-    print_operations(records, fits, systems, compare_springs(high, formulation))
+    with _records_or_none(records) as kept:
+        counted = measure(range(low, high + 1), formulation)
+        if kept is not None:
+            for one in counted:
+                kept.add(record_of(one))
+    fits, systems = fit(counted), solved_systems(counted)
+    print_operations(counted, fits, systems, compare_springs(high, formulation))
     if json is not None:
-        write_operations(json, records, fits, systems)
+        write_operations(json, counted, fits, systems)
         typer.echo(f"written: {json}")
 
 

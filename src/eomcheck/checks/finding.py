@@ -68,9 +68,7 @@ class Finding:
     @property
     def ratio(self) -> float:
         """observed / allowed."""
-        if self.allowed > 0:
-            return self.observed / self.allowed
-        return 0.0 if self.observed == 0 else float("inf")
+        return ratio(self.observed, self.allowed)
 
     def __str__(self) -> str:
         if self.state is None:
@@ -111,19 +109,30 @@ class Finding:
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""
-        kind = type(self.scene)
-        home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
-        head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {self.scene!r}\n"
-        if self.state is None:
-            loop = "for finding in eomcheck.prove(scene):\n"
-        else:
-            loop = (
-                f"q = {self.state.q.tolist()}\n"
-                f"v = {self.state.v.tolist()}\n"
-                "for finding in eomcheck.check("
-                f"scene, q, v, t={self.state.t!r}, consistent=False):\n"
-            )
-        return head + loop + ('    if finding.verdict == "failed":\n        print(finding)\n')
+        return python_of(self.scene, self.state)
+
+
+def ratio(observed: float, allowed: float) -> float:
+    """Return observed / allowed; of 0 and 0 it is 0."""
+    if allowed > 0:
+        return observed / allowed
+    return 0.0 if observed == 0 else float("inf")
+
+
+def python_of(scene: Scene, state: State | None) -> str:
+    """Return Python code that prints what fails in a state, or for all states where it is None."""
+    kind = type(scene)
+    home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
+    head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {scene!r}\n"
+    if state is None:
+        loop = "for finding in eomcheck.prove(scene):\n"
+    else:
+        loop = (
+            f"q = {state.q.tolist()}\n"
+            f"v = {state.v.tolist()}\n"
+            f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False):\n"
+        )
+    return head + loop + '    if finding.verdict == "failed":\n        print(finding)\n'
 
 
 def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from rich.markup import escape
 from rich.table import Table
@@ -18,7 +18,22 @@ from eomcheck.console import console
 from eomcheck.report.accuracy import digits_table
 
 
-def worst(findings: Iterable[Finding]) -> Finding | None:
+class Found(Protocol):
+    """A Finding, or what was kept of one."""
+
+    @property
+    def subject(self) -> str: ...  # noqa: D102
+    @property
+    def verdict(self) -> str: ...  # noqa: D102
+    @property
+    def ratio(self) -> float: ...  # noqa: D102
+
+
+F = TypeVar("F", bound=Found)
+T = TypeVar("T")
+
+
+def worst(findings: Iterable[F]) -> F | None:
     """Return a failed Finding, else the one with the largest observed / allowed that counts."""
     ranked = sorted(
         findings,
@@ -27,7 +42,7 @@ def worst(findings: Iterable[Finding]) -> Finding | None:
     return ranked[-1] if ranked else None
 
 
-def parties(finding: Finding) -> set[str]:
+def parties(finding: Found) -> set[str]:
     """Return the formulations and engines that a Finding is about."""
     return set(re.findall(r"\w+", finding.subject))
 
@@ -40,10 +55,11 @@ def _cell(findings: list[Finding]) -> str:
         return "[yellow]?[/]"
     if finding.verdict == "failed":
         return "[bold red]FAIL[/]"
-    return f"[green]{_percent(finding.ratio)}[/]"
+    return f"[green]{percent(finding.ratio)}[/]"
 
 
-def _percent(ratio: float) -> str:
+def percent(ratio: float) -> str:
+    """Return observed / allowed in whole percent."""
     return "0" if ratio == 0 else "<1%" if ratio < 0.01 else f"{100 * ratio:.0f}%"
 
 
@@ -77,9 +93,9 @@ def findings_table(run: Run, selection: Selection) -> Table:
     return table
 
 
-def group(findings: Iterable[Finding], key) -> dict[Any, list[Finding]]:
+def group(findings: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
     """Return the Findings by `key`, in order."""
-    groups: dict[Any, list[Finding]] = {}
+    groups: dict[Any, list[T]] = {}
     for finding in findings:
         groups.setdefault(key(finding), []).append(finding)
     return groups

@@ -9,7 +9,7 @@ kept apart: it is computed from their orders.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from flint import fmpq_poly
 
@@ -23,6 +23,7 @@ from eomcheck.scenes import Snake
 from eomcheck.scenes.fields import whole_links
 from eomcheck.scenes.snake import active_forces, forces
 from eomcheck.scenes.snake_chain import torques_on, wheel_forces
+from eomcheck.studies.records import Record
 
 MAX_DEGREE = 4
 """No polynomial of a higher degree is tried."""
@@ -56,6 +57,27 @@ class Operations:
     def elimination(self) -> int:
         """What the linear systems take by LU."""
         return sum(lu_operations(system) for system in self.solves)
+
+
+STUDY = "operations"
+
+
+def record_of(counted: Operations) -> Record:
+    """Return the Record of one count."""
+    counts = {
+        field.name: getattr(counted, field.name)
+        for field in fields(Operations)
+        if field.name not in ("formulation", "solves")
+    }
+    settings = {"formulation": counted.formulation, "links": counted.links}
+    solves = [list(system) for system in counted.solves]
+    return Record(STUDY, settings, counts=counts, series={"solves": solves})
+
+
+def operations_of(record: Record) -> Operations:
+    """Return the count that a Record holds."""
+    solves = tuple(System(*system) for system in record.series["solves"])
+    return Operations(record.settings["formulation"], **record.counts, solves=solves)
 
 
 def lu_operations(system: System) -> int:

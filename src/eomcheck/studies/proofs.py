@@ -16,7 +16,9 @@ from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.model import Scene
 from eomcheck.scenes.named import ALL, kinds_of
+from eomcheck.studies.findings import keep_proof
 from eomcheck.studies.provenance import sources
+from eomcheck.studies.records import Records
 from eomcheck.studies.spread import spread
 
 LINKS = (*range(1, 13), 20, 50, 100)
@@ -103,6 +105,7 @@ class Proofs:
         jobs: what is to be proved.
         path: file to write, if any.
         where: where large scenes are proved, see `eomcheck.studies.spread.executor`.
+        records: where to keep the Findings too, as they come.
 
     Attributes:
         findings: structure -> its Findings as plain data.
@@ -110,8 +113,14 @@ class Proofs:
         started_over: whether the file was of other jobs or sources, and of no use.
     """
 
-    def __init__(self, jobs: ProofJobs, path: Path | None = None, where: str | None = None):
-        self.jobs, self.path, self.where = jobs, path, where
+    def __init__(
+        self,
+        jobs: ProofJobs,
+        path: Path | None = None,
+        where: str | None = None,
+        records: Records | None = None,
+    ):
+        self.jobs, self.path, self.where, self.records = jobs, path, where, records
         self.seed = new_seed() if jobs.seed is None else jobs.seed
         self.findings: dict[str, list[dict[str, Any]]] = {}
         self.taken_over = 0
@@ -126,11 +135,16 @@ class Proofs:
         """Prove everything that is not proved yet."""
         self._resume()
         self.taken_over = len(self.findings)
+        for scene in self.jobs.scenes:
+            if scene.structure in self.findings:
+                self._keep(scene)
         left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
+        of = {scene.structure: scene for scene in left}
         with progress("proving", len(left)) as advance:
             for structure, rows in self._proved(left):
                 self.findings[structure] = rows
                 self._save(json.dumps([structure, rows], ensure_ascii=False))
+                self._keep(of[structure])
                 advance()
 
     def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
@@ -194,6 +208,10 @@ class Proofs:
         if self._part is not None:
             with self._part.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
+
+    def _keep(self, scene: Scene) -> None:
+        if self.records is not None:
+            keep_proof(self.records, scene, self.findings[scene.structure])
 
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import subprocess
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -49,13 +50,16 @@ def _cpu() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of eomcheck and of what it uses, and the digest of its sources."""
+    """Return the versions of eomcheck (with digest and commit) and of what it uses."""
     return dict(_versions())
 
 
 @cache
 def _versions() -> dict[str, str]:
     found = {"eomcheck": eomcheck.__version__, "sources": sources()}
+    known = commit()
+    if known is not None:
+        found["commit"] = known
     for name in LIBRARIES:
         try:
             found[name] = metadata.version(name)
@@ -72,6 +76,27 @@ def sources() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+@cache
+def commit() -> str | None:
+    """Return the commit of the package's sources, with "+" where they were changed since.
+
+    None where they are not in a git checkout: `sources` tells them apart there too.
+    """
+    root = Path(eomcheck.__file__).parent
+    tracked, changed = _git(root, "ls-files", "__init__.py"), _git(root, "status", "-s", ".")
+    head = _git(root, "rev-parse", "--short=12", "HEAD") if tracked else None
+    return head and head + ("+" if changed else "")
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    command = ("git", "-C", str(folder), *arguments)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
 
 
 def blas_threads() -> int | None:

@@ -1,0 +1,122 @@
+"""docs/verified-equivalences.md is the page that this suite makes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests import reports
+
+from eomcheck import CLAIMS
+from eomcheck.checks.validate import Run, Selection
+from eomcheck.errors import InputError
+from eomcheck.report.equivalences import (
+    PROVED,
+    RUN,
+    independent_of_run,
+    named_tests,
+    ranges,
+    write_equivalences,
+)
+from eomcheck.report.overview import Overview, read
+from eomcheck.scenes import SCENES
+from eomcheck.studies.findings import look_at_kind
+from eomcheck.studies.proofs import Proofs, proof_jobs
+from eomcheck.studies.records import Records
+
+ROOT = Path(__file__).parent.parent
+PAGE, SUITE = ROOT / "docs" / "verified-equivalences.md", ROOT / "validation"
+
+BY_CHANCE = {"refusals"}
+"""Claims about states that not every run draws: their scenes are not compared."""
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Records of a run of all claims on all scenes, as small as it can be."""
+    path = tmp_path_factory.mktemp("run") / "run.db"
+    with Records(path) as records:
+        for kind in SCENES.values():
+            selection = Selection.of(scenes=[kind])
+            look_at_kind(kind, Run(), selection, (2, 3), 1, 0, lambda: None, records)
+        Proofs(proof_jobs("all", [2], 1, 0, None), records=records).run()
+    return path
+
+
+def sections(lines: list[str]) -> dict[str, list[str]]:
+    """Return the lines under each heading of a page."""
+    found: dict[str, list[str]] = {}
+    name = ""
+    for line in lines:
+        if line.startswith("## "):
+            name = line.removeprefix("## ")
+        found.setdefault(name, []).append(line)
+    return found
+
+
+def test_the_page_is_the_one_that_the_suite_makes(small: Path, tmp_path: Path):
+    # Claims, statements, equations, scenes, levels of evidence and tests are compared; not N,
+    # numbers of states, errors, places, dates, versions and machines, which are of one run.
+    write_equivalences(Overview(read([small])), tmp_path / "page.md", SUITE)
+    made, stored = (
+        sections(independent_of_run(path.read_text(encoding="utf-8")))
+        for path in (tmp_path / "page.md", PAGE)
+    )
+    say = "run the commands at the top of docs/verified-equivalences.md again"
+    assert stored.keys() - BY_CHANCE == CLAIMS.keys() - BY_CHANCE | {""}, say
+    for name in stored.keys() - BY_CHANCE:
+        assert stored[name] == made[name], f"{name}: {say}"
+
+
+def test_a_change_of_the_page_is_seen():
+    page = PAGE.read_text(encoding="utf-8")
+    lines = independent_of_run(page)
+    for old, new in (
+        ("M = ∂²T/∂q̇²", "M = ∂T/∂q̇"),
+        ("| snake | proved |", "| snake | compared |"),
+        ("| sleigh | compared |", "| worm | compared |"),
+        ("::test_the_mass_matrix_is", "::test_it_is"),
+        ("## bias\n", "## biased\n"),
+    ):
+        assert old in page
+        assert independent_of_run(page.replace(old, new, 1)) != lines, old
+
+
+def test_what_one_run_says_is_not_compared():
+    page = PAGE.read_text(encoding="utf-8")
+    start = page.index(RUN)
+    end = page.index("\n## ", start)
+    changed = page[:start] + RUN + "\n\nanother day" + page[end:]
+    changed = changed.replace("| snake | compared | 1", "| snake | compared | 99")
+    assert changed != page
+    assert independent_of_run(changed) == independent_of_run(page)
+
+
+def test_every_claim_has_a_test_in_the_validation_suite():
+    found = named_tests(SUITE)
+    assert CLAIMS.keys() <= found.keys()
+    assert found[PROVED] == (
+        "validation/test_proofs.py::test_every_identity_is_proved_with_4_points",
+    )
+
+
+def test_there_is_no_page_of_what_was_not_verified(tmp_path: Path):
+    reports.validated(tmp_path / "bad.db", reports.Heavy)
+    reports.validated(tmp_path / "good.db")
+    reports.counted(tmp_path / "counts.db")
+    for name, suite, says in (
+        ("bad.db", SUITE, "not all claims hold"),
+        ("counts.db", SUITE, "no finished validation"),
+        ("good.db", tmp_path, "holds no validation suite"),
+    ):
+        with pytest.raises(InputError, match=says):
+            write_equivalences(Overview(read([tmp_path / name])), tmp_path / "page.md", suite)
+    (tmp_path / "test_x.py").write_text("test_x = holds('bias')\n", encoding="utf-8")
+    with pytest.raises(InputError, match="claim 'mass-matrix' has no test"):
+        write_equivalences(Overview(read([tmp_path / "good.db"])), tmp_path / "p.md", tmp_path)
+    assert not (tmp_path / "page.md").exists()
+
+
+def test_numbers_are_written_as_ranges():
+    assert ranges([1, 2, 3, 5, 7, 8]) == "1 to 3, 5, 7 to 8"
+    assert ranges([]) == ""

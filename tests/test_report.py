@@ -1,0 +1,258 @@
+"""`eomcheck report`: what it says of Records and findings, in HTML, Markdown and JUnit."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from tests import reports
+from tests.test_cli import run
+
+from eomcheck import CLAIMS, check
+from eomcheck.errors import InputError
+from eomcheck.report.figures import COLORS
+from eomcheck.report.junit import write_junit
+from eomcheck.report.markdown import write_markdown
+from eomcheck.report.overview import Overview, read
+from eomcheck.report.page import CONTRAST, DARK, contrast, on_dark, write_page
+from eomcheck.report.sections import SECTIONS, sections_of
+from eomcheck.studies.findings import RUNS, STATES, kept_in
+from eomcheck.studies.operations import operations_of
+from eomcheck.studies.records import Record, Records
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file with everything that a report can show, and no failure."""
+    path = tmp_path_factory.mktemp("good") / "good.db"
+    reports.validated(path)
+    reports.proved(path)
+    reports.counted(path)
+    reports.studied(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file with a validation that fails."""
+    path = tmp_path_factory.mktemp("bad") / "bad.db"
+    reports.validated(path, reports.Heavy)
+    return path
+
+
+def page_of(path: Path, tmp_path: Path) -> str:
+    write_page(Overview(read([path])), tmp_path / "report.html")
+    return (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+# ---- Findings in Records -------------------------------------------------------------------------
+
+
+def test_every_finding_of_a_run_is_kept_as_it_was(tmp_path: Path):
+    made = reports.validated(tmp_path / "r.db")
+    with Records(tmp_path / "r.db") as records:
+        kept = kept_in(records.all())
+        (of_run,) = records.all(RUNS)
+    assert [(k.claim, k.subject, k.observed, k.allowed, k.verdict, k.digits) for k in kept] == [
+        (f.claim, f.subject, f.observed, f.allowed, f.verdict, f.digits) for f in made.findings
+    ]
+    assert {k.case for k in kept} == set(range(made.cases))
+    assert of_run.status == "done" and of_run.counts["states"] == made.cases
+
+
+def test_findings_are_saved_state_by_state(tmp_path: Path):
+    seen = []
+
+    def look() -> None:
+        with Records(tmp_path / "r.db", readonly=True) as other:
+            seen.append((len(other.all(STATES)), other.all(RUNS)[0].status))
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    selection = reports.Selection.of(["au"], [], ["kinetic-energy"], scenes=[reports.Sleigh])
+    with Records(tmp_path / "r.db") as records, pytest.raises(KeyboardInterrupt):
+        reports.look_at_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
+    assert seen == [(1, "failed"), (2, "failed")]
+    assert Overview(read([tmp_path / "r.db"])).verdict == "not finished"
+
+
+def test_a_file_keeps_the_last_validation_of_a_scene(tmp_path: Path):
+    reports.validated(tmp_path / "r.db", examples=4)
+    made = reports.validated(tmp_path / "r.db", examples=1)
+    assert len(Overview(read([tmp_path / "r.db"])).rows) == len(made.findings)
+
+
+def test_the_code_kept_with_a_failing_state_shows_the_failure(bad: Path):
+    row = next(row for row in Overview(read([bad])).rows if row.claim == "kinetic-energy")
+    assert row.verdict == "failed"
+    found: dict = {}
+    exec(row.python.split("for finding")[0], found)
+    again = check(found["scene"], found["q"], found["v"], claims=["kinetic-energy"], engines=[])
+    assert [finding.verdict for finding in again] == ["failed"]
+    assert again[0].observed == row.observed
+
+
+def test_counts_come_back_from_records_as_they_were(tmp_path: Path):
+    counted = reports.counted(tmp_path / "r.db")
+    with Records(tmp_path / "r.db") as records:
+        assert [operations_of(record) for record in records.all()] == counted
+
+
+# ---- What is said --------------------------------------------------------------------------------
+
+
+def test_the_verdict_is_that_of_the_findings(good: Path, bad: Path):
+    passed, failed = Overview(read([good])), Overview(read([bad]))
+    assert passed.verdict == "passed" and passed.headline.startswith("All ")
+    assert failed.verdict == "failed" and "kinetic-energy" in failed.headline
+    assert [one.claim.id for one in failed.failed] == ["mass-matrix", "kinetic-energy"]
+    studies = Overview([record for record in passed.records if record.study != STATES])
+    assert studies.verdict == "passed"  # the proofs
+    assert Overview([Record("accuracy", {})]).verdict == "nothing checked"
+
+
+def test_a_claim_that_nothing_could_be_checked_on_does_not_hold(good: Path):
+    overview = Overview(read([good]))
+    overview.rows = [
+        replace(row, verdict="inconclusive") if row.claim == "kinetic-energy" else row
+        for row in overview.rows
+    ]
+    assert "on the others nothing could be checked" in overview.headline
+    assert overview.verdict == "passed"
+
+
+def test_of_a_cell_in_two_files_the_last_counts(tmp_path: Path):
+    for name in ("a", "b"):
+        with Records(tmp_path / name) as records:
+            records.add(Record("s", {"x": 1}, errors={"e": float(ord(name))}))
+    (found,) = read([tmp_path / "a", tmp_path / "b"])
+    assert found.errors["e"] == ord("b")
+
+
+def test_there_is_a_section_only_where_there_is_data(good: Path, tmp_path: Path):
+    assert len(sections_of(Overview(read([good])))) == len(SECTIONS)
+    reports.counted(tmp_path / "r.db")
+    assert [one.id for one in sections_of(Overview(read([tmp_path / "r.db"])))] == ["operations"]
+    text = page_of(tmp_path / "r.db", tmp_path)
+    assert 'id="operations"' in text and 'id="claims"' not in text
+    with Records(tmp_path / "s.db") as records:
+        records.add(Record("own", {}))
+    assert len(page_of(tmp_path / "s.db", tmp_path)) < 50_000  # no chart, no library for charts
+
+
+# ---- HTML, Markdown, JUnit -----------------------------------------------------------------------
+
+
+def test_every_link_of_the_page_leads_somewhere(good: Path, bad: Path, tmp_path: Path):
+    for path in (good, bad):
+        text = page_of(path, tmp_path).split("<script>")[0]
+        links, ids = re.findall(r'href="#([^"]+)"', text), re.findall(r'\bid="([^"]+)"', text)
+        assert links and set(links) <= set(ids)
+        assert len(ids) == len(set(ids))
+
+
+def test_a_failure_leads_to_its_claim_and_its_state(bad: Path, tmp_path: Path):
+    text = page_of(bad, tmp_path)
+    assert re.search(r'<h1 class="verdict failed">[^<]*kinetic-energy', text)
+    section = text[text.index('id="failures"') : text.index('id="claims"')]
+    (state, *_) = re.findall(r'kinetic-energy</a>.*?href="#(state-[^"]+)"', section, re.S)
+    assert f'<details id="{state}">' in text
+
+
+def test_the_page_loads_nothing(good: Path, tmp_path: Path):
+    text = page_of(good, tmp_path)
+    assert not re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(?!data:)', text)
+
+
+def test_text_of_records_is_no_markup(good: Path, tmp_path: Path):
+    text = page_of(good, tmp_path)
+    assert "M_Kane: rcond <1e-17>" not in text
+    assert "rcond &lt;1e-17&gt;" in text or "rcond \\u0026lt;1e-17" in text or "&lt;1e-17" in text
+
+
+def test_markdown_has_every_claim_and_every_failure(good: Path, bad: Path, tmp_path: Path):
+    for path in (good, bad):
+        overview = Overview(read([path]))
+        write_markdown(overview, tmp_path / "r.md")
+        text = (tmp_path / "r.md").read_text(encoding="utf-8")
+        assert text.startswith(f"# eomcheck: {overview.headline}\n")
+        assert all(f"| `{judged.claim.id}` |" in text for judged in overview.claims)
+        assert all(f"## {judged.claim.id} fails" in text for judged in overview.failed)
+        assert "\n\n\n" not in text
+
+
+def test_junit_counts_claims_and_carries_the_failing_state(good: Path, bad: Path, tmp_path: Path):
+    for path in (good, bad):
+        overview = Overview(read([path]))
+        write_junit(overview, tmp_path / "r.xml")
+        root = ElementTree.parse(tmp_path / "r.xml").getroot()
+        assert int(root.get("tests", "")) == sum(len(one.scenes) for one in overview.claims)
+        failing = [case.get("name") for case in root.iter("testcase") if case.find("failure")
+                   is not None]  # fmt: skip
+        assert failing == [judged.claim.id for judged in overview.failed]
+        assert int(root.get("failures", "")) == len(failing)
+        for failure in root.iter("failure"):
+            assert "eomcheck.check(scene, q, v" in (failure.text or "")
+
+
+def test_junit_has_an_error_for_a_run_that_did_not_end(tmp_path: Path):
+    with Records(tmp_path / "r.db") as records:
+        series = {"claims": [], "seconds": [], "engine versions": []}
+        records.add(Record(RUNS, {"scene": "sleigh"}, "failed", "not finished", series=series))
+    write_junit(Overview(read([tmp_path / "r.db"])), tmp_path / "r.xml")
+    assert ElementTree.parse(tmp_path / "r.xml").getroot().get("errors") == "1"
+
+
+def test_colours_can_be_told_from_the_dark_page():
+    for color in COLORS.values():
+        assert contrast(on_dark(color), DARK) >= CONTRAST
+    assert len({on_dark(color) for color in COLORS.values()}) == len(COLORS)
+
+
+# ---- The command ---------------------------------------------------------------------------------
+
+
+def test_the_command_writes_what_it_is_asked_for(
+    good: Path, bad: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["report", str(good), str(bad)]
+    files = ["--html", "a.html", "--markdown", "a.md", "--junit", "a.xml"]
+    assert run(*arguments, *files, monkeypatch=monkeypatch) == 1  # a claim fails
+    assert {path.name for path in tmp_path.iterdir()} == {"a.html", "a.md", "a.xml"}
+    assert run("report", str(good), monkeypatch=monkeypatch) == 0
+    assert Path("report.html").exists()
+
+
+def test_bad_input_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    Path("text.db").write_text("not a database", encoding="utf-8")
+    Path("nothing.db").write_bytes(b"")
+    Records("empty.db").close()
+    for arguments, says in (
+        (["none.db"], "no such file"),
+        (["text.db"], "is not a file of records"),
+        (["nothing.db"], "is not a file of records"),
+        (["empty.db"], "no records in 'empty.db'"),
+        (["empty.db", "--html", "empty.db"], "holds the records themselves"),
+        (["empty.db", "--junit", "no/such/folder.xml"], "not a file in a folder that exists"),
+    ):
+        assert run("report", *arguments, monkeypatch=monkeypatch) == 2
+        said = capsys.readouterr().err
+        assert says in said and said.count("\n") == 1, said
+    assert not Path("report.html").exists()
+
+
+def test_nothing_is_read_without_a_file():
+    with pytest.raises(InputError, match="no records"):
+        read([])
+
+
+def test_every_claim_can_be_reported():
+    assert set(CLAIMS)  # ids are anchors of the page
+    assert all(re.fullmatch(r"[a-z-]+", key) for key in CLAIMS)
