@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from eomcheck.model import Scene
+from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
@@ -17,8 +18,9 @@ SCENES: dict[str, type[Scene]] = {
         Sleigh,
         RollingDisk,
         TurntableBall,
+        Andrews,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "ChainPendulum", "RollingDisk", "Sleigh", "Snake", "TurntableBall"]
+__all__ = ["SCENES", "Andrews", "ChainPendulum", "RollingDisk", "Sleigh", "Snake", "TurntableBall"]
