@@ -5,6 +5,7 @@ from __future__ import annotations
 from eomcheck.model import Scene
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
@@ -19,8 +20,18 @@ SCENES: dict[str, type[Scene]] = {
         RollingDisk,
         TurntableBall,
         Andrews,
+        FlyballGovernor,
     )
 }
 """Key -> class."""
 
-__all__ = ["SCENES", "Andrews", "ChainPendulum", "RollingDisk", "Sleigh", "Snake", "TurntableBall"]
+__all__ = [
+    "SCENES",
+    "Andrews",
+    "ChainPendulum",
+    "FlyballGovernor",
+    "RollingDisk",
+    "Sleigh",
+    "Snake",
+    "TurntableBall",
+]

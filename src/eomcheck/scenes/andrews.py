@@ -96,7 +96,7 @@ def directions(angles):
 
 @generic
 def stretch(parameters, cos, sin):
-    """Return the spring as a vector (2,) from C to K3, and its end as seen from B (2,), m."""
+    """Return the spring as a vector (x, y) from C to K3, and its end on K3 as seen from B, m."""
     x, y = turned(cos[ROCKER], sin[ROCKER], parameters.hook)
     base, anchor = parameters.pins[PIN[ROCKER]], parameters.anchor
     return base[0] + x - anchor[0], base[1] + y - anchor[1], x, y
@@ -372,8 +372,10 @@ class Andrews(Assembled):
         }
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return what the closed positions of the test set are found from: one turn of the crank."""
-        raise NotImplementedError
+        """Return where closed positions are looked for: crank and coupler turned up to 1 rad."""
+        turned = Range(-1.0, 1.0)
+        others = ((0.0, 0.5), (-0.5, 0.2), (0.48, 0.53), (-0.2, 0.5), (1.04, 1.24))
+        return turned, *(Range(low, high) for low, high in others), turned
 
     def __repr__(self) -> str:
         return as_code(self)

@@ -28,8 +28,9 @@ from eomcheck.model import Bodies, Scene, Speeds, Terms, velocity
 class Jacobians(NamedTuple):
     """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
 
-    V of the centres of mass in directions that do not turn; in space ω in directions that turn with
-    the body, in which its inertia is constant.
+    V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
+    left even if they turn; in space ω in directions that turn with the body, in which its inertia
+    is constant.
     """
 
     linear: Any
