@@ -253,11 +253,11 @@ def kinetic_energy(mass, inertia, V, omega):
     T = 0
     for k in range(V.shape[0]):
         for c in range(V.shape[1]):
-            T += mass[k] * V[k, c] * V[k, c] / 2
+            T += mass[k] * V[k, c] * V[k, c]
         for c in range(omega.shape[1]):
             for f in range(omega.shape[1]):
-                T += omega[k, c] * inertia[k, c, f] * omega[k, f] / 2
-    return T
+                T += omega[k, c] * inertia[k, c, f] * omega[k, f]
+    return T / 2
 
 
 def _energies(scene: type[Assembled]) -> Callable:
