@@ -26,6 +26,7 @@ PENDULUM = "scenes/chain_pendulum.py"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
+FOUR_BAR = "scenes/four_bar_chain.py"
 ASSEMBLED = "scenes/assembled.py"
 CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
@@ -321,6 +322,25 @@ FAULTS = [
     Fault(BALL, "remainder[0] = table", "remainder[0] = -table", *KANE),
     Fault(BALL, "left * cos[0]\n    omega[2]", "left\n    omega[2]", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
+    # The chain of four-bar linkages.
+    Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
+    Fault(
+        FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"
+    ),
+    Fault(FOUR_BAR, "rest[coupler, 0] -= x", "rest[coupler, 0] += x", "bias", "row "),
+    Fault(FOUR_BAR, "Q[before] -= grav", "Q[before] += grav", "generalized-forces", "row θ_"),
+    Fault(
+        FOUR_BAR,
+        "* sin[k]\n        a[",
+        "* cos[k]\n        a[",
+        "constraint-jacobian",
+        "window 1, x",
+    ),
+    Fault(FOUR_BAR, "= last * cos[k]", "= -last * cos[k]", "constraint-drift", "window 1, x"),
+    Fault(FOUR_BAR, "y_1 + y_2 - y_3", "y_1 - y_2 - y_3", "constraint-jacobian", "[casadi]"),
+    Fault(
+        FOUR_BAR, "U += gravity[0] * mass[w", "U -= gravity[0] * mass[w", "generalized-forces", "θ_"
+    ),
     # What is composed for every scene that gives Jacobians.
     Fault(
         ASSEMBLED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"

@@ -22,7 +22,8 @@ def drawn(one: Range, random: np.random.Generator) -> Any:
 def random_scene(kind: type[Scene], random: np.random.Generator, links: int = LINKS) -> Scene:
     """Return a scene whose parameters are drawn from the ranges of its kind."""
     ranges = kind.ranges(links if kind.has_links else None)
-    return kind(**{name: drawn(one, random) for name, one in ranges.items()})
+    usual = {name: one for name, one in ranges.items() if name not in kind.usually_absent}
+    return kind(**{name: drawn(one, random) for name, one in usual.items()})
 
 
 def random_state(scene: Scene, random: np.random.Generator) -> State:

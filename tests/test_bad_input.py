@@ -66,7 +66,9 @@ CALLS = {
     "check q": lambda x: eomcheck.check(SCENE, x, V, claims=[]),
     "check v": lambda x: eomcheck.check(SCENE, Q, x, claims=[]),
     "check t": lambda x: eomcheck.check(SCENE, Q, V, x, claims=[]),
-    "check claims": lambda x: eomcheck.check(SCENE, Q, V, claims=x or [], engines=[]),
+    "check claims": lambda x: eomcheck.check(
+        SCENE, Q, V, claims=[] if x is None else x, engines=[]
+    ),
     "check formulations": lambda x: eomcheck.check(SCENE, Q, V, formulations=x, claims=[]),
     "check engines": lambda x: eomcheck.check(SCENE, Q, V, engines=x, claims=[]),
     "validate scene": lambda x: eomcheck.validate(x, examples=1, claims=[]),

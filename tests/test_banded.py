@@ -389,8 +389,8 @@ def test_the_compiled_right_hand_side_has_no_other_errors_than_the_public_path(l
     scene = Snake.coil(links)
     q, _ = scene.initial_state()
     at = Evaluation(scene, q, velocity(scene, q, [1.0, 0.5]))
-    here = scene.parameters(exact), scene.prepare(exact, q), exact.numbers(q)
+    here = scene.parameters(exact), scene.prepare(exact, None, q, 0), exact.numbers(q)
     truth, _ = BANDED.solution(*scene.chain(*here, exact.numbers(at.x)))
-    xdot = right_hand_side(scene, BANDED)(at.parameters, at.q, at.x, at.partition)[1]
+    xdot = right_hand_side(scene, BANDED)(at.parameters, at.q, at.x, at.t, at.partition)[1]
     error = np.abs(exact.numbers(xdot) - truth).max()
     assert error <= acceleration(scene, "banded", q, at.v).error_bound

@@ -62,7 +62,7 @@ def test_speeds_whose_squares_underflow_are_right_or_their_bound_tells(key: str,
     free = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], None, [0.1, -0.2])
     found = eomcheck.accuracy(free, key, [0, 0, 0.3, 1.1], [speed, speed])
     assert not found.silent
-    assert found.relative < 1e-12 if speed > 1e-155 else 1e-6 < found.relative <= 1
+    assert found.relative < 1e-12 if speed > 1e-155 else 1e-6 < found.relative < 1.001
     assert found.relative_bound >= found.relative
 
 
@@ -74,7 +74,7 @@ def test_an_inconsistent_velocity_is_compared_with_the_formulation_s_own_answer(
     assert found.relative < 1e-12
     assert (found.truth.doubles() == own.doubles()).all()
     at_u = eomcheck.enclose(PAPER, key, Q, eomcheck.speeds_of(PAPER, Q, v)).doubles()
-    same = key in ("ml", "kane")
+    same = key == "kane"  # ML takes its forces at v
     assert (np.abs(own.doubles() - at_u).max() < 1e-9) == same
 
 
@@ -95,8 +95,9 @@ def test_a_wrong_result_is_silent_only_if_its_bound_does_not_tell():
 
 
 def test_a_velocity_that_doubles_cannot_hold_is_refused():
+    scene = Snake.pattern(100)
     with pytest.raises(RefusedError, match="v overflows"):
-        eomcheck.accuracy(PAPER, "kane", Q, [1e308, 1e308])
+        eomcheck.accuracy(scene, "kane", scene.initial_state()[0], [1e300, 1e300])
 
 
 def test_lost_digits_show():

@@ -221,9 +221,9 @@ def test_absent_forces_bias_and_offset_cost_nothing():
     counting = Counting()
     x, W = counting.vector(4), counting.numbers(np.zeros((4, 2)))
     for operation, expected in (
-        (lambda: net_force(x, x), (4, 0, 0)),
-        (lambda: net_force(x, None), (0, 0, 0)),
-        (lambda: net_force(None, x), (0, 0, 0)),
+        (lambda: net_force(None, x, x), (4, 0, 0)),
+        (lambda: net_force(None, x, None), (0, 0, 0)),
+        (lambda: net_force(None, None, x), (0, 0, 0)),
         (lambda: kane.right_hand_side(x, x), (4, 0, 0)),
         (lambda: kane.right_hand_side(None, x), (0, 0, 0)),
         (lambda: velocity(x[:2], W, None), (4, 8, 0)),

@@ -243,15 +243,20 @@ def test_the_bias_is_that_of_lagranges_equations(scene: Scene, seed: int):
 
 @scenes
 @seeds
-def test_forces_are_the_gradient_of_the_potential_energy_and_absent_where_it_is(
+def test_forces_are_the_gradient_of_potential_and_dissipation_and_absent_where_both_are(
     scene: Scene, seed: int
 ):
     at = exact(scene, seed)
     _, U = scene.energies(at.parameters, at.prepared, at.q, at.v)
-    assert (U is None) == (at.terms.Q is None)
-    if U is not None:
-        gradient = [rate(functions_at(at, unit(scene.n, i), at.v)[2][1]) for i in range(scene.n)]
-        assert equal(at.terms.Q, -np.array(gradient, object))
+    R = at.dissipation(at.v)
+    assert (U is None and R is None) == (at.terms.Q is None)
+    expected = np.zeros(scene.n, object)
+    for i in range(scene.n):
+        if U is not None:
+            expected[i] -= rate(functions_at(at, unit(scene.n, i), at.v)[2][1])
+        if R is not None:
+            expected[i] -= rate(at.dissipation(duals(at.v, unit(scene.n, i))))
+    assert at.terms.Q is None or equal(at.terms.Q, expected)
 
 
 @scenes

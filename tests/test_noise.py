@@ -40,13 +40,13 @@ def test_every_entry_moves_by_half_to_a_whole_step_of_its_own_size(seed):
 
 @seeds
 def test_noise_goes_both_ways(seed):
-    changes = Noise(seed).changes(200)
+    changes = Noise(seed).changes((200,))
     assert (changes > 0).any()
     assert (changes < 0).any()
 
 
 def test_the_step_of_the_noise_can_be_chosen():
-    changes = np.abs(Noise(0, step=0.25).changes(100))
+    changes = np.abs(Noise(0, step=0.25).changes((100,)))
     assert (changes >= 0.125).all()
     assert (changes <= 0.25).all()
 

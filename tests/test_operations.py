@@ -47,7 +47,7 @@ def test_the_very_function_that_is_compiled_has_these_counts(
     formulation: Formulation, links: int, monkeypatch
 ):
     counting, scene = Counting(), Snake.coil(links)
-    monkeypatch.setattr(right_hand_side, "angles", counting.angles)
+    monkeypatch.setattr(right_hand_side, "FLOAT64", counting)
     parameters = scene.parameters(counting)
     counting.tally.clear()
     columns = np.arange(scene.n)
@@ -55,7 +55,8 @@ def test_the_very_function_that_is_compiled_has_these_counts(
     speeds = counting.vector(sizes[formulation.uses])
     compose = right_hand_side._COMPOSERS[formulation.uses]
     rate = compose(type(scene), formulation.solution)
-    rate(parameters, counting.vector(scene.n), speeds, (columns[: scene.r], columns[scene.r :]))
+    partition = columns[: scene.r], columns[scene.r :]
+    rate(parameters, counting.vector(scene.n), speeds, 0, partition)
     tally, counted = counting.tally, count(scene, formulation)
     assert (tally.additions, tally.multiplications, tally.divisions) == (
         counted.additions,

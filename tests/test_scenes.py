@@ -68,7 +68,9 @@ def test_ordinary_scenes_and_states_pass_every_claim(kind: type[Scene], data):
 def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type[Scene]):
     scene, state = ordinary(kind)
     findings = eomcheck.check(scene, *state)
-    assert [str(f) for f in findings if f.verdict != "passed"] == []
+    assert [str(f) for f in findings if f.verdict == "failed"] == []
+    # Around a parallelogram gamma cancels, and what is left of it has no digit to compare.
+    assert {f.claim for f in findings if f.verdict == "inconclusive"} <= {"speeds-remainder"}
     subjects = {f.subject for f in findings if f.claim == "engine-acceleration"}
     engines = [key for key, engine in ENGINES.items() if engine.represents(scene)]
     assert subjects == {f"{f} ~ {engine}" for f in applicable(kind) for engine in engines}

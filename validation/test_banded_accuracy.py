@@ -76,7 +76,7 @@ def test_banded_keeps_12_digits_compiled_or_not(family: str, links: int):
         except RefusedError as refusal:
             found[key] = f"refused ({refusal.what} {refusal.rcond:.0e})"
     rate = right_hand_side(scene, FORMULATIONS["banded"])
-    xdot = rate(at.parameters, at.q, at.x, at.partition)[1]
+    xdot = rate(at.parameters, at.q, at.x, at.t, at.partition)[1]
     vdot = scene.chain_acceleration(at.parameters, at.prepared, at.x, xdot)
     found["compiled"] = error(vdot, truth)
     line = (f"{key} {x if isinstance(x, str) else format(x, '.1e')}" for key, x in found.items())

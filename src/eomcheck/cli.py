@@ -468,15 +468,27 @@ def study_accuracy(
 
 @study.command("operations")
 def study_operations(
-    links: Annotated[str, typer.Option(help="Numbers of links, N or N..M.")] = "2..100",
+    links: Annotated[
+        str | None, typer.Option(help="Numbers of links, N or N..M. [2..100, with --scene 3]")
+    ] = None,
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
     ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="Show what absent terms save instead, on a kind of scene or all."),
+    ] = None,
+    repeats: Annotated[
+        int, typer.Option(help="With --scene: timed runs; the median counts. 0 for counts alone.")
+    ] = 15,
     json: Json = None,
 ) -> None:
     """Count the operations of one right-hand side, exactly, for every number of links."""
-    low, high = interval(links)
+    low, high = interval(links or ("2..100" if scene is None else "3"))
     _check_writable(json)
+    if scene is not None:
+        _study_absent(scene, high, formulation, repeats, json)
+        return
     from eomcheck.report.operations import print_operations, write_operations
     from eomcheck.studies.operations import compare_springs, fit, measure, solved_systems
 
@@ -485,6 +497,22 @@ def study_operations(
     print_operations(records, fits, systems, compare_springs(high, formulation))
     if json is not None:
         write_operations(json, records, fits, systems)
+        typer.echo(f"written: {json}")
+
+
+def _study_absent(
+    scene: str, links: int, formulation: list[str] | None, repeats: int, json: Path | None
+) -> None:
+    if repeats < 0:
+        raise InputError(f"repeats = {repeats}, expected at least 0")
+    from eomcheck.report.absent import print_savings, write_savings
+    from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.absent import savings
+
+    found = savings(kinds_of(scene), links, formulation, repeats)
+    print_savings(found)
+    if json is not None:
+        write_savings(json, found)
         typer.echo(f"written: {json}")
 
 
@@ -572,8 +600,8 @@ def study_stability(
     ] = None,
 ) -> None:
     """Drive every formulation through states of growing severity, and certify what it delivers."""
-    if figures is not None and not figures.is_dir():
-        raise InputError(f"{str(figures)!r} is not a folder that exists")
+    if figures is not None:
+        _check_folder(figures)
     from eomcheck.report.stability import draw_all, print_stability
     from eomcheck.studies.records import Records
     from eomcheck.studies.spread import check_place
@@ -589,6 +617,69 @@ def study_stability(
         typer.echo(f"written: {', '.join(map(str, paths))}")
     if any(outcome(record) is Outcome.SILENT for record in found):
         raise typer.Exit(1)
+
+
+@study.command("stiff")
+def study_stiff(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    stiffness: Annotated[
+        list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane]")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
+    ] = False,
+    references: Annotated[
+        Path, typer.Option(help="Folder of the reference solutions.")
+    ] = REFERENCES,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Draw the figures into this folder.")] = None,
+) -> None:
+    """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
+    if figures is not None:
+        _check_folder(figures)
+    from eomcheck.report.stiff import draw_stiff, print_stiff
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.stiff import measure, plan
+
+    planned = plan(quick, stiffness, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, references, fresh)
+    print_stiff(found)
+    if figures is not None:
+        typer.echo(f"written: {', '.join(map(str, draw_stiff(found, figures)))}")
+
+
+@study.command("long-run")
+def study_long_run(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    t_end: Annotated[float | None, typer.Option(help="End, s. [1000]")] = None,
+    tolerance: Annotated[float | None, typer.Option(help="rtol = atol. [1e-6]")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="30 s by two formulations only.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the errors over time into this file.")
+    ] = None,
+) -> None:
+    """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
+    if figure is not None:
+        _check_figure(figure)
+    from eomcheck.report.long_run import draw_long_run, print_long_run
+    from eomcheck.studies.long_run import measure, plan
+    from eomcheck.studies.records import Records
+
+    planned = plan(quick, t_end, tolerance, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, fresh)
+    print_long_run(found)
+    if figure is not None:
+        draw_long_run(found, figure)
+        typer.echo(f"written: {figure}")
 
 
 @study.command("paper")

@@ -208,7 +208,7 @@ class Evaluation(Quantities):
         change = noise.entries(self.v) - self.v
         if self.terms.a is None:
             return change
-        residual = violation(self, self.v)[1] / allowed_error(1.0) * noise.changes(self.scene.r)
+        residual = violation(self, self.v)[1] / allowed_error(1.0) * noise.changes((self.scene.r,))
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
             try:

@@ -137,7 +137,8 @@ class Tree(NamedTuple):
     """A neutral description of a tree of rigid bodies, for engines that build their own model.
 
     Joint j hangs on joint `parent[j]` (-1: the ground), displaced by `offset[j]`, and carries one
-    body. Joint coordinates are `coordinates @ q`.
+    body. Depth first: what hangs on a joint follows it before anything else does. Joint coordinates
+    are `coordinates @ q`.
     """
 
     parent: tuple[int, ...]
@@ -302,6 +303,11 @@ class Scene(ABC):
     def p(self) -> int:
         """Number of generalized speeds."""
         return self.n - self.r
+
+    @property
+    def s(self) -> int:
+        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        return 0
 
     @property
     def name(self) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from eomcheck.arithmetic.entries import each, map_record
 from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
+from eomcheck.arithmetic.linear import SOLVERS, solve
 from eomcheck.model import Angles, Arithmetic, Array
 
 
@@ -106,6 +107,20 @@ def rate(x) -> Any:
     if np.ndim(x) == 0:
         return 0
     return each(rate, x)
+
+
+def _value(x: Any) -> Any:
+    return x.x if isinstance(x, Dual) else x
+
+
+def _solve(A: Array, b: Array, name: str) -> Array:
+    """Solve A x = b for x and, from A x′ = b′ - A′ x, for its derivative."""
+    values = each(_value, A)
+    x = solve(values, each(_value, b), name)
+    return duals(x, solve(values, rate(b) - rate(A) @ x, name))
+
+
+SOLVERS[Dual] = _solve
 
 
 class Recorder:

@@ -247,7 +247,7 @@ def column_scale(A: np.ndarray) -> np.ndarray:
     largest = np.abs(A).max(axis=0)
     usable = (largest > 0) & np.isfinite(largest)
     exponent = np.frexp(np.where(usable, largest, 1.0))[1]
-    return np.ldexp(1.0, np.clip(-exponent, -1000, 1000))
+    return np.ldexp(1.0, np.minimum(-exponent, 1000))
 
 
 def eliminate(A, b, name):

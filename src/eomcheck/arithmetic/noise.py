@@ -13,12 +13,13 @@ of its own (Monte Carlo arithmetic: Parker 1997).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.entries import each, map_record
+from eomcheck.arithmetic.entries import map_record
 from eomcheck.model import Angles, Arithmetic
 
 STEP = 2.0**-46
@@ -36,7 +37,7 @@ STRETCH = 8.0
 and says nothing about smaller noise."""
 
 BLOCK = 1024
-"""Changes of operations are drawn so many at a time."""
+"""Changes are drawn so many at a time, or more."""
 
 
 class Noise:
@@ -49,13 +50,21 @@ class Noise:
     def __init__(self, seed: int, step: float = STEP):
         self._random = np.random.default_rng(seed)
         self.step = step
+        self._drawn = np.empty(0)
         self._next = self._stream().__next__
 
-    def changes(self, shape) -> np.ndarray:
+    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return random numbers of magnitude h/2 to h."""
+        size = math.prod(shape)
+        if size > len(self._drawn):
+            self._drawn = self._draw(max(size, BLOCK))
+        taken, self._drawn = self._drawn[:size], self._drawn[size:]
+        return taken.reshape(shape)
+
+    def _draw(self, size: int) -> np.ndarray:
         # Magnitudes vary so that two equal contributions never cancel exactly.
-        size = self._random.uniform(0.5, 1.0, shape)
-        return self.step * np.where(self._random.random(shape) < 0.5, -size, size)
+        x = self._random.uniform(-1.0, 1.0, size)
+        return self.step * 0.5 * (x + np.copysign(1.0, x))
 
     def entries(self, x: np.ndarray) -> np.ndarray:
         """Change each entry of x relative to itself: numbers that were read or rounded."""
@@ -88,12 +97,14 @@ class Noise:
 
     def _numbers(self, x: Any) -> Any:
         if isinstance(x, np.ndarray) and x.dtype == np.float64:
-            return each(lambda y: Moved(float(y), self._next), x)
+            moved, draw = np.empty(x.size, object), self._next
+            moved[:] = [Moved(y, draw) for y in x.ravel().tolist()]
+            return moved.reshape(x.shape)
         return x
 
     def _stream(self) -> Iterator[float]:
         while True:
-            yield from self.changes(BLOCK).tolist()
+            yield from self._draw(BLOCK).tolist()
 
 
 EXACT = (np.negative, np.absolute, np.positive, np.maximum)

@@ -51,7 +51,7 @@ class Expressions:
     def __init__(self):
         self.heyoka = library()
         self.quad = getattr(self.heyoka, "real128", self.heyoka.real)
-        SOLVERS[self.heyoka.expression] = _solve
+        SOLVERS[self.heyoka.expression] = solve_unpivoted
 
     @property
     def options(self) -> dict[str, Any]:
@@ -97,7 +97,7 @@ class Expressions:
         return each(lambda y: self.heyoka.sqrt(self.expression(y)), x)
 
 
-def _solve(A: Array, b: Array, name: str) -> Array:
+def solve_unpivoted(A: Array, b: Array, name: str) -> Array:
     """Eliminate without pivoting: M_Kane is symmetric and positive, and nothing can be compared."""
     size = A.shape[0]
     A, x = A.copy(), b.reshape(size, -1).copy()

@@ -85,6 +85,8 @@ def _rcond_of_speeds(at: Evaluation) -> float:
 
 
 def _rcond(matrix: Array) -> float:
+    if matrix.size == 0:  # as many constraints as coordinates: no speeds to be found
+        return 1.0
     if not np.isfinite(matrix).all():
         return 0.0
     singular = np.linalg.svd(matrix, compute_uv=False)

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.float64 import FLOAT64
+from eomcheck.arithmetic.symbolic import Symbols
 from eomcheck.engines.base import DerivingEngine, EngineAcceleration, required
-from eomcheck.model import Angles, Array, Scene
+from eomcheck.model import Array, Scene
 from eomcheck.tolerance import largest
 
 
@@ -155,7 +155,7 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         for value in like
     )
     parameters = type(like)(*fields)
-    prepared = scene.prepare(_Symbols(ca), parameters, _scalars(q), t)
+    prepared = scene.prepare(Symbols(), parameters, _scalars(q), t)
     state = (parameters, prepared, _scalars(q), _scalars(v))
 
     T, U = scene.energies(*state)
@@ -186,19 +186,6 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
     return {
         name: ca.Function(name, [q, v, t, flat], [ca.densify(x)]) for name, x in outputs.items()
     }
-
-
-class _Symbols:
-    """The arithmetic of CasADi symbols (`eomcheck.model.Arithmetic`), as far as scenes use it."""
-
-    def __init__(self, ca: Any):
-        self._ca = ca
-
-    def angles(self, x: Array) -> Angles:
-        return Angles(x, each(self._ca.cos, x), each(self._ca.sin, x))
-
-    def root(self, x: Array) -> Array:
-        return each(self._ca.sqrt, x)
 
 
 def _matrix(ca: Any) -> Callable:

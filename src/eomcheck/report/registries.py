@@ -10,6 +10,7 @@ from eomcheck.console import console
 
 if TYPE_CHECKING:
     from eomcheck.evaluate import Evaluation
+    from eomcheck.model import Scene
 
 
 def _yes(flag: bool | None) -> str:
@@ -41,7 +42,7 @@ def _scenes() -> Table:
     from eomcheck.evaluate import Evaluation
     from eomcheck.scenes import SCENES
 
-    table = _table("key", "what it is", "terms", "speeds", "engines", "invariants")
+    table = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
     for kind in SCENES.values():
         scene = kind.example()
         at = Evaluation(scene, *scene.initial_state())
@@ -50,6 +51,7 @@ def _scenes() -> Table:
             f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
             _terms(at),
             _speeds(at),
+            _applying(kind),
             ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
             _invariants(at),
         )
@@ -67,6 +69,14 @@ def _speeds(at: Evaluation) -> str:
     if at.speeds.W is None:
         return "the velocities"
     return "natural" if at.scene.natural_speeds else "partition"
+
+
+def _applying(kind: type[Scene]) -> str:
+    """Return which formulations apply."""
+    from eomcheck.formulations import FORMULATIONS
+
+    others = [f.key for f in FORMULATIONS.values() if not f.applies_to(kind)]
+    return "all" + (f" but {', '.join(others)}" if others else "")
 
 
 def _invariants(at: Evaluation) -> str:

@@ -114,12 +114,12 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
     """Draw digits lost against severity, a panel a method, with what κ ε foresaw beside it."""
     facts = FAMILIES[family]
     methods = [m for m in methods_of_records(records) if steps(records, family, m)]
-    columns = 3
+    columns = min(5, len(methods))
     rows = -(-len(methods) // columns)
     figure, grid = plt.subplots(
         rows,
         columns,
-        figsize=(3.3 * columns, 2.2 * rows + 0.9),
+        figsize=(2.5 * columns + 0.3, 2.4 * rows + 0.9),
         sharex=True,
         sharey=True,
         squeeze=False,
@@ -132,7 +132,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
         panel.set_axis_off()
     for place in range(columns):
         last = [k for k in range(len(methods)) if k % columns == place][-1]
-        grid.flat[last].set_xlabel(facts.severity if place == 1 or len(methods) == 1 else "")
+        grid.flat[last].set_xlabel(facts.severity if place == columns // 2 else "")
         grid.flat[last].tick_params(labelbottom=True)
     for row in grid:
         row[0].set_ylabel("digits lost")
@@ -256,7 +256,9 @@ def draw_atlas(records: Sequence[Record], path: Path) -> None:
     )
     bar.set_label("digits lost, worst variant")
     bar.ax.axhline(LIMIT, color="black", lw=1.2)
-    axes.set_xlabel("each box: from mild (left) to severe (right)", labelpad=8)
+    axes.set_xlabel(
+        "each box: from mild (left) to severe (right); none: does not apply", labelpad=8
+    )
     handles = [
         Patch(fc="0.97", ec="0.45", hatch="////", label="refused"),
         Patch(fc=colors(0.1), ec="0.45", hatch="////", label="refused in part"),

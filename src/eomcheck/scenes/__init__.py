@@ -6,6 +6,7 @@ from eomcheck.model import Scene
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.flyball_governor import FlyballGovernor
+from eomcheck.scenes.four_bar_chain import FourBarChain
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
@@ -19,6 +20,7 @@ SCENES: dict[str, type[Scene]] = {
         Sleigh,
         RollingDisk,
         TurntableBall,
+        FourBarChain,
         Andrews,
         FlyballGovernor,
     )
@@ -30,6 +32,7 @@ __all__ = [
     "Andrews",
     "ChainPendulum",
     "FlyballGovernor",
+    "FourBarChain",
     "RollingDisk",
     "Sleigh",
     "Snake",

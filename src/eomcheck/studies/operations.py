@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 
 from flint import fmpq_poly
 
-from eomcheck.arithmetic.counting import Counting, System
+from eomcheck.arithmetic.counting import Counting, System, Tally
 from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of, kane
+from eomcheck.model import Scene
 from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
 from eomcheck.scenes.fields import whole_links
@@ -85,9 +86,25 @@ def banded_operations(m: int, half: int) -> int:
 
 
 def count(scene: Snake, formulation: Formulation) -> Operations:
+    """Count one right-hand side of a snake."""
+    found = tally(scene, formulation, Counting())
+    return Operations(
+        formulation.key,
+        scene.links,
+        scene.n,
+        scene.r,
+        scene.s,
+        found.additions,
+        found.multiplications,
+        found.divisions,
+        found.trigonometric_pairs,
+        tuple(found.systems),
+    )
+
+
+def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
     """Count one right-hand side, composed as in `eomcheck.motion.right_hand_side`."""
-    counting = Counting()
-    at = Quantities(scene, counting, counting.vector(scene.n))
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
     at.parameters  # noqa: B018  (prepared once, so before counting starts)
     counting.tally.clear()
     if formulation.uses == "terms":
@@ -105,19 +122,7 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
         else:
             at.qdot  # noqa: B018  (a part of the right-hand side)
             formulation.solution(*at.bodies)
-    tally = counting.tally
-    return Operations(
-        formulation.key,
-        scene.links,
-        scene.n,
-        scene.r,
-        scene.s,
-        tally.additions,
-        tally.multiplications,
-        tally.divisions,
-        tally.trigonometric_pairs,
-        tuple(tally.systems),
-    )
+    return counting.tally
 
 
 def measure(links: Iterable[int], keys: Iterable[str] | None = None) -> list[Operations]:

@@ -97,11 +97,16 @@ def _repeat_angles(trigonometry, theta, count):
 
 def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], object]:
     scene, q, u = bench_snake(links)
-    rate = right_hand_side(scene, formulation)
     at = Evaluation(scene, q, np.zeros(scene.n))
     at.u = u
     # Not `velocity`, which looks at the full constraint Jacobian.
     at.v = at.velocity
+    return rate_call(at, formulation)
+
+
+def rate_call(at: Evaluation, formulation: Formulation) -> Callable[[int], object]:
+    """Return what calls the compiled right-hand side at a state so many times."""
+    rate = right_hand_side(at.scene, formulation)
     arguments = (at.parameters, at.q, at.speeds_read(formulation), at.t, at.partition)
     return lambda count: _repeat(rate, *arguments, count)
 

@@ -1,0 +1,60 @@
+"""The study of long runs: what is measured, and what remedies change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eomcheck.errors import InputError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.report.long_run import draw_long_run, print_long_run
+from eomcheck.studies import long_run
+from eomcheck.studies.long_run import FULL, REMEDIES, Plan, measure, plan, record_of
+from eomcheck.studies.records import Records
+
+SHORT = Plan(6.0, 1e-6, ("au", "kane"))
+
+
+def test_every_formulation_runs_and_remedies_only_where_constraints_can_be_left():
+    cells = [(c["formulation"], c["remedy"]) for c in long_run._cells(FULL)]
+    drifting = [key for key, f in FORMULATIONS.items() if f.level == "acceleration"]
+    assert [key for key, remedy in cells if remedy == "none"] == list(FORMULATIONS)
+    for remedy in REMEDIES.keys() - {"none"}:
+        assert [key for key, other in cells if other == remedy] == drifting
+
+
+def test_no_output_time_is_one_at_which_the_velocity_was_just_projected():
+    times = long_run.output_times(1000.0)
+    off = np.abs(times / long_run.INTERVAL - np.rint(times / long_run.INTERVAL))
+    assert times[-1] < 1000.0 and (np.diff(times) > 0).all()
+    assert off.min() > 1e-6
+
+
+def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
+    with Records(tmp_path / "long.db") as records:
+        found = measure(SHORT, records)
+        assert measure(SHORT, records) == found
+    assert len(found) == 1 + 1 + 2 and {r.status for r in found} == {"done"}
+    plain, fed, cast = (record_of(found, "au", remedy) for remedy in REMEDIES)
+    bound = record_of(found, "kane", "none")
+    for one in (fed, cast, bound):
+        assert one.errors["constraint_end"] < plain.errors["constraint_end"] / 2
+    assert plain.errors["constraint_exponent"] > 0.4
+    assert abs(bound.errors["constraint_largest"]) < 1e-10
+    assert all(r.errors["energy_largest"] < 1e-4 for r in found)
+    print_long_run(found)
+    said = capsys.readouterr().out
+    assert "feedback" in said and "exponent" in said
+    draw_long_run(found, tmp_path / "long.png")
+    assert (tmp_path / "long.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("wrong", [{"t_end": 1.0}, {"t_end": np.nan}, {"tolerance": 0.0}])
+def test_an_end_or_tolerance_that_makes_no_sense_is_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        plan(**wrong)
+
+
+def test_the_quick_plan_is_a_part_of_the_full_one():
+    assert set(plan(quick=True).formulations) < set(plan().formulations)
+    assert plan(t_end=50.0, formulations=["kane"]) == Plan(50.0, FULL.tolerance, ("kane",))

@@ -1,0 +1,143 @@
+"""The study of stiff joints: its truths, its crossovers, and exact Jacobians."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck.errors import InputError
+from eomcheck.evaluate import velocity
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.motion.jacobian import exact_jacobian
+from eomcheck.motion.simulate import Motion
+from eomcheck.report.stiff import draw_stiff, print_stiff
+from eomcheck.scenes import Snake
+from eomcheck.studies import stiff
+from eomcheck.studies.records import Record, Records
+from eomcheck.studies.stiff import COMPILED, Plan, cheapest, crossover, measure, plan, scene_of
+
+KANE = FORMULATIONS["kane"]
+REFERENCES = Path("validation/references")
+TINY = Plan((5e3,), (1e-3, 1e-6), (1e-4,), ("kane",))
+
+
+def moving(scene: Snake) -> Motion:
+    q, _ = scene.initial_state()
+    u = np.array([1.0, 0.5])
+    return Motion(scene, KANE, q, velocity(scene, q, u), u)
+
+
+@pytest.mark.parametrize("damping", [None, np.arange(1.0, 7.0)])
+@pytest.mark.parametrize("stiffness", [None, 5e3 * np.ones(6)])
+def test_the_exact_jacobian_is_what_differences_approach(damping, stiffness):
+    scene = replace(Snake.paper(), stiffness=stiffness, damping=damping)
+    motion = moving(scene)
+    y, h = motion.y0, 1e-6
+    exact = exact_jacobian(scene, KANE)(0.0, y)
+    steps = h * np.eye(y.size)
+    differences = [(motion.function(0, y + e) - motion.function(0, y - e)) / (2 * h) for e in steps]
+    assert np.abs(exact - np.array(differences).T).max() < 1e-8 * max(np.abs(exact).max(), 1.0)
+
+
+@pytest.mark.parametrize("key", [key for key in FORMULATIONS if key != "kane"])
+def test_there_is_no_exact_jacobian_of_other_formulations_and_they_say_so(key: str):
+    with pytest.raises(InputError, match=f"no exact Jacobian for {key}"):
+        exact_jacobian(Snake.coil(2), FORMULATIONS[key])
+
+
+def test_without_dampers_stiffness_only_sets_the_unit_of_time():
+    soft, stiffer = (moving_from_rest(scene_of("undamped", k)) for k in (5e3, 5e3 * 4.0**6))
+    end = 0.2
+    one, other = (
+        m.solve(end * t, rtol=1e-12, atol=1e-12, output_times=np.array([end * t])).y[-1]
+        for m, t in ((soft, 1.0), (stiffer, 2.0**-6))
+    )
+    assert np.allclose(other[:9], one[:9], atol=1e-9)
+    assert np.allclose(other[9:] / 2.0**6, one[9:], atol=1e-8)
+    assert stiff.unit_of_time("undamped", 5e3 * 4.0**6) == 2.0**-6
+
+
+def moving_from_rest(scene: Snake) -> Motion:
+    return Motion(scene, KANE, *scene.initial_state())
+
+
+def run(k: float, integrator: str, seconds: float | None, error: float = 1e-4) -> Record:
+    settings = {
+        "problem": "damped",
+        "formulation": "kane",
+        "stiffness": k,
+        "integrator": integrator,
+        "jacobian": None,
+        "tolerance": 1e-3,
+    }
+    return Record(
+        stiff.STUDY,
+        settings,
+        "failed" if seconds is None else "done",
+        seconds=seconds,
+        counts={"right-hand sides": 10},
+        errors={"final": error, "floor": 1e-12},
+    )
+
+
+def test_the_crossover_lies_where_the_ratio_of_the_best_of_both_kinds_passes_one():
+    records = [run(1e4, "DOP853", 1.0), run(1e4, "Radau", 10.0)]
+    assert crossover(records, 1e-3, "damped", "kane") is None
+    records += [run(1e6, "DOP853", 10.0), run(1e6, "Tsit5", 90.0), run(1e6, "Radau", 1.0)]
+    assert crossover(records, 1e-3, "damped", "kane") == pytest.approx(1e5)
+    # LSODA is of both kinds and decides nothing, nor does a run that is not right.
+    records += [run(1e4, "LSODA", 0.1), run(1e4, "BDF", 0.1, error=0.1)]
+    assert crossover(records, 1e-3, "damped", "kane") == pytest.approx(1e5)
+
+
+def test_an_explicit_integrator_that_does_not_get_there_counts_as_dearer():
+    records = [run(1e4, "DOP853", 1.0), run(1e4, "Radau", 10.0)]
+    records += [run(1e6, "DOP853", None), run(1e6, "Radau", 1e3)]
+    assert crossover(records, 1e-3, "damped", "kane") == 1e6
+    assert cheapest(records, 1e-3, ("DOP853",)) is records[0]
+    assert cheapest(records, 1e-9, COMPILED) is None
+
+
+def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys, monkeypatch):
+    with Records(tmp_path / "stiff.db") as records:
+        found = measure(TINY, records, REFERENCES)
+        monkeypatch.setattr(stiff, "_damped_truth", None)
+        monkeypatch.setattr(stiff, "_compiled", None)
+        assert measure(TINY, records, REFERENCES) == found
+    assert {r.status for r in found} == {"done"}
+    (truth,) = (r for r in found if r.study == stiff.TRUTH)
+    assert truth.errors["uncertainty"] < 1e-11
+    for integrator in stiff.IN_SCIPY:
+        plain, exact = (
+            next(r for r in found if (integrator, how) == pick(r)) for how in stiff.JACOBIANS
+        )
+        assert exact.counts["right-hand sides"] < plain.counts["right-hand sides"]
+    for r in found:
+        if r.settings.get("tolerance") == 1e-6:
+            assert r.errors["floor"] < r.errors["final"] < 1e-2
+    print_stiff(found)
+    said = capsys.readouterr().out
+    assert "No run failed" in said and "cheaper ones from this k on" in said
+    assert all(path.stat().st_size > 10_000 for path in draw_stiff(found, tmp_path))
+
+
+def pick(record: Record) -> tuple:
+    return record.settings.get("integrator"), record.settings.get("jacobian")
+
+
+def test_two_integrations_that_disagree_leave_the_truth_as_uncertain_as_that(monkeypatch):
+    def off(scene, key, integrator, tolerance):
+        return np.ones(18) + (1e-5 if key == "kane" else 0.0)
+
+    monkeypatch.setattr(stiff, "_end_state", off)
+    record = stiff._damped_truth({"stiffness": 5e3})
+    assert record.errors["uncertainty"] == pytest.approx(1e-5, rel=1e-3)
+
+
+@pytest.mark.parametrize("k", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_stiffness_that_is_not_positive_is_refused(k: float):
+    with pytest.raises(InputError, match="stiffness = "):
+        plan(stiffnesses=[k])
