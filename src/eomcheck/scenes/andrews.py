@@ -1,4 +1,4 @@
-"""Andrews' squeezing mechanism: seven bodies in the plane, three closed loops, one motor, one spring.
+"""Andrews' squeezing mechanism: seven bodies in the plane, three closed loops, a motor, a spring.
 
 Bodies K1 .. K7 turn about joints. K1, K3, K5 and K7 are pinned to the ground (K1 at O, K3 at B, K5
 and K7 at A); K2 hangs on the tip of K1, K4 on that of K5, K6 on that of K7. The tips of K2, K3, K4
