@@ -63,14 +63,14 @@ MULTIPLIERS = -np.array(
         0.1161740700019673e2,
     ]
 )
-"""At t = 0.03 s: Test Set for IVP Solvers, problem "Andrews' squeezing mechanism", a run of PSIDE in
-quadruple precision (Cray C90) with tolerances 1e-14. The test set has M q̈ = f - Gᵀλ."""
+"""At t = 0.03 s: Test Set for IVP Solvers, problem "Andrews' squeezing mechanism", PSIDE on a
+Cray C90 with tolerances 1e-14. The test set has M q̈ = f - Gᵀλ."""
 
 
 def published(q, v):
     """Return (M (7, 7), f (7,)) as the test set writes them, in our order of coordinates."""
     ahead = np.argsort(CRANK_LAST)
-    beta, theta, gamma, phi, _, omega, _ = q[ahead]
+    _, theta, gamma, phi, _, omega, _ = q[ahead]
     turn, swing, _, left, right, other, last = v[ahead]
     m1, m2, m3, m4, m5, m6, m7 = 0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498
     i1, i2, i3, i4 = 2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7

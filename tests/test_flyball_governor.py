@@ -26,8 +26,8 @@ END = 0.5
 def reduced() -> Callable:
     """Return (s̈, θ̈) of the benchmark as a function of (s, θ, ṡ, θ̇), both arms alike.
 
-    Kinetic energies are integrated over boxes of 3000 kg/m³ in Cartesian coordinates. ψ is ignorable:
-    with the angular momentum p about the shaft, L - p ψ̇ leaves -p²/(2 J(θ)) as a potential.
+    Kinetic energies are integrated over boxes of 3000 kg/m³ in Cartesian coordinates. ψ is
+    ignorable: with the angular momentum p about the shaft, p²/(2 J(θ)) joins the potential.
     """
     s, angle = sympy.symbols("s theta")
     rates = up, swing = sympy.symbols("ds dtheta")
