@@ -19,7 +19,7 @@ from eomcheck.scenes import FlyballGovernor
 SCENE = FlyballGovernor()
 every_formulation = pytest.mark.parametrize("key", applicable(FlyballGovernor))
 END = 0.5
-"""s: the slider overshoots and comes back."""
+"""s: the slider rises by 0.24 m, with 5 cm/s left."""
 
 
 @cache
