@@ -411,8 +411,8 @@ class Andrews(Assembled):
         return self.pose.copy(), np.zeros(7)
 
     def tree(self) -> Tree:
-        """Return one RZ a body, those pinned to the ground first."""
-        order = sorted(range(7), key=lambda k: CARRIER[k] >= 0)
+        """Return one RZ a body, what hangs on a body right after it."""
+        order = 0, 1, 2, 4, 3, 6, 5
         offset, center = np.zeros((2, 7, 3))
         for j, k in enumerate(order):
             on = CARRIER[k]
@@ -422,8 +422,8 @@ class Andrews(Assembled):
             parent=tuple(order.index(CARRIER[k]) if CARRIER[k] >= 0 else -1 for k in order),
             joint=("rz",) * 7,
             offset=offset,
-            mass=self.mass[order],
+            mass=self.mass[[*order]],
             center=center,
-            inertia=self.inertia[order],
+            inertia=self.inertia[[*order]],
             coordinates=np.eye(7)[[JOINT[k] for k in order]],
         )
