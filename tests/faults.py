@@ -326,13 +326,13 @@ FAULTS = [
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
     # The chain of four-bar linkages.
     # Andrews' mechanism and the governor
-    Fault(ANDREWS, "J[1, JOINT[on]] += sign", "J[1, JOINT[on]] -= sign", "mass-matrix", "β"),
+    Fault(ANDREWS, "J[1, JOINT[on]] += sign", "J[1, JOINT[on]] -= sign", "mass-matrix", "entry"),
     Fault(ANDREWS, "ahead -= carried", "ahead += carried", "bias", "row "),
     Fault(ANDREWS, "pull * (x * arm_y -", "pull * (x * arm_y +", "generalized-forces", "row γ"),
     Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
     Fault(ANDREWS, "rows, -1,", "rows, 1,", "constraint-jacobian", "K2 at K"),
     Fault(ANDREWS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
-    Fault(ANDREWS, "return ahead - carrying", "return ahead + carrying", "mass-matrix", "β"),
+    Fault(ANDREWS, "return ahead - carrying", "return ahead + carrying", "mass-matrix", "entry"),
     Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
     Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
     Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
