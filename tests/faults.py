@@ -27,6 +27,8 @@ SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
 FOUR_BAR = "scenes/four_bar_chain.py"
+ANDREWS = "scenes/andrews.py"
+GOVERNOR = "scenes/flyball_governor.py"
 ASSEMBLED = "scenes/assembled.py"
 CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
@@ -323,6 +325,20 @@ FAULTS = [
     Fault(BALL, "left * cos[0]\n    omega[2]", "left\n    omega[2]", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
     # The chain of four-bar linkages.
+    # Andrews' mechanism and the governor
+    Fault(ANDREWS, "J[1, JOINT[on]] += sign", "J[1, JOINT[on]] -= sign", "mass-matrix", "entry"),
+    Fault(ANDREWS, "ahead -= carried", "ahead += carried", "bias", "row "),
+    Fault(ANDREWS, "pull * (x * arm_y -", "pull * (x * arm_y +", "generalized-forces", "row γ"),
+    Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
+    Fault(ANDREWS, "rows, -1,", "rows, 1,", "constraint-jacobian", "K2 at K"),
+    Fault(ANDREWS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
+    Fault(ANDREWS, "return ahead - carrying", "return ahead + carrying", "mass-matrix", "entry"),
+    Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
+    Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
+    Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
+    Fault(GOVERNOR, "rest[i + 1, 0] = -cos", "rest[i + 1, 0] = cos", "bias", "row "),
+    Fault(GOVERNOR, "pull + damping", "pull - damping", "generalized-forces", "row s"),
+    Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
     Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
     Fault(
         FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from eomcheck.model import Scene
+from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.chain_pendulum import ChainPendulum
+from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.four_bar_chain import FourBarChain
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
@@ -19,13 +21,17 @@ SCENES: dict[str, type[Scene]] = {
         RollingDisk,
         TurntableBall,
         FourBarChain,
+        Andrews,
+        FlyballGovernor,
     )
 }
 """Key -> class."""
 
 __all__ = [
     "SCENES",
+    "Andrews",
     "ChainPendulum",
+    "FlyballGovernor",
     "FourBarChain",
     "RollingDisk",
     "Sleigh",

@@ -28,8 +28,9 @@ from eomcheck.model import Bodies, Scene, Speeds, Terms, velocity
 class Jacobians(NamedTuple):
     """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
 
-    V of the centres of mass in directions that do not turn; in space ω in directions that turn with
-    the body, in which its inertia is constant.
+    V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
+    left even if they turn; in space ω in directions that turn with the body, in which its inertia
+    is constant.
     """
 
     linear: Any
@@ -252,11 +253,11 @@ def kinetic_energy(mass, inertia, V, omega):
     T = 0
     for k in range(V.shape[0]):
         for c in range(V.shape[1]):
-            T += mass[k] * V[k, c] * V[k, c] / 2
+            T += mass[k] * V[k, c] * V[k, c]
         for c in range(omega.shape[1]):
             for f in range(omega.shape[1]):
-                T += omega[k, c] * inertia[k, c, f] * omega[k, f] / 2
-    return T
+                T += omega[k, c] * inertia[k, c, f] * omega[k, f]
+    return T / 2
 
 
 def _energies(scene: type[Assembled]) -> Callable:

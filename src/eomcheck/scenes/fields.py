@@ -47,7 +47,7 @@ def as_code(scene: Any) -> str:
     for field in fields(scene):
         value = getattr(scene, field.name)
         value = value if value is None else value.tolist()
-        if value != field.default:
+        if not np.array_equal(value, field.default):
             shown.append(f"{field.name}={value!r}")
     return f"{type(scene).__name__}({', '.join(shown)})"
 

@@ -1,0 +1,380 @@
+"""A flyball governor whose coupler rods are stiff springs with dampers: three dimensions.
+
+A shaft turns freely about the vertical. A slider moves along it and turns with it; two equal arms
+hang on hinges near its top and carry the balls. From the slider to each arm runs a spring with a
+damper. q = [s, ψ, θ_1, θ_2]: the height of the slider, the turn of the shaft, and how far each arm
+points below the horizontal. Arm and spring lie in one vertical plane through the shaft; the
+directions radial, tangential and up belong to an arm and turn with the shaft. There is no
+constraint, so every formulation reduces to M q̈ = F. Springs and dampers make it stiff.
+
+Source: A05 of the IFToMM benchmark library; González, Dopico, Lugrís and Cuadrado 2006. The
+defaults are its data: rods and shaft of 1 m with a section of 0.01 m by 0.01 m and a slider of
+0.1 m, all of 3000 kg/m³, balls of 5 kg at the ends of the arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.arithmetic.generic import generic
+from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry
+from eomcheck.scenes import plane
+from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
+from eomcheck.scenes.fields import as_code, set_array
+
+ROD, BALL = 0.3, 5.0
+"""Of the benchmark's arms, kg; the rod is 1 m long."""
+ARM = ROD + BALL
+CENTER = (ROD / 2 + BALL) / ARM
+ACROSS = ROD * (1 + 0.01**2) / 12 + ROD * (CENTER - 0.5) ** 2 + BALL * (1 - CENTER) ** 2
+ALONG = ROD * 0.01**2 / 6
+SLIDER = 3.0
+SPINNING = SLIDER * 0.1**2 / 6 + ALONG
+"""Slider and shaft."""
+
+SLIDER_HEIGHT, TURN, ARMS = 0, 1, (2, 3)
+"""Coordinates s and ψ, and those of the arms."""
+
+
+class Parameters(NamedTuple):
+    """The parameters of a `FlyballGovernor` in some kind of number."""
+
+    mass: Any
+    """Slider and arms (3,), kg."""
+    inertia: Any
+    """About the centres of mass (3, 3, 3), kg m²: of slider and shaft about the vertical only, of
+    arms along the arm, tangentially and across."""
+    center: Any
+    """From the hinge to the centre of mass of an arm (1,), m."""
+    hinge: Any
+    """Radius and height of the hinges (2,), m."""
+    attachment: Any
+    """From the hinge to the spring (1,), m."""
+    stiffness: Any
+    """(1,), N/m."""
+    rest_length: Any
+    """(1,), m."""
+    damping: Any
+    """(1,), N s/m, or None."""
+    gravity: Any
+    """(1,), m/s²."""
+
+
+class Prepared(NamedTuple):
+    """What is not rational in q."""
+
+    turn: Any
+    """ψ, as `Angles` (1,)."""
+    cos: Any
+    """Of the arms (2,)."""
+    sin: Any
+    """Likewise (2,)."""
+    spring: Any
+    """Lengths of the springs (2,), m."""
+
+
+@generic
+def above_slider(parameters, q):
+    """Return how far the hinges are above the slider, m."""
+    return parameters.hinge[1] - q[SLIDER_HEIGHT]
+
+
+@generic
+def prepare(arithmetic, parameters, q, t):
+    """Return the `Prepared` at q (4,).
+
+    A spring ends at the slider as far from the shaft as the hinge is.
+    """
+    turn, arms = arithmetic.angles(q[1:2]), arithmetic.angles(q[2:])
+    reach, high = parameters.attachment[0], above_slider(parameters, q)
+    square = np.zeros(2, arms.cos.dtype)
+    for i in range(2):
+        out, rise = reach * arms.cos[i], high - reach * arms.sin[i]
+        square[i] = out * out + rise * rise
+    return Prepared(turn, arms.cos, arms.sin, arithmetic.root(square))
+
+
+# ---- How the bodies move -------------------------------------------------------------------------
+
+
+@generic
+def rotations(cos, sin, v):
+    """Return ω (3, 3) of slider and arms, along axes of the bodies."""
+    omega = np.zeros((3, 3), v.dtype)
+    omega[0, 2] = v[TURN]
+    for i in range(2):
+        omega[i + 1, 0] = -sin[i] * v[TURN]
+        omega[i + 1, 1] = v[ARMS[i]]
+        omega[i + 1, 2] = cos[i] * v[TURN]
+    return omega
+
+
+@generic
+def jacobians(parameters, prepared, q, v):
+    """Return the `Jacobians`, V of an arm along its radial, tangential and upward directions."""
+    cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
+    linear, angular = np.zeros((3, 3, 4), q.dtype), np.zeros((3, 3, 4), q.dtype)
+    rest, angular_rest = np.zeros((3, 3), q.dtype), np.zeros((3, 3), q.dtype)
+    linear[0, 2, SLIDER_HEIGHT] = 1
+    angular[0, 2, TURN] = 1
+    turn = v[TURN]
+    for i in range(2):
+        arm, swing = ARMS[i], v[ARMS[i]]
+        out, down = center * cos[i], center * sin[i]
+        radius = parameters.hinge[0] + out
+        linear[i + 1, 0, arm], linear[i + 1, 1, TURN], linear[i + 1, 2, arm] = -down, radius, -out
+        rest[i + 1, 0] = -out * swing * swing - radius * turn * turn
+        rest[i + 1, 1] = -2 * down * swing * turn
+        rest[i + 1, 2] = down * swing * swing
+        angular[i + 1, 0, TURN], angular[i + 1, 2, TURN] = -sin[i], cos[i]
+        angular[i + 1, 1, arm] = 1
+        angular_rest[i + 1, 0] = -cos[i] * swing * turn
+        angular_rest[i + 1, 2] = -sin[i] * swing * turn
+    moments = gyroscopic_moments(parameters.inertia, rotations(cos, sin, v))
+    return Jacobians(linear, angular, rest, angular_rest, moments)
+
+
+@generic
+def tension(length, rest_length, stiffness, damping, rate):
+    """Return the pull of a spring and its damper, N, while the spring grows at `rate`."""
+    pull = stiffness[0] * (length - rest_length[0])
+    if damping is None:
+        return pull
+    return pull + damping[0] * rate
+
+
+@generic
+def spring_gradient(parameters, prepared, q, i):
+    """Return ∂(length of spring i)/∂s and ∂(length of spring i)/∂θ_i."""
+    reach, high, length = parameters.attachment[0], above_slider(parameters, q), prepared.spring[i]
+    return (reach * prepared.sin[i] - high) / length, -reach * high * prepared.cos[i] / length
+
+
+@generic
+def forces(parameters, prepared, q, v):
+    """Return Q (4,): weights, springs and dampers."""
+    stiffness, rest_length = parameters.stiffness, parameters.rest_length
+    mass, gravity = parameters.mass, parameters.gravity[0]
+    Q = np.zeros(4, v.dtype)
+    Q[SLIDER_HEIGHT] = -mass[0] * gravity
+    for i in range(2):
+        arm = ARMS[i]
+        by_slider, by_arm = spring_gradient(parameters, prepared, q, i)
+        rate = by_slider * v[SLIDER_HEIGHT] + by_arm * v[arm]
+        pull = tension(prepared.spring[i], rest_length, stiffness, parameters.damping, rate)
+        Q[SLIDER_HEIGHT] -= pull * by_slider
+        Q[arm] = mass[i + 1] * gravity * parameters.center[0] * prepared.cos[i] - pull * by_arm
+    return Q
+
+
+# ---- The second derivation: positions and velocities only ----------------------------------------
+
+
+@generic
+def velocities(parameters, prepared, q, v):
+    """Return the velocities of the centres of mass along x, y, z (3, 3), and of rotation (3, 3)."""
+    cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
+    ahead, left = prepared.turn.cos[0], prepared.turn.sin[0]
+    V = np.zeros((3, 3), v.dtype)
+    V[0, 2] = v[SLIDER_HEIGHT]
+    for i in range(2):
+        side = 1 - 2 * i
+        out = -center * sin[i] * v[ARMS[i]]
+        around = (parameters.hinge[0] + center * cos[i]) * v[TURN]
+        V[i + 1, 0] = side * (out * ahead - around * left)
+        V[i + 1, 1] = side * (out * left + around * ahead)
+        V[i + 1, 2] = -center * cos[i] * v[ARMS[i]]
+    return V, rotations(cos, sin, v)
+
+
+@generic
+def potential(parameters, prepared, q):
+    """Return U, J, of weights and springs."""
+    mass, gravity = parameters.mass, parameters.gravity[0]
+    U = mass[0] * gravity * q[SLIDER_HEIGHT]
+    for i in range(2):
+        height = parameters.hinge[1] - parameters.center[0] * prepared.sin[i]
+        longer = prepared.spring[i] - parameters.rest_length[0]
+        U += mass[i + 1] * gravity * height
+        U += parameters.stiffness[0] * longer * longer / 2
+    return U
+
+
+@generic
+def damper_dissipation(damping, first, second):
+    """Return R of two dampers from how fast they grow, W; None without them."""
+    if damping is None:
+        return None
+    return damping[0] * (first * first + second * second) / 2
+
+
+@generic
+def growth(parameters, prepared, q, v, i):
+    """Return how fast spring i grows, m/s: the rate of its square, halved, by its length."""
+    reach, cos, sin = parameters.attachment[0], prepared.cos[i], prepared.sin[i]
+    swing = reach * v[ARMS[i]]
+    rise, rate = above_slider(parameters, q) - reach * sin, -v[SLIDER_HEIGHT] - cos * swing
+    return (rise * rate - reach * cos * sin * swing) / prepared.spring[i]
+
+
+@generic
+def dissipation(parameters, prepared, q, v):
+    """Return R, W, or None: half the power that the dampers take."""
+    return damper_dissipation(
+        parameters.damping,
+        growth(parameters, prepared, q, v, 0),
+        growth(parameters, prepared, q, v, 1),
+    )
+
+
+# ---- The scene -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlyballGovernor(Assembled):
+    """A flyball governor with springs for couplers, by default that of the benchmark.
+
+    Args:
+        slider: its mass, kg, positive.
+        spinning: moment of inertia of slider and shaft about the vertical, kg m², not negative.
+        arm: mass of an arm with its ball, kg, positive.
+        center: from the hinge to the centre of mass of an arm, m, positive.
+        along: moment of inertia of an arm about itself, kg m², not negative.
+        across: about its centre of mass, across, kg m², not negative.
+        hinge: distance of the hinges from the axis, and of the springs at the slider, m, positive.
+        top: height of the hinges, m.
+        attachment: from the hinge to the spring, m, positive.
+        stiffness: K of a spring, N/m, not negative.
+        rest_length: of a spring, m, not negative.
+        damping: C of a damper, N s/m, not negative, or None without.
+        gravity: g, m/s², not negative, downwards.
+        height: s at t = 0, m.
+        angle: of both arms below the horizontal at t = 0, rad.
+        rate: of the shaft at t = 0, rad/s.
+
+    Raises:
+        InputError: not finite, or out of the range given above.
+    """
+
+    slider: Any = SLIDER
+    spinning: Any = SPINNING
+    arm: Any = ARM
+    center: Any = CENTER
+    along: Any = ALONG
+    across: Any = ACROSS
+    hinge: Any = 0.05
+    top: Any = 1.0
+    attachment: Any = 0.5
+    stiffness: Any = 8e5
+    rest_length: Any = 0.5
+    damping: Any = 4e4
+    gravity: Any = 9.81
+    height: Any = 0.5
+    angle: Any = float(np.pi / 6)
+    rate: Any = float(2 * np.pi)
+
+    key = "flyball-governor"
+    conserves_energy = True
+    angle_coordinates = slice(1, None)
+
+    prepare = staticmethod(prepare)
+    jacobians = staticmethod(jacobians)
+    forces = staticmethod(forces)
+    velocities = staticmethod(velocities)
+    potential = staticmethod(potential)
+    dissipation = staticmethod(dissipation)
+
+    def __post_init__(self):
+        for name in ("slider", "arm", "center", "hinge", "attachment"):
+            set_array(self, name, (), "positive")
+        for name in ("spinning", "along", "across", "stiffness", "rest_length", "gravity"):
+            set_array(self, name, (), "not negative")
+        set_array(self, "damping", (), "not negative", optional=True)
+        for name in ("top", "height", "angle", "rate"):
+            set_array(self, name, ())
+        if self.damping is not None:
+            object.__setattr__(self, "conserves_energy", False)
+            object.__setattr__(self, "why_not_conserved", "dampers take it")
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
+        """Yield the governor of the benchmark, and one without dampers."""
+        (governor,) = super().structures(links)
+        yield governor
+        yield cls(damping=None)
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary governors are drawn from."""
+        return {
+            "slider": Range(0.1, 10.0),
+            "spinning": Range(0.01, 1.0),
+            "arm": Range(0.1, 10.0),
+            "center": Range(0.1, 1.0),
+            "along": Range(0.01, 1.0),
+            "across": Range(0.01, 1.0),
+            "hinge": Range(0.01, 0.2),
+            "attachment": Range(0.3, 0.6),
+            "stiffness": Range(0.0, 1e4),
+            "rest_length": Range(0.0, 1.0),
+            "damping": Range(0.0, 100.0, optional=True),
+            "gravity": Range(0.0, 20.0),
+        }
+
+    def coordinate_ranges(self) -> tuple[Range, ...]:
+        """Return heights below the hinges, any turn, and arms up to 1.2 rad from the horizontal."""
+        arm = Range(-1.2, 1.2)
+        return Range(0.0, 0.6), Range(-np.pi, np.pi), arm, arm
+
+    def __repr__(self) -> str:
+        return as_code(self)
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """s, ψ, θ_1, θ_2."""
+        return "s", "ψ", "θ_1", "θ_2"
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def parameters(self, arithmetic: Arithmetic) -> Parameters:
+        """Return the parameters in the numbers of `arithmetic`."""
+        number = arithmetic.numbers
+        moments = number(np.array([self.spinning, self.along, self.across]))
+        inertia = np.zeros((3, 3, 3), moments.dtype)
+        inertia[0, 2, 2] = moments[0]
+        for k in (1, 2):
+            inertia[k, 0, 0] = moments[1]
+            inertia[k, 1, 1] = inertia[k, 2, 2] = moments[2]
+        arm = number(self.arm.reshape(1))
+        return Parameters(
+            np.concatenate((number(self.slider.reshape(1)), arm, arm)),
+            inertia,
+            number(self.center.reshape(1)),
+            number(np.array([self.hinge, self.top])),
+            number(self.attachment.reshape(1)),
+            number(self.stiffness.reshape(1)),
+            number(self.rest_length.reshape(1)),
+            None if self.damping is None else number(self.damping.reshape(1)),
+            number(self.gravity.reshape(1)),
+        )
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return both arms at `angle`, the slider at `height`, all turning at `rate`."""
+        q = np.array([self.height, 0.0, self.angle, self.angle])
+        return q, np.array([0.0, self.rate, 0.0, 0.0])
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield a turn about the shaft, the mirror image, and the arms exchanged."""
+        turned = q + np.array([0.0, plane.TURN, 0.0, 0.0])
+        yield Symmetry("rotation", self, turned, v, np.eye(4))
+        mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+        yield Symmetry("mirror", self, mirror @ q, mirror @ v, mirror)
+        exchange = np.eye(4)[[0, 1, 3, 2]]
+        yield Symmetry("exchange", self, exchange @ q, exchange @ v, exchange)
