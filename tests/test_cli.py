@@ -11,6 +11,7 @@ import pytest
 import eomcheck
 from eomcheck import cli
 from eomcheck.checks.validate import Run
+from eomcheck.cli.checking import Registry
 from eomcheck.formulations import FORMULATIONS
 
 
@@ -116,7 +117,7 @@ def test_version_and_help_import_no_compiler_no_engine_and_no_plots():
     assert version.stdout.strip() == f"eomcheck {eomcheck.__version__}"
 
 
-@pytest.mark.parametrize("registry", list(cli.Registry))
+@pytest.mark.parametrize("registry", list(Registry))
 def test_list_names_everything_registered(registry, monkeypatch, capsys):
     assert run("list", registry.value, monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eomcheck.cli import interval
+from eomcheck.cli.options import interval
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

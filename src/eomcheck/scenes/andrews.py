@@ -29,8 +29,10 @@ from eomcheck.scenes.fields import as_code, set_array
 
 JOINT = 6, 0, 1, 2, 3, 4, 5
 """Body -> coordinate that turns it against what it is pinned to."""
-CARRIER = -1, 0, -1, 4, -1, 6, -1
-"""Body -> body whose tip carries it, -1 for the ground."""
+CARRIER = 0, 0, 0, 4, 0, 6, 0
+"""Body -> body whose tip carries it, if one does."""
+CARRIED = 0, 1, 0, 1, 0, 1, 0
+"""Body -> number of bodies between it and the ground."""
 PIN = 0, 0, 1, 2, 2, 2, 2
 """Body -> pin on the ground from which it is reached: O, B or A."""
 MEETING = 2, 3, 5
@@ -76,6 +78,12 @@ class Prepared(NamedTuple):
 
 
 @generic
+def carriers(k):
+    """Return the bodies between body k and the ground, to loop over: one or none."""
+    return range(CARRIER[k], CARRIER[k] + CARRIED[k])
+
+
+@generic
 def turned(cos, sin, point):
     """Return a point (2,) of a body as seen from its joint, along axes that do not turn."""
     return cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]
@@ -88,9 +96,9 @@ def directions(angles):
     for k in range(7):
         cos[k], sin[k] = angles.cos[JOINT[k]], angles.sin[JOINT[k]]
     for k in range(7):
-        if CARRIER[k] >= 0:
+        for on in carriers(k):
             across = cos[k], sin[k]
-            cos[k], sin[k] = turned(cos[CARRIER[k]], sin[CARRIER[k]], across)
+            cos[k], sin[k] = turned(cos[on], sin[on], across)
     return cos, sin
 
 
@@ -121,8 +129,7 @@ def add_columns(J, sign, parameters, prepared, k, point):
     x, y = turned(prepared.cos[k], prepared.sin[k], point)
     J[0, JOINT[k]] -= sign * y
     J[1, JOINT[k]] += sign * x
-    on = CARRIER[k]
-    if on >= 0:
+    for on in carriers(k):
         tip_x, tip_y = turned(prepared.cos[on], prepared.sin[on], parameters.tip[on])
         J[0, JOINT[on]] -= sign * (tip_y + y)
         J[1, JOINT[on]] += sign * (tip_x + x)
@@ -131,9 +138,10 @@ def add_columns(J, sign, parameters, prepared, k, point):
 @generic
 def rate_of_turn(k, v):
     """Return how fast body k turns, rad/s."""
-    if CARRIER[k] >= 0:
-        return v[JOINT[CARRIER[k]]] + v[JOINT[k]]
-    return v[JOINT[k]]
+    rate = v[JOINT[k]]
+    for on in carriers(k):
+        rate = rate + v[JOINT[on]]
+    return rate
 
 
 @generic
@@ -142,8 +150,7 @@ def point_rest(parameters, prepared, k, point, v):
     omega = rate_of_turn(k, v)
     x, y = turned(prepared.cos[k], prepared.sin[k], point)
     ahead, left = -omega * omega * x, -omega * omega * y
-    on = CARRIER[k]
-    if on >= 0:
+    for on in carriers(k):
         tip_x, tip_y = turned(prepared.cos[on], prepared.sin[on], parameters.tip[on])
         carried = v[JOINT[on]]
         ahead -= carried * carried * tip_x
@@ -161,8 +168,8 @@ def jacobians(parameters, prepared, q, v):
         add_columns(linear[k], 1, parameters, prepared, k, center)
         rest[k, 0], rest[k, 1] = point_rest(parameters, prepared, k, center, v)
         angular[k, 0, JOINT[k]] = 1
-        if CARRIER[k] >= 0:
-            angular[k, 0, JOINT[CARRIER[k]]] = 1
+        for on in carriers(k):
+            angular[k, 0, JOINT[on]] = 1
     return Jacobians(linear, angular, rest, still, None)
 
 
@@ -209,11 +216,12 @@ def forces(parameters, prepared, q, v):
 def position(parameters, prepared, k, point):
     """Return where a point of body k is, along x and along y."""
     x, y = turned(prepared.cos[k], prepared.sin[k], point)
-    pin, on = parameters.pins[PIN[k]], CARRIER[k]
-    if on >= 0:
+    pin = parameters.pins[PIN[k]]
+    ahead, left = pin[0] + x, pin[1] + y
+    for on in carriers(k):
         tip_x, tip_y = turned(prepared.cos[on], prepared.sin[on], parameters.tip[on])
-        return pin[0] + tip_x + x, pin[1] + tip_y + y
-    return pin[0] + x, pin[1] + y
+        ahead, left = ahead + tip_x, left + tip_y
+    return ahead, left
 
 
 @generic
@@ -222,11 +230,10 @@ def point_velocity(parameters, prepared, k, point, v):
     omega = rate_of_turn(k, v)
     x, y = turned(prepared.cos[k], prepared.sin[k], point)
     ahead, left = -omega * y, omega * x
-    on = CARRIER[k]
-    if on >= 0:
+    for on in carriers(k):
         carrying = rate_of_turn(on, v)
         tip_x, tip_y = turned(prepared.cos[on], prepared.sin[on], parameters.tip[on])
-        return ahead - carrying * tip_y, left + carrying * tip_x
+        ahead, left = ahead - carrying * tip_y, left + carrying * tip_x
     return ahead, left
 
 
@@ -415,11 +422,10 @@ class Andrews(Assembled):
         order = 0, 1, 2, 4, 3, 6, 5
         offset, center = np.zeros((2, 7, 3))
         for j, k in enumerate(order):
-            on = CARRIER[k]
-            offset[j, :2] = self.tip[on] if on >= 0 else self.pins[PIN[k]]
+            offset[j, :2] = self.tip[CARRIER[k]] if CARRIED[k] else self.pins[PIN[k]]
             center[j, :2] = self.center[k]
         return Tree(
-            parent=tuple(order.index(CARRIER[k]) if CARRIER[k] >= 0 else -1 for k in order),
+            parent=tuple(order.index(CARRIER[k]) if CARRIED[k] else -1 for k in order),
             joint=("rz",) * 7,
             offset=offset,
             mass=self.mass[[*order]],

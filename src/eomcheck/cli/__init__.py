@@ -1,0 +1,38 @@
+"""The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
+
+Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
+until then is printed and saved). Each command imports what it needs when it runs.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from eomcheck.cli import checking, motions
+from eomcheck.cli.app import app
+from eomcheck.cli.bench import bench
+from eomcheck.cli.draw import draw
+from eomcheck.cli.study import study
+from eomcheck.errors import EomcheckError
+
+for group in (bench, study, draw):
+    app.add_typer(group)
+
+
+def main() -> None:
+    """Run the command line; bad input is one sentence and exit code 2."""
+    # Matrices of a few hundred rows gain nothing from threads, and lose much where other programs
+    # run. Libraries read this when they are loaded, which is after this line.
+    for library in ("OPENBLAS", "MKL", "OMP"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    try:
+        app()
+    except EomcheckError as error:
+        typer.echo(f"eomcheck: {error}", err=True)
+        sys.exit(2)
+
+
+__all__ = ["app", "checking", "main", "motions"]

@@ -1,0 +1,65 @@
+"""`eomcheck bench`: run times and tolerances, measured."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from eomcheck.cli.options import Examples, Json, Links, Seed, check_writable, interval
+
+bench = typer.Typer(name="bench", help="Measure run times and tolerances.", no_args_is_help=True)
+
+
+@bench.command("rhs")
+def bench_rhs(
+    links: Annotated[
+        list[int] | None, typer.Option(help="Number of links; repeat for more.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Timed runs; the median counts.")] = 15,
+    json: Json = None,
+) -> None:
+    """Time one right-hand side of each formulation over the number of links."""
+    check_writable(json)
+    from eomcheck.studies.rhs import measure_all
+    from eomcheck.report.benchmarks import print_rhs, write_records  # isort: skip
+
+    records = measure_all(links, formulation, repeats)
+    print_rhs(records)
+    if json is not None:
+        write_records(json, "timings", records)
+
+
+@bench.command("motion")
+def bench_motion(
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Time a motion of the paper's robot, compiled throughout and through Python."""
+    check_writable(json)
+    from eomcheck.studies.motion import measure_motions
+    from eomcheck.report.benchmarks import print_motions, write_records  # isort: skip
+
+    records = measure_motions(formulation)
+    print_motions(records)
+    if json is not None:
+        write_records(json, "motions", records)
+
+
+@bench.command("tolerance")
+def bench_tolerance(
+    links: Links = "1..40",
+    examples: Examples = 200,
+    seed: Seed = 0,
+) -> None:
+    """Measure observed / (κ ε scale) per claim: what the constant C of the tolerances rests on."""
+    low, high = interval(links)
+    from eomcheck.report.benchmarks import print_tolerance
+    from eomcheck.studies.tolerance import measure_constant
+
+    print_tolerance(measure_constant(low, high, examples, seed))

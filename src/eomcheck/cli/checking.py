@@ -1,0 +1,251 @@
+"""`eomcheck validate`, `prove`, `list`, `report`, `export`, `reference`."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eomcheck.cli.app import app
+from eomcheck.cli.options import (
+    REFERENCES,
+    SUITE,
+    Json,
+    Kept,
+    Kind,
+    Seed,
+    Where,
+    at_least_one,
+    check_folder,
+    check_output,
+    check_writable,
+    interval,
+    records_or_none,
+    whole_numbers,
+)
+from eomcheck.errors import InputError, WorkerError
+
+
+class Registry(StrEnum):
+    """What `eomcheck list` can list."""
+
+    FORMULATIONS = "formulations"
+    SCENES = "scenes"
+    ENGINES = "engines"
+    CLAIMS = "claims"
+
+
+@app.command()
+def validate(
+    scene: Kind = "snake",
+    links: Annotated[
+        str | None, typer.Option(help="Number of links of the random scenes, N or N..M. [1..12]")
+    ] = None,
+    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 60,
+    seed: Seed = 0,
+    engine: Annotated[
+        list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
+    ] = None,
+    json: Json = None,
+    records: Kept = None,
+) -> None:
+    """Check every claim on the example of a scene (the paper's robot) and on random ones."""
+    bounds = interval("1..12" if links is None else links)
+    at_least_one(examples=examples)
+    check_writable(json)
+
+    from eomcheck.checks.validate import Run, Selection
+    from eomcheck.console import console, progress
+    from eomcheck.report.findings import print_run, print_scenes, write_json
+    from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.findings import look_at_kind
+
+    kinds = kinds_of(scene)
+    if links is not None and not any(kind.has_links for kind in kinds):
+        raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
+    selection = Selection.of(formulation, engine, scenes=kinds)
+    for made in selection.engines:
+        made.version()  # a missing library is bad input, said before anything is computed
+    runs = {kind.key: Run() for kind in kinds}
+    interrupted = False
+    with (
+        records_or_none(records) as kept,
+        progress("checking", (examples + 2) * len(kinds)) as advance,
+    ):
+        try:
+            for kind in kinds:
+                look_at_kind(kind, runs[kind.key], selection, bounds, examples, seed, advance, kept)
+        except KeyboardInterrupt:
+            interrupted = True
+    findings = [finding for run in runs.values() for finding in run.findings]
+    if len(kinds) == 1:
+        print_run(runs[kinds[0].key], selection)
+    else:
+        print_scenes(runs, selection)
+    if json is not None:
+        write_json(json, runs.values(), selection)
+        typer.echo(f"written: {json}")
+    if interrupted:
+        console.print("interrupted: the table holds what was checked until then")
+        raise typer.Exit(130)
+    if any(finding.verdict == "failed" for finding in findings):
+        raise typer.Exit(1)
+
+
+@app.command()
+def prove(
+    links: Annotated[
+        str | None,
+        typer.Option(help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]"),
+    ] = None,
+    points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
+    ] = None,
+    scene: Kind = "snake",
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to prove; repeat for more. Default all.")
+    ] = None,
+    executor: Where = "local",
+    json: Json = None,
+    records: Kept = None,
+) -> None:
+    """Prove the claims that are identities, for all parameters and states of a scene at once."""
+    numbers = None if links is None else whole_numbers(links)
+    check_writable(json)
+
+    from eomcheck.report.proofs import print_proofs
+    from eomcheck.studies.proofs import Proofs, proof_jobs
+    from eomcheck.studies.spread import check_place
+
+    jobs = proof_jobs(scene, numbers, points, seed, formulation)
+    check_place(executor)
+    with records_or_none(records) as kept:
+        proofs = Proofs(jobs, json, executor, kept)
+        try:
+            proofs.run()
+        except WorkerError:
+            print_proofs(proofs)
+            raise
+        except KeyboardInterrupt:
+            print_proofs(proofs)
+            raise typer.Exit(130) from None
+    print_proofs(proofs)
+    if json is not None:
+        proofs.write()
+        typer.echo(f"written: {json}")
+    if proofs.failed:
+        raise typer.Exit(1)
+
+
+@app.command("list")
+def list_registry(
+    registry: Annotated[Registry, typer.Argument(help="What to list.")],
+) -> None:
+    """List formulations, scenes, engines or claims."""
+    from eomcheck.report.registries import print_registry
+
+    print_registry(registry.value)
+
+
+@app.command()
+def report(
+    records: Annotated[
+        list[Path], typer.Argument(help="Files of records: of validate, prove and the studies.")
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
+    ] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
+    equivalences: Annotated[
+        Path | None, typer.Option(help="Write the page of verified equivalences into this file.")
+    ] = None,
+    suite: Annotated[
+        Path, typer.Option(help="Folder of the validation suite, of which that page names tests.")
+    ] = SUITE,
+) -> None:
+    """Report what was found: verdict, claims, failing states, and the studies there are.
+
+    Exit code 1 if a claim fails.
+    """
+    if html is markdown is junit is equivalences is None:
+        html = Path("report.html")
+    for path in (html, markdown, junit, equivalences):
+        check_output(path, records)
+    from functools import partial
+
+    from eomcheck.report.equivalences import write_equivalences
+    from eomcheck.report.junit import write_junit
+    from eomcheck.report.markdown import write_markdown
+    from eomcheck.report.overview import Overview, read
+    from eomcheck.report.page import write_page
+
+    overview = Overview(read(records))
+    for path, write in (
+        (html, write_page),
+        (markdown, write_markdown),
+        (junit, write_junit),
+        (equivalences, partial(write_equivalences, suite=suite)),
+    ):
+        if path is not None:
+            write(overview, path)
+            typer.echo(f"written: {path}")
+    typer.echo(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    if overview.verdict == "failed":
+        raise typer.Exit(1)
+
+
+@app.command("export")
+def export_records(
+    records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="File to write. Default: standard output.")
+    ] = None,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="As CSV; there is no other format yet.")
+    ] = True,
+) -> None:
+    """Write the records of a study as a table: one line per cell, one column per value."""
+    check_output(file, [records])
+    from eomcheck.report.records import write_csv
+    from eomcheck.studies.records import Records
+
+    with Records(records, readonly=True) as opened:
+        found = opened.all()
+    if file is None:
+        write_csv(found, sys.stdout)
+        return
+    with file.open("w", encoding="utf-8", newline="") as output:
+        write_csv(found, output)
+    typer.echo(f"written: {file}")
+
+
+@app.command()
+def reference(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="References to compute. Default all.")
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
+    executor: Where = "local",
+) -> None:
+    """Compute reference solutions, each by two derivations, and write them."""
+    check_folder(folder)
+    from eomcheck.report.references import print_references
+    from eomcheck.studies.references import CASES, case_of, produce_all, write_reference
+    from eomcheck.studies.spread import check_place
+
+    cases = {name: case_of(name) for name in names or CASES}
+    for name in cases:
+        check_writable(folder / f"{name}.json")
+    check_place(executor)
+    for made in produce_all(cases, executor):
+        path = write_reference(made, folder)
+        print_references([made])
+        typer.echo(f"written: {path}")

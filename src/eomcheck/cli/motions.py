@@ -1,0 +1,120 @@
+"""`eomcheck simulate` and `acceleration`: what the formulations say of one snake."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck.cli.app import app
+from eomcheck.cli.options import MOST_LINKS
+from eomcheck.errors import InputError
+
+if TYPE_CHECKING:
+    from eomcheck.scenes import Snake
+
+
+class Robot(StrEnum):
+    """The snakes that the command line knows by name."""
+
+    PAPER = "paper"
+    COIL = "coil"
+    PATTERN = "pattern"
+
+
+def _snake(robot: Robot, links: int) -> Snake:
+    from eomcheck.scenes import Snake
+    from eomcheck.scenes.snake import whole_links
+
+    if whole_links(links) > MOST_LINKS:
+        raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
+    makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
+    return Snake.paper() if robot is Robot.PAPER else makers[robot](links)
+
+
+@app.command()
+def simulate(
+    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
+    t_end: Annotated[float, typer.Argument(help="End, s.")],
+    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
+    speeds: Annotated[
+        tuple[float, float], typer.Option(help="Generalized speeds at the start, m/s and rad/s.")
+    ] = (0.0, 0.0),
+    stiffness: Annotated[
+        float | None, typer.Option(help="Stiffness of every joint, N m/rad.")
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(help="Damping of every joint, N m s/rad. Default none.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    integrator: Annotated[str, typer.Option(help="Integrator.")] = "DOP853",
+    tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
+    max_steps: Annotated[int, typer.Option(help="Give up after so many; 0 for no limit.")] = 0,
+    baumgarte: Annotated[
+        float | None, typer.Option(help="Feed the constraint error back at this rate, 1/s.")
+    ] = None,
+    projection: Annotated[
+        float | None, typer.Option(help="Project the velocity at intervals of so many s.")
+    ] = None,
+) -> None:
+    """Integrate a motion by each formulation, and print how well it kept energy and constraints.
+
+    With --baumgarte or --projection, by each formulation to which it applies. Exit code 1 if a
+    motion does not reach its end.
+    """
+    from dataclasses import replace
+
+    import eomcheck
+    from eomcheck.formulations import formulations_for
+    from eomcheck.report.trajectories import print_trajectories
+
+    scene = _snake(robot, links)
+    for name, value in (("stiffness", stiffness), ("damping", damping)):
+        if value is not None:
+            scene = replace(scene, **{name: [value] * (scene.links - 1)})
+    asked = formulations_for(scene, formulation)
+    if formulation is None and (baumgarte is not None or projection is not None):
+        asked = tuple(one for one in asked if one.level == "acceleration")
+    found = [
+        eomcheck.simulate(
+            scene,
+            one.key,
+            t_end,
+            rtol=tolerance,
+            atol=tolerance,
+            integrator=integrator,
+            u0=speeds,
+            max_steps=max_steps,
+            baumgarte=baumgarte,
+            projection=projection,
+        )
+        for one in asked
+    ]
+    print_trajectories(found)
+    if any(one.status != "finished" for one in found):
+        raise typer.Exit(1)
+
+
+@app.command()
+def acceleration(
+    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
+    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
+    speeds: Annotated[
+        tuple[float, float], typer.Option(help="Generalized speeds, m/s and rad/s.")
+    ] = (0.0, 0.0),
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+) -> None:
+    """Print what each formulation says at the start, how far to trust it, or why it refuses.
+
+    Exit code 1 if one refuses.
+    """
+    from eomcheck.report.accelerations import print_accelerations
+
+    scene = _snake(robot, links)
+    if print_accelerations(scene, speeds, formulation):
+        raise typer.Exit(1)

@@ -1,0 +1,118 @@
+"""What commands share: types of their options, and checks of what was asked for."""
+
+from __future__ import annotations
+
+import re
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck.errors import InputError
+
+if TYPE_CHECKING:
+    from eomcheck.studies.records import Records
+
+MOST_LINKS = 100_000
+SUITE = Path("validation")
+REFERENCES = SUITE / "references"
+
+
+def whole_numbers(text: str) -> list[int]:
+    """Return the numbers of "3", "1..12" or "1..12,20,50".
+
+    Raises:
+        InputError: none of these.
+    """
+    numbers: set[int] = set()
+    for part in text.split(","):
+        low, high = interval(part)
+        numbers |= set(range(low, high + 1))
+    return sorted(numbers)
+
+
+def interval(text: str) -> tuple[int, int]:
+    """Return (low, high) of "3" or "1..12".
+
+    Raises:
+        InputError: neither.
+    """
+    match = re.fullmatch(r"(\d+)(?:\.\.(\d+))?", text.strip())
+    if match is None:
+        raise InputError(f"links = {text!r}, expected a number or a range such as 1..12")
+    low, high = int(match[1]), int(match[2] or match[1])
+    if not 1 <= low <= high:
+        raise InputError(f"links = {text!r}, expected 1 <= first <= last")
+    if high > MOST_LINKS:
+        raise InputError(f"links = {text!r}, expected at most {MOST_LINKS}")
+    return low, high
+
+
+Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
+Kind = Annotated[
+    str, typer.Option(help="Kind of scene, all of them, or one in a file: path/to/file.py:Class.")
+]
+Examples = Annotated[int, typer.Option(help="Number of random snakes and states.")]
+Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
+Where = Annotated[
+    str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
+]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Kept = Annotated[
+    Path | None,
+    typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+]
+
+
+def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:
+    """Return the Records in a file, to enter; None without a file."""
+    if path is None:
+        return nullcontext()
+    from eomcheck.studies.records import Records
+
+    return Records(path)
+
+
+def at_least_one(**numbers: int) -> None:
+    """Raise InputError unless every number is at least 1."""
+    for name, value in numbers.items():
+        if value < 1:
+            raise InputError(f"{name} = {value}, expected at least 1")
+
+
+def check_writable(path: Path | None) -> None:
+    """Raise InputError if `path` cannot be written; None needs no file."""
+    if path is None:
+        return
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise InputError(f"{str(path)!r} is not a file in a folder that exists")
+    new = not path.exists()
+    try:
+        with path.open("a", encoding="utf-8"):
+            pass
+        if new:
+            path.unlink()
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+
+
+def check_output(path: Path | None, records: list[Path]) -> None:
+    """Check that `path` can be written and is none of the files of records that are read."""
+    check_writable(path)
+    for one in records:
+        if path is not None and path.exists() and one.exists() and path.samefile(one):
+            raise InputError(f"{str(path)!r} holds the records themselves")
+
+
+def check_folder(path: Path) -> None:
+    """Raise InputError unless `path` is a folder that exists."""
+    if not path.is_dir():
+        raise InputError(f"{str(path)!r} is not a folder that exists")
+
+
+def check_figure(path: Path) -> None:
+    """Raise InputError unless `path` can be written and its name is that of a figure."""
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+    check_writable(path)

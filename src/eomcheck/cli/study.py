@@ -1,0 +1,281 @@
+"""`eomcheck study`: what formulations deliver and cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eomcheck.cli.options import (
+    REFERENCES,
+    Examples,
+    Json,
+    Kept,
+    Links,
+    Seed,
+    Where,
+    at_least_one,
+    check_figure,
+    check_folder,
+    check_writable,
+    interval,
+    records_or_none,
+)
+from eomcheck.errors import InputError
+
+study = typer.Typer(
+    name="study", help="Study what formulations deliver and cost.", no_args_is_help=True
+)
+
+
+@study.command("accuracy")
+def study_accuracy(
+    links: Links = "1..30",
+    examples: Examples = 200,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Certify how many digits each formulation delivers in doubles, against ball arithmetic."""
+    low, high = interval(links)
+    at_least_one(examples=examples)
+    check_writable(json)
+    from eomcheck.report.accuracy import print_accuracy
+    from eomcheck.report.benchmarks import write_records
+    from eomcheck.studies.accuracy import measure_accuracy
+
+    records = measure_accuracy(low, high, examples, seed)
+    print_accuracy(records)
+    if json is not None:
+        write_records(json, "accuracy", records)
+
+
+@study.command("operations")
+def study_operations(
+    links: Annotated[
+        str | None, typer.Option(help="Numbers of links, N or N..M. [2..100, with --scene 3]")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation to count; repeat for more. Default all.")
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="Show what absent terms save instead, on a kind of scene or all."),
+    ] = None,
+    repeats: Annotated[
+        int, typer.Option(help="With --scene: timed runs; the median counts. 0 for counts alone.")
+    ] = 15,
+    json: Json = None,
+    records: Kept = None,
+) -> None:
+    """Count the operations of one right-hand side, exactly, for every number of links."""
+    low, high = interval(links or ("2..100" if scene is None else "3"))
+    check_writable(json)
+    if scene is not None:
+        _study_absent(scene, high, formulation, repeats, json)
+        return
+    from eomcheck.report.operations import print_operations, write_operations
+    from eomcheck.studies.operations import (
+        compare_springs,
+        fit,
+        measure,
+        record_of,
+        solved_systems,
+    )
+
+    with records_or_none(records) as kept:
+        counted = measure(range(low, high + 1), formulation)
+        if kept is not None:
+            for one in counted:
+                kept.add(record_of(one))
+    fits, systems = fit(counted), solved_systems(counted)
+    print_operations(counted, fits, systems, compare_springs(high, formulation))
+    if json is not None:
+        write_operations(json, counted, fits, systems)
+        typer.echo(f"written: {json}")
+
+
+def _study_absent(
+    scene: str, links: int, formulation: list[str] | None, repeats: int, json: Path | None
+) -> None:
+    if repeats < 0:
+        raise InputError(f"repeats = {repeats}, expected at least 0")
+    from eomcheck.report.absent import print_savings, write_savings
+    from eomcheck.scenes.named import kinds_of
+    from eomcheck.studies.absent import savings
+
+    found = savings(kinds_of(scene), links, formulation, repeats)
+    print_savings(found)
+    if json is not None:
+        write_savings(json, found)
+        typer.echo(f"written: {json}")
+
+
+@study.command("work-precision")
+def study_work_precision(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    reference: Annotated[
+        list[str] | None, typer.Option(help="Reference solution; repeat for more. [paper-rest]")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    integrator: Annotated[
+        list[str] | None, typer.Option(help="Integrator; repeat for more. Default all.")
+    ] = None,
+    tolerance: Annotated[
+        list[float] | None, typer.Option(help="rtol = atol; repeat for more. [1e-3 .. 1e-13]")
+    ] = None,
+    references: Annotated[
+        Path, typer.Option(help="Folder of the reference solutions.")
+    ] = REFERENCES,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the errors against run time into this file.")
+    ] = None,
+) -> None:
+    """Measure error against run time: formulations, integrators and tolerances."""
+    if figure is not None:
+        check_figure(figure)
+    from eomcheck.report.work_precision import draw_work_precision, print_work_precision
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.work_precision import measure, plan
+
+    planned = plan(references, reference, formulation, integrator, tolerance)
+    with Records(records) as kept:
+        found = measure(planned, kept, fresh)
+    print_work_precision(found)
+    if figure is not None:
+        draw_work_precision(found, figure)
+        rates = figure.with_stem(f"{figure.stem}-rhs")
+        draw_work_precision(found, rates, "right-hand sides")
+        typer.echo(f"written: {figure}, {rates}")
+
+
+@study.command("stability")
+def study_stability(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    family: Annotated[
+        list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few severities of each family.")
+    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    executor: Where = "local",
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Folder to draw the atlas, a figure a family and a table into."),
+    ] = None,
+) -> None:
+    """Drive every formulation through states of growing severity, and certify what it delivers."""
+    if figures is not None:
+        check_folder(figures)
+    from eomcheck.report.stability import draw_all, print_stability
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.spread import check_place
+    from eomcheck.studies.stability import Outcome, measure, outcome, plan
+
+    planned = plan(family, formulation, quick)
+    check_place(executor)
+    with Records(records) as kept:
+        found = measure(planned, kept, executor, fresh)
+    print_stability(found)
+    if figures is not None:
+        paths = draw_all(found, figures)
+        typer.echo(f"written: {', '.join(map(str, paths))}")
+    if any(outcome(record) is Outcome.SILENT for record in found):
+        raise typer.Exit(1)
+
+
+@study.command("stiff")
+def study_stiff(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    stiffness: Annotated[
+        list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
+    ] = None,
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane]")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
+    ] = False,
+    references: Annotated[
+        Path, typer.Option(help="Folder of the reference solutions.")
+    ] = REFERENCES,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Draw the figures into this folder.")] = None,
+) -> None:
+    """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
+    if figures is not None:
+        check_folder(figures)
+    from eomcheck.report.stiff import draw_stiff, print_stiff
+    from eomcheck.studies.records import Records
+    from eomcheck.studies.stiff import measure, plan
+
+    planned = plan(quick, stiffness, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, references, fresh)
+    print_stiff(found)
+    if figures is not None:
+        typer.echo(f"written: {', '.join(map(str, draw_stiff(found, figures)))}")
+
+
+@study.command("long-run")
+def study_long_run(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    formulation: Annotated[
+        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    ] = None,
+    t_end: Annotated[float | None, typer.Option(help="End, s. [1000]")] = None,
+    tolerance: Annotated[float | None, typer.Option(help="rtol = atol. [1e-6]")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="30 s by two formulations only.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the errors over time into this file.")
+    ] = None,
+) -> None:
+    """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
+    if figure is not None:
+        check_figure(figure)
+    from eomcheck.report.long_run import draw_long_run, print_long_run
+    from eomcheck.studies.long_run import measure, plan
+    from eomcheck.studies.records import Records
+
+    planned = plan(quick, t_end, tolerance, formulation)
+    with Records(records) as kept:
+        found = measure(planned, kept, fresh)
+    print_long_run(found)
+    if figure is not None:
+        draw_long_run(found, figure)
+        typer.echo(f"written: {figure}")
+
+
+@study.command("paper")
+def study_paper(
+    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Four numbers of links and one tolerance only.")
+    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    figures: Annotated[
+        Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+    ] = None,
+) -> None:
+    """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
+    if figures is not None:
+        check_folder(figures)
+    from eomcheck.report.paper import print_paper, write_sheets
+    from eomcheck.report.paper_figures import draw_paper
+    from eomcheck.studies.paper import FULL, QUICK, Found, measure
+    from eomcheck.studies.records import Records
+
+    with Records(records) as kept:
+        found = measure(QUICK if quick else FULL, kept, fresh)
+    print_paper(found)
+    if figures is not None:
+        written = [*draw_paper(Found(found), figures), *write_sheets(found, figures)]
+        typer.echo(f"written: {', '.join(map(str, written))}")
