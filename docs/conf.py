@@ -47,6 +47,7 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
 doctest_test_doctest_blocks = ""
+doctest_path = [str(DOCS / "guides")]
 
 html_theme = "furo"
 html_title = f"eomcheck {release}"

@@ -51,7 +51,7 @@ class Expressions:
     def __init__(self):
         self.heyoka = library()
         self.quad = getattr(self.heyoka, "real128", self.heyoka.real)
-        SOLVERS[self.heyoka.expression] = solve_unpivoted
+        SOLVERS[self.heyoka.expression] = self.solve
 
     @property
     def options(self) -> dict[str, Any]:
@@ -96,19 +96,28 @@ class Expressions:
         """Return the positive square roots of the expressions x (k,)."""
         return each(lambda y: self.heyoka.sqrt(self.expression(y)), x)
 
+    def solve(self, A: Array, b: Array, name: str) -> Array:
+        """Eliminate with the first pivot that does not vanish identically.
 
-def solve_unpivoted(A: Array, b: Array, name: str) -> Array:
-    """Eliminate without pivoting: M_Kane is symmetric and positive, and nothing can be compared."""
-    size = A.shape[0]
-    A, x = A.copy(), b.reshape(size, -1).copy()
-    for column in range(size):
-        for row in range(column + 1, size):
-            factor = A[row, column] / A[column, column]
-            # No row below needs the entries under the diagonal.
-            A[row, column + 1 :] = A[row, column + 1 :] - factor * A[column, column + 1 :]
-            x[row] = x[row] - factor * x[column]
-    for row in range(size - 1, -1, -1):
-        for column in range(row + 1, size):
-            x[row] = x[row] - A[row, column] * x[column]
-        x[row] = x[row] / A[row, row]
-    return x.reshape(b.shape)
+        Expressions have no size by which to choose a better one.
+        """
+        size = A.shape[0]
+        A, x = A.copy(), b.reshape(size, -1).copy()
+        for column in range(size):
+            there = (row for row in range(column, size) if not self._vanishes(A[row, column]))
+            pivot = next(there, column)
+            for part in (A, x):
+                part[[column, pivot]] = part[[pivot, column]]
+            for row in range(column + 1, size):
+                factor = A[row, column] / A[column, column]
+                # No row below needs the entries under the diagonal.
+                A[row, column + 1 :] = A[row, column + 1 :] - factor * A[column, column + 1 :]
+                x[row] = x[row] - factor * x[column]
+        for row in range(size - 1, -1, -1):
+            for column in range(row + 1, size):
+                x[row] = x[row] - A[row, column] * x[column]
+            x[row] = x[row] / A[row, row]
+        return x.reshape(b.shape)
+
+    def _vanishes(self, x: Any) -> bool:
+        return self.expression(x) == self.expression(0)

@@ -155,6 +155,7 @@ def study_work_precision(
 @study.command("stability")
 def study_stability(
     records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    scene: Annotated[str, typer.Option(help="Kind of scene, or all of them.")] = "snake",
     family: Annotated[
         list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
     ] = None,
@@ -175,11 +176,12 @@ def study_stability(
     if figures is not None:
         check_folder(figures)
     from eomcheck.report.stability import draw_all, print_stability
+    from eomcheck.scenes.named import kinds_of
     from eomcheck.studies.records import Records
     from eomcheck.studies.spread import check_place
     from eomcheck.studies.stability import Outcome, measure, outcome, plan
 
-    planned = plan(family, formulation, quick)
+    planned = plan(family, formulation, quick, kinds_of(scene))
     check_place(executor)
     with Records(records) as kept:
         found = measure(planned, kept, executor, fresh)

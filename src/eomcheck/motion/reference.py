@@ -78,7 +78,7 @@ def taylor_reference(
     every step.
 
     Args:
-        scene: the scene; nothing in it may depend on time.
+        scene: the scene.
         q0: coordinates at times[0] (n,).
         u0: generalized speeds at times[0] (p,).
         times: output times, s, rising; the first is that of (q0, u0).
@@ -127,7 +127,8 @@ def taylor_reference(
 def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) -> tuple[Any, Any]:
     """Return (integrator of (q, u), compiled function (q, u) -> v and, where kept, energy)."""
     q, u = numbers.variables("q", scene.n), numbers.variables("u", scene.p)
-    at = Quantities(scene, numbers, q)
+    clock = numbers.variables("t", 1 if scene.depends_on_time else 0)
+    at = Quantities(scene, numbers, q, *clock)
     at.u = u
     udot = FORMULATIONS["kane"].solution(*at.bodies)
     rates = [numbers.expression(x) for x in (*at.v, *udot)]
@@ -135,10 +136,11 @@ def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) 
     if scene.conserves_energy:
         T, U = scene.energies(at.parameters, at.prepared, q, at.v)
         outputs.append(T if U is None else T + U)
-    state = [*q, *u]
+    # Time is one more unknown, whose rate is 1.
+    state, rates = [*q, *u, *clock], [*rates, *(numbers.expression(1) for _ in clock)]
     integrator = numbers.heyoka.taylor_adaptive(
         list(zip(state, rates, strict=True)),
-        numbers.constants(start),
+        numbers.constants(np.append(start, [t0] * clock.size)),
         time=numbers.constant(t0),
         compact_mode=True,
         **numbers.options,
@@ -216,7 +218,7 @@ def extended_reference(
     worth shows in the comparison with `taylor_reference`.
 
     Args:
-        scene: the scene; nothing in it may depend on time.
+        scene: the scene.
         q0: coordinates at times[0] (n,), doubles.
         v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `consistent_velocity`.
         times: output times, s, rising; the first is that of (q0, v0).
@@ -238,20 +240,26 @@ def extended_reference(
     with precision(bits):
         parameters = scene.parameters(balls)
 
+        # Time is one more unknown, whose rate is 1.
+        clock = [times[0]] if scene.depends_on_time else []
+        last = 2 * scene.n
+
         def at(y: Array) -> Quantities:
-            point = Quantities(scene, balls, y[: scene.n])
-            point.parameters, point.v = parameters, y[scene.n :]
+            point = Quantities(scene, balls, y[: scene.n], *y[last:])
+            point.parameters, point.v = parameters, y[scene.n : last]
             return point
 
         def rate(y: Array) -> Array:
-            return np.concatenate((y[scene.n :], _stripped(at(y).solution(au).vdot)))
+            vdot = _stripped(at(y).solution(au).vdot)
+            return np.concatenate((y[scene.n : last], vdot, [flint.arb(1)] * len(clock)))
 
         def energy(y: Array) -> Any:
             here = at(y)
             T, U = scene.energies(parameters, here.prepared, here.q, here.v)
             return ball(T if U is None else T + U).mid()
 
-        start = np.concatenate((balls.numbers(q0), v0 if v0.dtype == object else balls.numbers(v0)))
+        v0 = v0 if v0.dtype == object else balls.numbers(v0)
+        start = np.concatenate((balls.numbers(q0), v0, balls.numbers(np.array(clock))))
         violation = _violation(scene, at(start))
         if not violation <= CONSISTENT:
             raise InconsistentVelocityError(
@@ -274,7 +282,7 @@ def extended_reference(
         return Run(
             times,
             _arb_decimals(states[:, : scene.n]),
-            _arb_decimals(states[:, scene.n :]),
+            _arb_decimals(states[:, scene.n : last]),
             _arb_decimals(np.array([energy(y) for y in states])) if energies else None,
             _drift(energies) if energies else None,
             {

@@ -16,6 +16,7 @@ from rich.table import Table
 from eomcheck.certified import DIGITS_OF_DOUBLES
 from eomcheck.console import console
 from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.scenes import Snake
 from eomcheck.studies.families import FAMILIES
 from eomcheck.studies.records import Record
 from eomcheck.studies.stability import (
@@ -45,6 +46,11 @@ def families_of(records: Sequence[Record]) -> list[str]:
     return [key for key in FAMILIES if key in found]
 
 
+def scenes_of(records: Sequence[Record]) -> list[str]:
+    """Return the keys of the scenes that the Records are about, in the order of the registry."""
+    return list(dict.fromkeys(FAMILIES[family].about for family in families_of(records)))
+
+
 def methods_of_records(records: Sequence[Record]) -> list[Method]:
     """Return the methods among the Records, in the order in which they were measured first."""
     return list(dict.fromkeys(method_of(record) for record in records))
@@ -64,12 +70,20 @@ def breaks_text(records: Sequence[Record], family: str, method: Method) -> str:
 
 
 def write_breaks(records: Sequence[Record], path: Path) -> None:
-    """Write where each method breaks in each family as a table in Markdown."""
-    families = families_of(records)
-    lines = [["", *(FAMILIES[key].name for key in families)], ["---"] * (len(families) + 1)]
-    for method in methods_of_records(records):
+    """Write where each method breaks in each family as a table in Markdown.
+
+    Of several scenes, which have many families, a family is a line; of one it is a column.
+    """
+    families, methods = families_of(records), methods_of_records(records)
+    lines = [["", *(FAMILIES[key].name for key in families)]]
+    for method in methods:
         breaks = (breaks_text(records, key, method) for key in families)
         lines.append([f"`{method.key}`{', pivoted' if method.pivoted else ''}", *breaks])
+    if len(scenes_of(records)) > 1:
+        lines = [list(column) for column in zip(*lines, strict=True)]
+        for line, family in zip(lines[1:], families, strict=True):
+            line[0] = f"{FAMILIES[family].about}: {line[0].lower()}"
+    lines.insert(1, ["---"] * len(lines[0]))
     text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     path.write_text(text, encoding="utf-8")
 
@@ -80,13 +94,14 @@ def print_stability(records: Sequence[Record]) -> None:
     for family in families_of(records):
         facts = FAMILIES[family]
         table = Table(header_style="bold")
+        of = "" if facts.about == Snake.key else f"{facts.about}: "
         for name in ("method", "breaks at", "", "digits lost before", "why"):
             table.add_column(name, no_wrap=name != "why")
         for method in methods:
             mine = steps(records, family, method)
             if mine:
                 table.add_row(method.name, *_row(mine, records, family, method))
-        console.print(f"\n[bold]{facts.name}[/]: {facts.severity}")
+        console.print(f"\n[bold]{of}{facts.name}[/]: {facts.severity}")
         console.print(table)
     counts = {one: sum(outcome(record) is one for record in records) for one in Outcome}
     console.print(
@@ -234,11 +249,18 @@ def _keys() -> list:
 
 
 def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
-    """Draw the heat map, the table of breaks and a figure a family, and return the files."""
-    paths = [folder / "stability.png", folder / "stability-breaks.md"]
+    """Draw the heat map, the table of breaks and a figure a family, and return the files.
+
+    Of several scenes at once only the heat map and the table, a part for each.
+    """
+    about = scenes_of(records)
+    name = "stability" if about == [Snake.key] else f"stability-{'-'.join(about)}"
+    if len(about) > 1:
+        name = "stability-scenes"
+    paths = [folder / f"{name}.png", folder / f"{name}-breaks.md"]
     draw_atlas(records, paths[0])
     write_breaks(records, paths[1])
-    for family in families_of(records):
+    for family in families_of(records) if len(about) == 1 else ():
         paths.append(folder / f"stability-{family}.png")
         draw_family(records, family, paths[-1])
     return paths
@@ -248,45 +270,56 @@ def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
 
 
 def draw_atlas(records: Sequence[Record], path: Path) -> None:
-    """Draw every method through every family: darker is worse, hatched is refused."""
-    families, methods = families_of(records), methods_of_records(records)
-    figure, axes = plt.subplots(figsize=(1.75 * len(families) + 1.8, 0.5 * len(methods) + 2.2))
-    colors = plt.get_cmap("YlOrRd")
-    scale = Normalize(0.0, DIGITS_OF_DOUBLES)
-    for column, family in enumerate(families):
-        for row, method in enumerate(methods):
-            mine = steps(records, family, method)
-            for place, step in enumerate(mine):
-                width = 0.92 / len(mine)
-                box = (column + 0.04 + place * width, row + 0.1), width, 0.8
-                _cell(axes, step, box, colors, scale)
-    axes.set_xlim(0, len(families))
-    axes.set_ylim(len(methods), 0)
-    names = [FAMILIES[key].name.replace(" ", "\n", 1) for key in families]
-    axes.set_xticks(np.arange(len(families)) + 0.5, names, fontsize=9)
-    axes.set_yticks(np.arange(len(methods)) + 0.5, [m.name for m in methods])
-    axes.xaxis.tick_top()
-    axes.tick_params(length=0)
-    for side in axes.spines.values():
-        side.set_visible(False)
+    """Draw every method through every family, a panel a scene: darker is worse, hatched refused."""
+    about = scenes_of(records)
+    parts = [[f for f in families_of(records) if FAMILIES[f].about == key] for key in about]
+    methods = methods_of_records(records)
+    columns = min(2, len(about))
+    rows = -(-len(about) // columns)
+    most = max(map(len, parts))
+    figure, grid = plt.subplots(
+        rows,
+        columns,
+        figsize=((1.75 * most + 0.9) * columns + 0.9, (0.5 * len(methods) + 1.4) * rows + 0.8),
+        squeeze=False,
+        layout="constrained",
+    )
+    colors, scale = plt.get_cmap("YlOrRd"), Normalize(0.0, DIGITS_OF_DOUBLES)
+    for axes, key, families in zip(grid.flat, about, parts, strict=False):
+        here = [m for m in methods if any(steps(records, family, m) for family in families)]
+        for column, family in enumerate(families):
+            for row, method in enumerate(here):
+                mine = steps(records, family, method)
+                for place, step in enumerate(mine):
+                    width = 0.92 / len(mine)
+                    box = (column + 0.04 + place * width, row + 0.1), width, 0.8
+                    _cell(axes, step, box, colors, scale)
+        names = [FAMILIES[family].name.replace(" ", "\n", 1) for family in families]
+        axes.set_xlim(0, most)
+        axes.set_ylim(len(here), 0)
+        axes.set_xticks(np.arange(len(families)) + 0.5, names, fontsize=9)
+        axes.set_yticks(np.arange(len(here)) + 0.5, [m.name for m in here])
+        axes.xaxis.tick_top()
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        if len(about) > 1:
+            axes.set_title(key, loc="left", fontsize=12, fontweight="bold")
+    for axes in grid.flat[len(about) :]:
+        axes.set_axis_off()
     bar = figure.colorbar(
-        plt.cm.ScalarMappable(scale, colors), ax=axes, pad=0.015, fraction=0.025, aspect=24
+        plt.cm.ScalarMappable(scale, colors), ax=grid, pad=0.015, fraction=0.025, aspect=24
     )
     bar.set_label("digits lost, worst variant")
     bar.ax.axhline(LIMIT, color="black", lw=1.2)
-    axes.set_xlabel(
-        "each box: from mild (left) to severe (right); none: does not apply", labelpad=8
-    )
     handles = [
+        Patch(fc="none", ec="none", label="boxes: from mild to severe; none: does not apply"),
         Patch(fc="0.97", ec="0.45", hatch="////", label="refused"),
         Patch(fc=colors(0.1), ec="0.45", hatch="////", label="refused in part"),
     ]
     if any(outcome(record) is Outcome.SILENT for record in records):
         handles.append(Patch(fc="white", ec="#0033CC", lw=2, label="silently wrong"))
-    axes.legend(
-        handles=handles, loc="upper right", bbox_to_anchor=(1.0, -0.03), ncols=3, frameon=False
-    )
-    figure.savefig(path, dpi=110, bbox_inches="tight")
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    figure.savefig(path, dpi=110)
     plt.close(figure)
 
 

@@ -21,7 +21,16 @@ from eomcheck.model import Array, Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
 from eomcheck.motion.run import difference
 from eomcheck.motion.stored import Reference, reference_of, save_reference
-from eomcheck.scenes import Snake
+from eomcheck.scenes import (
+    Andrews,
+    ChainPendulum,
+    FlyballGovernor,
+    FourBarChain,
+    RollingDisk,
+    Sleigh,
+    Snake,
+    TurntableBall,
+)
 from eomcheck.studies.spread import spread
 
 FOLDER = Path("validation/references")
@@ -59,6 +68,18 @@ def _without_springs() -> Snake:
     return replace(Snake.coil(3), stiffness=None)
 
 
+def _pendulum() -> ChainPendulum:
+    return next(ChainPendulum.structures(3))
+
+
+def _raised_bars() -> FourBarChain:
+    return replace(FourBarChain.rods(2), angle=1.0)
+
+
+def _swinging_table() -> TurntableBall:
+    return TurntableBall(swing=1.0, frequency=3.0)
+
+
 CASES: dict[str, Case] = {
     "paper-rest": Case("the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0),
     "paper-rolling": Case(
@@ -83,6 +104,22 @@ CASES: dict[str, Case] = {
         _without_springs,
         (1.0, 0.5),
         end=10.0,
+    ),
+    "pendulum-3": Case("three rods released from rest, 2 s", _pendulum, (0.0, 0.0, 0.0), end=2.0),
+    "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
+    "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
+    "turntable": Case(
+        "a ball on a turntable whose spin swings, 2 s", _swinging_table, (1.0, 0.5, 2.0), end=2.0
+    ),
+    "four-bar-2": Case("two windows of the four-bar chain, 1 s", _raised_bars, (1.0,)),
+    "andrews": Case(
+        "Andrews' squeezing mechanism, released at rest, 0.03 s", Andrews, (0.0,), end=0.03
+    ),
+    "governor": Case(
+        "the flyball governor, its springs and dampers as published, 0.1 s",
+        FlyballGovernor,
+        (0.0, 6.0, 0.0, 0.0),
+        end=0.1,
     ),
 }
 """Name -> case."""

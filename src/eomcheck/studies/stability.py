@@ -24,10 +24,12 @@ from eomcheck.certified import (
 )
 from eomcheck.console import progress
 from eomcheck.enclosure import Enclosure, enclose
-from eomcheck.errors import EomcheckError, RefusedError, distinct
+from eomcheck.errors import EomcheckError, InputError, RefusedError, distinct
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
-from eomcheck.studies.families import FAMILIES, Posed, family_of
+from eomcheck.model import Scene
+from eomcheck.scenes import Snake
+from eomcheck.studies.families import FAMILIES, Posed, families_about, family_of
 from eomcheck.studies.records import Record, Records
 from eomcheck.studies.spread import spread
 from eomcheck.tolerance import NOTICEABLE
@@ -93,13 +95,19 @@ def plan(
     families: Iterable[str] | None = None,
     formulations: Iterable[str] | None = None,
     quick: bool = False,
+    kinds: Iterable[type[Scene]] = (Snake,),
 ) -> Plan:
-    """Return a plan; what is None is taken whole.
+    """Return a plan; what is None is taken whole, of families those about `kinds`.
 
     Raises:
+        InputError: there is no family about any of `kinds`.
         UnknownNameError: no such family or formulation.
     """
-    chosen = distinct("family", FAMILIES if families is None else families)
+    about = [family.key for family in families_about(kinds)]
+    if not about:
+        keys = ", ".join(kind.key for kind in kinds)
+        raise InputError(f"scene = {keys}: the atlas has no families of states for it")
+    chosen = distinct("family", about if families is None else families)
     keys = distinct("formulation", FORMULATIONS if formulations is None else formulations)
     return Plan(
         tuple(family_of(key).key for key in chosen),

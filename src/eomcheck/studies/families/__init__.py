@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 from eomcheck.errors import named
+from eomcheck.model import Scene
+from eomcheck.scenes import SCENES, Snake
 from eomcheck.studies.families import (
     chain,
     dependent,
+    every,
     ratios,
+    singular,
     speed,
     stiffness,
     straight,
@@ -14,6 +20,12 @@ from eomcheck.studies.families import (
     wheel_angle,
 )
 from eomcheck.studies.families.base import Family, Posed
+
+
+def _families_of(kind: type[Scene]) -> Iterator[Family]:
+    yield from every.families_of_kind(kind)
+    yield from (family for family in singular.OF_SINGLE_SCENES if family.about == kind.key)
+
 
 FAMILIES: dict[str, Family] = {
     family.key: family
@@ -28,9 +40,16 @@ FAMILIES: dict[str, Family] = {
         speed.TURNS,
         dependent.DEPENDENT,
         violated.VIOLATED,
+        *(family for kind in SCENES.values() if kind is not Snake for family in _families_of(kind)),
     )
 }
 """Key -> family."""
+
+
+def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
+    """Return the families that say something of these kinds of scene."""
+    keys = {kind.key for kind in kinds}
+    return tuple(family for family in FAMILIES.values() if family.about in keys)
 
 
 def family_of(key: str) -> Family:
@@ -42,4 +61,4 @@ def family_of(key: str) -> Family:
     return named("family", key, FAMILIES)
 
 
-__all__ = ["FAMILIES", "Family", "Posed", "family_of"]
+__all__ = ["FAMILIES", "Family", "Posed", "families_about", "family_of"]

@@ -35,6 +35,7 @@ class Family:
         variants: names of the ways in which each severity is looked at.
         pose: (variant, severity) -> the state.
         scene: kind of its scenes.
+        about: key of the kind of scene that it says something of.
     """
 
     key: str
@@ -45,6 +46,7 @@ class Family:
     variants: tuple[str, ...]
     pose: Callable[[str, float], Posed]
     scene: type[Scene] = Snake
+    about: str = Snake.key
 
 
 def decades(first: int, last: int, step: int = 1) -> tuple[float, ...]:

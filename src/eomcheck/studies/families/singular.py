@@ -1,0 +1,127 @@
+"""Where single scenes come to their limits: a disk that lies flat, rods in one line, stiff springs.
+
+Each is approached step by step, and reached.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eomcheck.model import Scene
+from eomcheck.scenes import (
+    Andrews,
+    ChainPendulum,
+    FlyballGovernor,
+    FourBarChain,
+    RollingDisk,
+    Sleigh,
+    TurntableBall,
+)
+from eomcheck.studies.families.base import Family, Posed, decades
+from eomcheck.studies.families.every import ordinary
+
+LEAN = 3
+"""The Euler angle of disk and ball at whose right angle the others are one."""
+
+
+def _flat(kind: type[Scene], variant: str, distance: float) -> Posed:
+    scene = kind.example()
+    q, u = ordinary(scene)
+    q[LEAN] = (1.0 if variant == "+π/2" else -1.0) * (math.pi / 2 - distance)
+    return Posed(scene, q, u)
+
+
+def _flat_family(kind: type[Scene]) -> Family:
+    return Family(
+        key=f"{kind.key}-flat",
+        name="Lean",
+        severity="distance of the lean from ±π/2 / rad",
+        values=decades(-1, -16),
+        quick=(1e-1, 1e-8, 1e-16),
+        variants=("+π/2", "-π/2"),
+        pose=partial(_flat, kind),
+        scene=kind,
+        about=kind.key,
+    )
+
+
+def _in_line(variant: str, angle: float) -> Posed:
+    scene = FourBarChain.example()
+    q, _ = replace(scene, angle=angle).initial_state()
+    return Posed(scene, q, np.ones(scene.p))
+
+
+def _knife_edge(variant: str, offset: float) -> Posed:
+    scene = replace(Sleigh.example(), offset=offset)
+    return Posed(scene, *ordinary(scene))
+
+
+def _pendulum(variant: str, links: float) -> Posed:
+    (scene, *_) = ChainPendulum.structures(int(links))
+    return Posed(scene, *ordinary(scene))
+
+
+def _stiff(kind: type[Scene], variant: str, stiffness: float) -> Posed:
+    scene: Any = kind.example()
+    scene = replace(scene, stiffness=stiffness)
+    return Posed(scene, *ordinary(scene))
+
+
+def _stiff_family(kind: type[Scene]) -> Family:
+    return Family(
+        key=f"{kind.key}-stiffness",
+        name="Stiffness",
+        severity="stiffness of the springs / (N/m)",
+        values=(0.0, *decades(0, 16)),
+        quick=(0.0, 1e8, 1e16),
+        variants=("moving",),
+        pose=partial(_stiff, kind),
+        scene=kind,
+        about=kind.key,
+    )
+
+
+OF_SINGLE_SCENES = (
+    Family(
+        key="chain-pendulum-links",
+        name="Long chain",
+        severity="number of links N",
+        values=(1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0),
+        quick=(1.0, 5.0, 20.0),
+        variants=("moving",),
+        pose=_pendulum,
+        scene=ChainPendulum,
+        about=ChainPendulum.key,
+    ),
+    Family(
+        key="sleigh-offset",
+        name="Offset",
+        severity="distance of the edge from the centre of mass / m",
+        values=(*decades(0, -16), 0.0),
+        quick=(1.0, 1e-8, 0.0),
+        variants=("moving",),
+        pose=_knife_edge,
+        scene=Sleigh,
+        about=Sleigh.key,
+    ),
+    _flat_family(RollingDisk),
+    _flat_family(TurntableBall),
+    Family(
+        key="four-bar-chain-in-line",
+        name="All in line",
+        severity="angle between rods and couplers / rad",
+        values=(*decades(0, -16), 0.0),
+        quick=(1.0, 1e-8, 0.0),
+        variants=("moving",),
+        pose=_in_line,
+        scene=FourBarChain,
+        about=FourBarChain.key,
+    ),
+    _stiff_family(Andrews),
+    _stiff_family(FlyballGovernor),
+)
