@@ -32,7 +32,7 @@ NOTICEABLE = 1e-6
 
 
 UNDERFLOW = 2.0**-900
-"""An allowed error below this is nothing but underflow: what vanishes exactly passes."""
+"""An error below this may be nothing but underflow: what vanishes exactly passes, nothing fails."""
 
 
 def allowed_error(spread: float) -> float:

@@ -152,6 +152,8 @@ def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]
         return allowed, "inconclusive"
     if allowed > INCONCLUSIVE * scale and not (observed == 0.0 and allowed <= UNDERFLOW):
         return allowed, "inconclusive"
+    if allowed < observed <= UNDERFLOW:
+        return allowed, "inconclusive"
     return allowed, "passed" if observed <= allowed else "failed"
 
 
