@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.elimination import eliminating
 from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.linear import SOLVERS
-from eomcheck.arithmetic.taylor import solve_unpivoted
 from eomcheck.model import Angles, Array
 
 
@@ -25,7 +25,7 @@ class Symbols:
 
     def __init__(self):
         self.casadi: Any = importlib.import_module("casadi")
-        SOLVERS[self.casadi.SX] = solve_unpivoted
+        SOLVERS[self.casadi.SX] = eliminating(self._vanishes)
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as constants, same shape."""
@@ -47,3 +47,6 @@ class Symbols:
     def root(self, x: Array) -> Array:
         """Return the positive square roots of expressions x (k,)."""
         return each(self.casadi.sqrt, x)
+
+    def _vanishes(self, x: Any) -> bool:
+        return self.casadi.SX(x).is_zero()

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.arithmetic.elimination import eliminating
 from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.linear import SOLVERS
 from eomcheck.errors import EngineError
@@ -51,7 +52,7 @@ class Expressions:
     def __init__(self):
         self.heyoka = library()
         self.quad = getattr(self.heyoka, "real128", self.heyoka.real)
-        SOLVERS[self.heyoka.expression] = self.solve
+        SOLVERS[self.heyoka.expression] = eliminating(_vanishes)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -96,28 +97,10 @@ class Expressions:
         """Return the positive square roots of the expressions x (k,)."""
         return each(lambda y: self.heyoka.sqrt(self.expression(y)), x)
 
-    def solve(self, A: Array, b: Array, name: str) -> Array:
-        """Eliminate with the first pivot that does not vanish identically.
 
-        Expressions have no size by which to choose a better one.
-        """
-        size = A.shape[0]
-        A, x = A.copy(), b.reshape(size, -1).copy()
-        for column in range(size):
-            there = (row for row in range(column, size) if not self._vanishes(A[row, column]))
-            pivot = next(there, column)
-            for part in (A, x):
-                part[[column, pivot]] = part[[pivot, column]]
-            for row in range(column + 1, size):
-                factor = A[row, column] / A[column, column]
-                # No row below needs the entries under the diagonal.
-                A[row, column + 1 :] = A[row, column + 1 :] - factor * A[column, column + 1 :]
-                x[row] = x[row] - factor * x[column]
-        for row in range(size - 1, -1, -1):
-            for column in range(row + 1, size):
-                x[row] = x[row] - A[row, column] * x[column]
-            x[row] = x[row] / A[row, row]
-        return x.reshape(b.shape)
-
-    def _vanishes(self, x: Any) -> bool:
-        return self.expression(x) == self.expression(0)
+def _vanishes(x: Any) -> bool:
+    # A constant tells neither its value nor its type but in print.
+    try:
+        return float(str(x)) == 0.0
+    except ValueError:
+        return False

@@ -9,8 +9,8 @@ from rich.table import Table
 from eomcheck.console import console
 
 if TYPE_CHECKING:
-    from eomcheck.evaluate import Evaluation
     from eomcheck.model import Scene
+    from eomcheck.quantities import Quantities
 
 
 def _yes(flag: bool | None) -> str:
@@ -39,13 +39,12 @@ def _formulations() -> Table:
 
 def _scenes() -> Table:
     from eomcheck.engines import ENGINES
-    from eomcheck.evaluate import Evaluation
     from eomcheck.scenes import SCENES
 
     table = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
     for kind in SCENES.values():
         scene = kind.example()
-        at = Evaluation(scene, *scene.initial_state())
+        at = _outline(scene)
         table.add_row(
             kind.key,
             f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
@@ -53,19 +52,30 @@ def _scenes() -> Table:
             _speeds(at),
             _applying(kind),
             ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
-            _invariants(at),
+            _invariants(scene),
         )
     return table
 
 
-def _terms(at: Evaluation) -> str:
+def _outline(scene: Scene) -> Quantities:
+    """Return what the scene says in numbers that only count: which terms are there, uncompiled."""
+    from eomcheck.arithmetic.counting import Counting
+    from eomcheck.quantities import Quantities
+
+    counting = Counting()
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at.u = counting.vector(scene.p)
+    return at
+
+
+def _terms(at: Quantities) -> str:
     """Return the terms that a scene has: those of Lagrange, then what only some scenes need."""
     present = [name for name, term in at.terms._asdict().items() if term is not None]
     names = {"offset": at.speeds.offset, "gyroscopic": at.bodies.gyroscopic}
     return ", ".join((*present, *(name for name, part in names.items() if part is not None)))
 
 
-def _speeds(at: Evaluation) -> str:
+def _speeds(at: Quantities) -> str:
     if at.speeds.W is None:
         return "the velocities"
     return "natural" if at.scene.natural_speeds else "partition"
@@ -79,10 +89,9 @@ def _applying(kind: type[Scene]) -> str:
     return "all" + (f" but {', '.join(others)}" if others else "")
 
 
-def _invariants(at: Evaluation) -> str:
-    scene = at.scene
+def _invariants(scene: Scene) -> str:
     energy = "energy" if scene.conserves_energy else f"no energy: {scene.why_not_conserved}"
-    return ", ".join((energy, *(symmetry.name for symmetry in scene.symmetries(at.q, at.v))))
+    return ", ".join((energy, *(symmetry.name for symmetry in scene.symmetries(*scene.initial_state()))))
 
 
 def _engines() -> Table:
