@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
@@ -342,6 +342,7 @@ def solved(scene, state, key):
         return None
 
 
+@settings(max_examples=25)
 @given(strategies.scene_states(strategies.snakes()))
 def test_two_formulations_differ_by_no_more_than_their_error_bounds(case):
     results = [solved(*case, key) for key in FORMULATIONS]
