@@ -332,7 +332,7 @@ FAULTS = [
     Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
     Fault(ANDREWS, "rows, -1,", "rows, 1,", "constraint-jacobian", "K2 at K"),
     Fault(ANDREWS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
-    Fault(ANDREWS, "return ahead - carrying", "return ahead + carrying", "mass-matrix", "entry"),
+    Fault(ANDREWS, "ahead - carrying", "ahead + carrying", "mass-matrix", "entry"),
     Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
     Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
     Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
@@ -380,5 +380,5 @@ FAULTS = [
         "active-forces",
         "sign",
     ),
-    Fault(ASSEMBLED, "V[k, c] / 2", "V[k, c]", "mass-matrix", "[casadi]"),
+    Fault(ASSEMBLED, "return T / 2", "return T", "mass-matrix", "[casadi]"),
 ]

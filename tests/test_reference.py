@@ -91,12 +91,16 @@ def test_both_integrations_agree_far_below_what_doubles_hold(path: Path):
 
 @stored
 def test_energy_is_kept_at_every_step_of_either_integration(path: Path):
-    for run in load_reference(path).runs:
+    found = load_reference(path)
+    for run in found.runs:
+        if not found.scene.conserves_energy:
+            assert run.drift is run.energy is None
+            continue
         assert run.drift is not None
         assert run.drift < 1e-20
         assert run.energy is not None
         energy = run.energy.astype(float)
-        assert np.ptp(energy) <= np.spacing(energy[0])
+        assert np.ptp(energy) <= np.spacing(np.abs(energy[0]) or 1.0)
 
 
 @stored
@@ -104,26 +108,27 @@ def test_shorter_steps_of_the_taylor_series_change_nothing(path: Path):
     found = load_reference(path)
     assert found.check["steps"] > found.runs[0].facts["steps"]
     assert found.check["largest_difference"] <= max(found.uncertainty, 1e-25)
-    assert found.check["energy_drift"] < 1e-28
+    if found.scene.conserves_energy:
+        assert found.check["energy_drift"] < 1e-28
 
 
 @stored
-def test_wheels_do_not_slip_at_any_time(path: Path):
+def test_constraints_hold_at_any_time(path: Path):
     """The constraints are a third opinion: neither integration uses `constraint`."""
     found = load_reference(path)
     scene = found.scene
     for run in found.runs:
-        for q, v in zip(run.q, run.v, strict=True):
-            assert slip(scene, q, v) < 1e-20
+        for q, v, t in zip(run.q, run.v, found.times, strict=True):
+            assert violation(scene, q, v, float(t)) < 1e-20
 
 
-def slip(scene: Scene, q: np.ndarray, v: np.ndarray) -> float:
+def violation(scene: Scene, q: np.ndarray, v: np.ndarray, t: float) -> float:
     with precision(160):
         q, v = (np.array([flint.arb(str(x)).mid() for x in y]) for y in (q, v))
         balls = reference.Balls()
         parameters = scene.parameters(balls)
-        c = scene.constraint(parameters, scene.prepare(balls, parameters, q, 0), q, v)
-        return max(abs(float(x)) for x in c)
+        c = scene.constraint(parameters, scene.prepare(balls, parameters, q, flint.arb(t)), q, v)
+        return 0.0 if c is None else max(abs(float(x)) for x in c)
 
 
 def test_the_papers_robot_has_the_energy_found_before():

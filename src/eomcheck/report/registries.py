@@ -91,7 +91,8 @@ def _applying(kind: type[Scene]) -> str:
 
 def _invariants(scene: Scene) -> str:
     energy = "energy" if scene.conserves_energy else f"no energy: {scene.why_not_conserved}"
-    return ", ".join((energy, *(symmetry.name for symmetry in scene.symmetries(*scene.initial_state()))))
+    symmetries = (symmetry.name for symmetry in scene.symmetries(*scene.initial_state()))
+    return ", ".join((energy, *symmetries))
 
 
 def _engines() -> Table:

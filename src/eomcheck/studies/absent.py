@@ -74,9 +74,10 @@ def table_for(x, rows, columns, dtype):
 
 
 @generic
-def identity_for(W, size, dtype):
-    """Return W, the identity (size, size) where it is None."""
+def identity_for(W, kinematics, dtype):
+    """Return W, the identity (n, n) where it is None."""
     if W is None:
+        size = kinematics.q.size
         one = np.zeros((size, size), dtype)
         for i in range(size):
             one[i, i] = 1
@@ -110,7 +111,7 @@ def _speeds(kind: type[Scene]) -> Callable:
     def speeds(parameters, prepared, kinematics):
         W, rest, offset = own(parameters, prepared, kinematics)
         number = parameters.mass.dtype
-        W = identity_for(W, parameters.mass.size, number)
+        W = identity_for(W, kinematics, number)
         n = W.shape[0]
         return Speeds(W, zeros_for(rest, n, number), zeros_for(offset, n, number))
 

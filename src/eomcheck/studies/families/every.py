@@ -30,10 +30,9 @@ def ordinary(scene: Scene) -> tuple[Array, Array]:
 
 
 def _mass(kind: type[Scene]):
-    name = next(name for name in ("mass", "arm") if hasattr(kind, name))
-
     def pose(variant: str, ratio: float) -> Posed:
         scene: Any = kind.example()
+        name = next(name for name in ("mass", "arm") if hasattr(scene, name))
         factor = ratio if variant == "heavier" else 1.0 / ratio
         mass = np.array(getattr(scene, name))
         mass.flat[0] *= factor
