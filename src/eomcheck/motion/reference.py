@@ -251,7 +251,7 @@ def extended_reference(
 
         def rate(y: Array) -> Array:
             vdot = _stripped(at(y).solution(au).vdot)
-            return np.concatenate((y[scene.n : last], vdot, [flint.arb(1)] * len(clock)))
+            return np.concatenate((y[scene.n : last], vdot, balls.numbers(np.ones(len(clock)))))
 
         def energy(y: Array) -> Any:
             here = at(y)

@@ -75,14 +75,12 @@ def write_breaks(records: Sequence[Record], path: Path) -> None:
     Of several scenes, which have many families, a family is a line; of one it is a column.
     """
     families, methods = families_of(records), methods_of_records(records)
-    lines = [["", *(FAMILIES[key].name for key in families)]]
+    lines = [["", *(FAMILIES[key].title for key in families)]]
     for method in methods:
         breaks = (breaks_text(records, key, method) for key in families)
         lines.append([f"`{method.key}`{', pivoted' if method.pivoted else ''}", *breaks])
     if len(scenes_of(records)) > 1:
         lines = [list(column) for column in zip(*lines, strict=True)]
-        for line, family in zip(lines[1:], families, strict=True):
-            line[0] = f"{FAMILIES[family].about}: {line[0].lower()}"
     lines.insert(1, ["---"] * len(lines[0]))
     text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     path.write_text(text, encoding="utf-8")
@@ -94,14 +92,13 @@ def print_stability(records: Sequence[Record]) -> None:
     for family in families_of(records):
         facts = FAMILIES[family]
         table = Table(header_style="bold")
-        of = "" if facts.about == Snake.key else f"{facts.about}: "
         for name in ("method", "breaks at", "", "digits lost before", "why"):
             table.add_column(name, no_wrap=name != "why")
         for method in methods:
             mine = steps(records, family, method)
             if mine:
                 table.add_row(method.name, *_row(mine, records, family, method))
-        console.print(f"\n[bold]{of}{facts.name}[/]: {facts.severity}")
+        console.print(f"\n[bold]{facts.title}[/]: {facts.severity}")
         console.print(table)
     counts = {one: sum(outcome(record) is one for record in records) for one in Outcome}
     console.print(
@@ -166,7 +163,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
         grid.flat[last].tick_params(labelbottom=True)
     for row in grid:
         row[0].set_ylabel("digits lost")
-    figure.suptitle(facts.name, fontsize=12)
+    figure.suptitle(facts.title, fontsize=12)
     figure.legend(handles=_keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     figure.savefig(path, dpi=110)
     plt.close(figure)

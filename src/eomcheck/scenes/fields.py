@@ -47,7 +47,8 @@ def as_code(scene: Any) -> str:
     for field in fields(scene):
         value = getattr(scene, field.name)
         value = value if value is None else value.tolist()
-        if not np.array_equal(value, field.default):
+        usual = field.default
+        if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
             shown.append(f"{field.name}={value!r}")
     return f"{type(scene).__name__}({', '.join(shown)})"
 

@@ -41,7 +41,7 @@ def section(overview: Overview) -> Section | None:
             Sheet(
                 "stability-breaks",
                 "Severity at which a method first fails to give a good result (·: it never does)",
-                ("method", *(FAMILIES[family].name for family in families)),
+                ("method", *(FAMILIES[family].title for family in families)),
                 rows,
             )
         ],
@@ -56,7 +56,7 @@ def _charts(records: Sequence[Record]) -> Iterator:
     chart = Chart(
         "stability",
         "Digits lost in the worst variant; crosses above are refusals",
-        {"family": [FAMILIES[family].name for family in families]},
+        {"family": [FAMILIES[family].title for family in families]},
     )
     methods = methods_of_records(records)
     step = STEP * len(methods)
@@ -65,7 +65,7 @@ def _charts(records: Sequence[Record]) -> Iterator:
         # A category an entry: severities include 0, which a logarithm has no place for.
         order = [f"{value:g}" for value in facts.values]
         panel = chart.panel(
-            (facts.name,),
+            (facts.title,),
             Axis(facts.severity, categories=order),
             Axis(f"digits lost, of {DIGITS_OF_DOUBLES:.0f}", range=(-0.5, CROSSES + step + 0.5)),
         )

@@ -48,6 +48,11 @@ class Family:
     scene: type[Scene] = Snake
     about: str = Snake.key
 
+    @property
+    def title(self) -> str:
+        """The name, after the scene if that is not the snake."""
+        return self.name if self.about == Snake.key else f"{self.about}: {self.name.lower()}"
+
 
 def decades(first: int, last: int, step: int = 1) -> tuple[float, ...]:
     """Return 10^first, ..., 10^last, falling where last < first."""

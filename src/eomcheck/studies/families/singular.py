@@ -51,13 +51,13 @@ def _flat_family(kind: type[Scene]) -> Family:
 
 
 def _in_line(variant: str, angle: float) -> Posed:
-    scene = FourBarChain.example()
-    q, _ = replace(scene, angle=angle).initial_state()
+    scene = replace(FourBarChain.rods(3), angle=angle)
+    q, _ = scene.initial_state()
     return Posed(scene, q, np.ones(scene.p))
 
 
 def _knife_edge(variant: str, offset: float) -> Posed:
-    scene = replace(Sleigh.example(), offset=offset)
+    scene = Sleigh(offset=offset)
     return Posed(scene, *ordinary(scene))
 
 
