@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from eomcheck.evaluate import Evaluation, closed_position, consistent_velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.model import Range, Scene, State
+from eomcheck.states import closed_position, consistent_velocity
 
 LINKS = 4
 

@@ -19,9 +19,10 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.evaluate import Evaluation, consistent_velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
+from eomcheck.states import consistent_velocity
 from eomcheck.strategies import NEGLIGIBLE
 from eomcheck.tolerance import allowed_error
 

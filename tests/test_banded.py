@@ -22,12 +22,13 @@ from eomcheck.arithmetic.linear import EPS, eliminate, singular_below, watching
 from eomcheck.arithmetic.noise import STEP, Noise
 from eomcheck.checks.point import Point
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import Evaluation, consistent_velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import Array
 from eomcheck.motion.right_hand_side import right_hand_side
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import Snake
+from eomcheck.states import consistent_velocity
 from eomcheck.tolerance import allowed_error
 
 SIZES = [1, 2, 3, 4, 7, 8, 30]

@@ -268,6 +268,7 @@ LAYERS = (
     "quantities",
     "tolerance",
     "evaluate",
+    "states",
     "enclosure",
     "certified",
     "engines",

@@ -13,12 +13,13 @@ from eomcheck.arithmetic.counting import Counting
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.checks.proof import prove
 from eomcheck.engines import ENGINES
-from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.model import Scene
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import SCENES
+from eomcheck.states import check_consistent
 from eomcheck.tolerance import allowed_error
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation, check_consistent, velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import OF_JOINTS
+from eomcheck.states import check_consistent, velocity
 from eomcheck.tolerance import allowed_error
 
 VALID = {

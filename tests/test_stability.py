@@ -14,10 +14,11 @@ from matplotlib import image
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.certified import DIGITS_OF_DOUBLES, accuracy
 from eomcheck.errors import RefusedError, UnknownNameError
-from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.report.stability import draw_all, print_stability
 from eomcheck.scenes import SCENES
+from eomcheck.states import check_consistent
 from eomcheck.studies import stability
 from eomcheck.studies.families import FAMILIES
 from eomcheck.studies.families.base import decades

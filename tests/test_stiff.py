@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError
-from eomcheck.evaluate import velocity
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.jacobian import exact_jacobian
 from eomcheck.motion.simulate import Motion
 from eomcheck.report.stiff import draw_stiff, print_stiff
 from eomcheck.scenes import Snake
+from eomcheck.states import velocity
 from eomcheck.studies import stiff
 from eomcheck.studies.records import Record, Records
 from eomcheck.studies.stiff import COMPILED, Plan, cheapest, crossover, measure, plan, scene_of

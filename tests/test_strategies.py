@@ -11,9 +11,10 @@ from hypothesis import Phase, given, settings
 from eomcheck import acceleration, strategies
 from eomcheck.checks.refusals import MAY_REFUSE
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES, Snake
+from eomcheck.states import check_consistent
 from eomcheck.tolerance import allowed_error
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)

@@ -27,17 +27,18 @@ if TYPE_CHECKING:
         RefusedError,
         UnknownNameError,
     )
-    from eomcheck.evaluate import Acceleration, acceleration, speeds_of, velocity
+    from eomcheck.evaluate import Acceleration
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
+    from eomcheck.states import acceleration, speeds_of, velocity
 
 _HOME = {
-    "acceleration": "evaluate",
+    "acceleration": "states",
     "Acceleration": "evaluate",
-    "velocity": "evaluate",
-    "speeds_of": "evaluate",
+    "velocity": "states",
+    "speeds_of": "states",
     "enclose": "enclosure",
     "Enclosure": "enclosure",
     "accuracy": "certified",

@@ -10,9 +10,10 @@ import numpy as np
 from eomcheck.arithmetic.ball import ball, midpoints
 from eomcheck.arithmetic.linear import EPS
 from eomcheck.enclosure import Enclosure, enclose
-from eomcheck.evaluate import Evaluation, representable
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.model import Array, Scene, checked_scene
+from eomcheck.states import representable
 from eomcheck.tolerance import NOTICEABLE, allowed_error, largest
 
 TRUTH = "kane"

@@ -25,10 +25,11 @@ from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation, closed_position, consistent_velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.model import Range, Scene, State, finite_array
 from eomcheck.scenes import Snake
 from eomcheck.scenes.fields import whole_links
+from eomcheck.states import closed_position, consistent_velocity
 
 S = TypeVar("S", bound=Scene)
 

@@ -21,10 +21,11 @@ from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.engines import ENGINES, Engine, engine_of
 from eomcheck.errors import InputError, distinct, named
-from eomcheck.evaluate import Evaluation, check_consistent
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Scene, checked_scene
 from eomcheck.scenes import Snake
+from eomcheck.states import check_consistent
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,14 @@ import numpy as np
 
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation, check_consistent, velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
+from eomcheck.states import check_consistent, velocity
 from eomcheck.tolerance import allowed_error, largest
 
 

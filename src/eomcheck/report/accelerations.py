@@ -10,9 +10,9 @@ from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.errors import RefusedError, distinct
-from eomcheck.evaluate import acceleration, velocity
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
+from eomcheck.states import acceleration, velocity
 from eomcheck.tolerance import largest
 
 

@@ -8,9 +8,9 @@ from eomcheck import strategies
 from eomcheck.certified import accuracy
 from eomcheck.console import progress
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import speeds_of
 from eomcheck.formulations import applicable
 from eomcheck.scenes import Snake
+from eomcheck.states import speeds_of
 from eomcheck.studies.draws import draw
 
 

@@ -19,12 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.linear import watching
-from eomcheck.evaluate import Evaluation, acceleration, velocity, violation
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.simulate import Motion, trajectory
 from eomcheck.scenes import Snake
+from eomcheck.states import acceleration, velocity, violation
 from eomcheck.studies.records import Record, Records, run_cells
 from eomcheck.studies.run_time import run_time, slope
 

@@ -21,10 +21,11 @@ from eomcheck.console import progress
 from eomcheck.engines.base import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation, velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.motion.right_hand_side import right_hand_side
 from eomcheck.scenes import Snake
+from eomcheck.states import velocity
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200

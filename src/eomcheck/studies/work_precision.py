@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck.errors import InputError
-from eomcheck.evaluate import velocity
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of, formulations_for
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.simulate import Motion, Trajectory, simulate
 from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.states import velocity
 from eomcheck.studies.records import Record, Records, run_cells
 from eomcheck.studies.run_time import RUNS, run_time
 

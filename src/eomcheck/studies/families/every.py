@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.evaluate import Evaluation, closed_position, velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.model import Array, Scene
+from eomcheck.states import closed_position, velocity
 from eomcheck.studies.families.base import Family, Posed, decades
 
 SEED = 1

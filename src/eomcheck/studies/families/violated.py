@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluate import Evaluation, velocity
+from eomcheck.evaluate import Evaluation
 from eomcheck.scenes import Snake
+from eomcheck.states import velocity
 from eomcheck.studies.families.base import Family, Posed, decades
 
 SCENES = {
