@@ -31,7 +31,8 @@ V = eomcheck.velocity(SNAKE, Q, [1.0, 0.5])
         (1e-9, 1.1 * INCONCLUSIVE / allowed_error(1.0), 1.0, "inconclusive"),
         (0.0, 1.0, 0.0, "inconclusive"),
         (0.0, 0.0, 0.0, "passed"),
-        (1e-300, 0.0, 0.0, "failed"),
+        (1e-300, 0.0, 0.0, "inconclusive"),
+        (1e-270, 0.0, 0.0, "failed"),
     ],
 )
 def test_a_verdict_follows_from_observed_allowed_and_size(observed, spread, scale, verdict):
