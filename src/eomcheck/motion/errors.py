@@ -104,7 +104,7 @@ class Errors:
         mescd: mixed-error significant correct digits at the end,
             -log10 max |error_i| / (atol/rtol + |true_i|).
         energy: largest |T + U - E_0| over the largest |T + U|; NaN where energy is not conserved.
-        constraint: largest ‖c‖₂, m/s.
+        constraint: largest ‖c‖₂, m/s; NaN without constraints.
         floor: what rounding the reference to doubles and its own uncertainty add: nothing is to be
             judged below it.
     """
@@ -141,7 +141,7 @@ def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
         float(error.max() / np.abs(true).max()),
         digits,
         _largest_energy_error(trajectory),
-        float(constraint_error(trajectory).max()),
+        float(constraint_error(trajectory).max()) if trajectory.scene.r else math.nan,
         reference.uncertainty + reference.rounding,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from eomcheck.console import console
 from eomcheck.report.benchmarks import seconds_text
 from eomcheck.report.figures import COLORS, MARKERS, plt
 from eomcheck.studies.records import Record
+from eomcheck.studies.references import CASES
 from eomcheck.studies.work_precision import (
     TARGETS,
     disturbed,
@@ -127,16 +129,19 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
     Hollow markers are disturbed run times; in the grey the reference knows no better.
     """
     scenes, integrators = _names(records, "reference"), _names(records, "integrator")
-    figure = plt.figure(
-        figsize=(2.6 * len(integrators) + 1.4, 7.8 * len(scenes) + 0.4), layout="constrained"
-    )
-    blocks = figure.subfigures(len(scenes), 1, squeeze=False)[:, 0]
+    ended = {s: [r for r in finished(records) if r.settings["reference"] == s] for s in scenes}
+    # Narrow blocks stand side by side.
+    columns = min(len(scenes), max(1, 4 // len(integrators)))
+    width = 2.6 * len(integrators) + 1.4
+    rows = [scenes[k : k + columns] for k in range(0, len(scenes), columns)]
+    heights = [max(len(errors_shown(ended[s])) for s in row) * 2.5 + 0.5 for row in rows]
+    figure = plt.figure(figsize=(width * columns, sum(heights) + 0.4), layout="constrained")
+    blocks = figure.subfigures(len(rows), columns, squeeze=False, height_ratios=heights)
     handles: dict[str, Line2D] = {}
-    for block, scene in zip(blocks, scenes, strict=True):
-        mine = [r for r in finished(records) if r.settings["reference"] == scene]
+    for block, scene in zip(blocks.flat, scenes, strict=False):
         if len(scenes) > 1:
-            block.suptitle(scene, fontweight="bold")
-        handles |= _draw_scene(block, mine, integrators, against)
+            block.suptitle("\n".join((scene, *_absent(scene, ended[scene]))), fontsize=11)
+        handles |= _draw_scene(block, ended[scene], integrators, against)
     if any(_hollow(records, against)):
         hollow = Line2D([], [], ls="", marker="o", color="0.4", mfc="white", mew=0.7, ms=4)
         handles["disturbed"] = hollow
@@ -144,11 +149,32 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
         handles.values(),
         handles,
         loc="outside upper center",
-        ncols=9 if len(integrators) > 2 else 4,
+        ncols=9 if len(integrators) * columns > 2 else 4,
         frameon=False,
     )
     figure.savefig(path, dpi=150)
     plt.close(figure)
+
+
+def errors_shown(records: Sequence[Record]) -> dict[str, str]:
+    """Return the errors that the scene of these Records has, and their labels."""
+    return {
+        error: label
+        for error, label in ERRORS.items()
+        if error == "final" or any(not isnan(record.errors[error]) for record in records)
+    }
+
+
+def _absent(name: str, records: Sequence[Record]) -> list[str]:
+    """Return why there is no panel for an error, if so."""
+    errors, case = errors_shown(records), CASES.get(name)
+    reason = case.scene().why_not_conserved if case else ""
+    missing = []
+    if "energy" not in errors:
+        missing.append("energy is not conserved" + (f": {reason}" if reason else ""))
+    if "constraint" not in errors:
+        missing.append("no constraints")
+    return ["; ".join(missing)] if missing else []
 
 
 def _names(records: Sequence[Record], what: str) -> list[str]:
@@ -160,14 +186,15 @@ def _draw_scene(
 ) -> dict[str, Line2D]:
     """Draw finished runs of one scene and return a line of each formulation."""
     lines: dict[str, Line2D] = {}
+    errors = errors_shown(records)
     grid = block.subplots(
-        len(ERRORS),
+        len(errors),
         len(integrators),
         sharex="col" if against == "seconds" else "all",
         sharey="row",
         squeeze=False,
     )
-    for row, (error, label) in zip(grid, ERRORS.items(), strict=True):
+    for row, (error, label) in zip(grid, errors.items(), strict=True):
         row[0].set_ylabel(label)
         for axes, integrator in zip(row, integrators, strict=True):
             for key in _names(records, "formulation"):
@@ -181,7 +208,7 @@ def _draw_scene(
                 axes.set_title(integrator, fontsize=11)
                 floor = max((record.errors["floor"] for record in records), default=NOTHING)
                 axes.axhspan(1e-18, floor, color="0.9", lw=0)
-            if error == "constraint":
+            if row is grid[-1]:
                 _label_abscissa(axes, *AGAINST[against])
     lowest = min((record.errors["final"] for record in records), default=NOTHING)
     grid[0, 0].set_ylim(bottom=max(lowest, NOTHING) / 5)

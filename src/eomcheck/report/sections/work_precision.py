@@ -8,7 +8,7 @@ from itertools import product
 from eomcheck.report.benchmarks import seconds_text
 from eomcheck.report.overview import Overview
 from eomcheck.report.sections.section import Section, Sheet
-from eomcheck.report.work_precision import AGAINST, ERRORS, NOTHING
+from eomcheck.report.work_precision import AGAINST, ERRORS, NOTHING, errors_shown
 from eomcheck.studies.records import Record
 from eomcheck.studies.work_precision import (
     STUDY,
@@ -79,16 +79,17 @@ def _charts(by_name: dict[str, list[Record]]):
         integrators = list(dict.fromkeys(record.settings["integrator"] for record in done))
         if not done:
             continue
+        errors = errors_shown(done)
         chart = Chart(
             f"work-precision-{name}",
             f"{name}: one line a formulation, one point a tolerance",
             {
                 "integrator": integrators,
-                "error": list(ERRORS.values()),
+                "error": list(errors.values()),
                 "against": [label for label, _ in AGAINST.values()],
             },
         )
-        for integrator, error, against in product(integrators, ERRORS, AGAINST):
+        for integrator, error, against in product(integrators, errors, AGAINST):
             label, unit = AGAINST[against]
             panel = chart.panel(
                 (integrator, ERRORS[error], label),
@@ -121,5 +122,5 @@ def _said(record: Record) -> list[str]:
         f"tolerance {settings['tolerance']:.0e}",
         f"run time {seconds_text(record.seconds or 0.0)}, {status}",
         f"{counts['right-hand sides']} right-hand sides, {counts['steps']} steps",
-        *(f"{label} {record.errors[error]:.2e}" for error, label in ERRORS.items()),
+        *(f"{label} {record.errors[error]:.2e}" for error, label in errors_shown([record]).items()),
     ]
