@@ -77,8 +77,8 @@ def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type
     assert subjects == {f"{f} ~ {engine}" for f in applicable(kind) for engine in engines}
 
 
-@every_formulation_of_every_kind
-def test_compiled_rates_are_those_of_the_public_acceleration(kind: type[Scene], key: str):
+def test_compiled_rates_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
+    kind, key = moved
     scene, (q, v, t) = ordinary(kind)
     expected = eomcheck.acceleration(scene, key, q, v, t)
     motion, at = Motion(scene, FORMULATIONS[key], q, v), Evaluation(scene, q, v, t)

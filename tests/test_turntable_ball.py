@@ -11,6 +11,7 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import TurntableBall
 
+SCENE_KIND = TurntableBall
 STEADY = TurntableBall()
 SAME = TurntableBall(swing=0.0, frequency=1.0)
 """The same table, its constant Ω written as one that may swing."""
@@ -30,21 +31,18 @@ def circle(times: np.ndarray) -> np.ndarray:
     return start - arm + turned
 
 
-@pytest.mark.parametrize(
-    ("scene", "key"), [(STEADY, "kane"), *((SAME, key) for key in applicable(TurntableBall))]
-)
-def test_on_a_steady_table_the_ball_goes_round_a_circle_at_two_sevenths(scene, key: str):
+@pytest.mark.parametrize("scene", [STEADY, SAME])
+def test_on_a_steady_table_the_ball_goes_round_a_circle_at_two_sevenths(scene, mover: str):
     times = np.linspace(0.0, PERIOD, 9)
-    motion = simulate(scene, key, PERIOD, rtol=1e-12, atol=1e-12, output_times=times)
+    motion = simulate(scene, mover, PERIOD, rtol=1e-12, atol=1e-12, output_times=times)
     assert motion.status == "finished", motion.reason
     assert np.abs(motion.q[:, :2] - circle(times)).max() < 1e-8
     assert np.abs(motion.q[-1, :2] - motion.q[0, :2]).max() < 1e-8
 
 
-@every_formulation
-def test_on_a_swinging_table_what_is_known_to_stay_stays(key: str):
+def test_on_a_swinging_table_what_is_known_to_stay_stays(mover: str):
     """V - 2/7 Ω(t) e_z × r, two numbers, and the spin about the vertical."""
-    motion = simulate(SWINGING, key, 3.0, rtol=1e-12, atol=1e-12)
+    motion = simulate(SWINGING, mover, 3.0, rtol=1e-12, atol=1e-12)
     assert motion.status == "finished", motion.reason
     rate = SWINGING.rate + SWINGING.swing * np.sin(SWINGING.frequency * motion.times)
     x, y = motion.q[:, 0], motion.q[:, 1]
