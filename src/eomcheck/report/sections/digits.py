@@ -11,7 +11,9 @@ from eomcheck.report.sections.section import Section, Sheet
 
 def section(overview: Overview) -> Section | None:
     """Return the digits of each formulation on each scene."""
-    certified = [row for row in overview.rows if row.digits is not None]
+    # Where an acceleration is nothing but rounding it has no digits to be right.
+    checked = (row for row in overview.rows if row.verdict != "inconclusive")
+    certified = [row for row in checked if row.digits is not None]
     if not certified:
         return None
     by_subject = group(certified, lambda row: row.subject)
@@ -24,7 +26,8 @@ def section(overview: Overview) -> Section | None:
         "digits",
         "Certified digits",
         "Decimal digits of q̈ in doubles that are certainly right, against the true value in ball "
-        "arithmetic: the worst state, and in brackets the median.",
+        "arithmetic: the worst state, and in brackets the median. States whose acceleration is no larger than its "
+        "rounding error are left out.",
         [Sheet("digits", "Decimal digits of q̈ that are right", ("formulation", *scenes), rows)],
     )
 
