@@ -26,8 +26,8 @@ def section(overview: Overview) -> Section | None:
         "digits",
         "Certified digits",
         "Decimal digits of q̈ in doubles that are certainly right, against the true value in ball "
-        "arithmetic: the worst state, and in brackets the median. States whose acceleration is no larger than its "
-        "rounding error are left out.",
+        "arithmetic: the worst state, and in brackets the median. States whose acceleration is no "
+        "larger than its rounding error are left out.",
         [Sheet("digits", "Decimal digits of q̈ that are right", ("formulation", *scenes), rows)],
     )
 
