@@ -256,3 +256,14 @@ def test_nothing_is_read_without_a_file():
 def test_every_claim_can_be_reported():
     assert set(CLAIMS)  # ids are anchors of the page
     assert all(re.fullmatch(r"[a-z-]+", key) for key in CLAIMS)
+
+
+def test_validate_writes_the_page_itself_and_leaves_no_records(tmp_path, monkeypatch, capsys):
+    page = tmp_path / "report.html"
+    asked = "validate", "--scene", "sleigh", "--examples", "1", "--engine", "casadi"
+    assert run(*asked, "--report", str(page), monkeypatch=monkeypatch) == 0
+    assert f"written: {page}" in capsys.readouterr().out.replace("\n", "")
+    assert "claims hold" in page.read_text(encoding="utf-8")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert run(*asked, "--report", str(tmp_path), monkeypatch=monkeypatch) == 2
+    assert "is not a file" in capsys.readouterr().err

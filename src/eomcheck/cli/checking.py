@@ -24,6 +24,7 @@ from eomcheck.cli.options import (
     check_writable,
     interval,
     records_or_none,
+    records_to_report,
     whole_numbers,
 )
 from eomcheck.errors import InputError, WorkerError
@@ -54,11 +55,15 @@ def validate(
     ] = None,
     json: Json = None,
     records: Kept = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
+    ] = None,
 ) -> None:
     """Check every claim on the example of a scene (the paper's robot) and on random ones."""
     bounds = interval("1..12" if links is None else links)
     at_least_one(examples=examples)
     check_writable(json)
+    check_output(report, [records] if records else [])
 
     from eomcheck.checks.validate import Run, Selection
     from eomcheck.console import console, progress
@@ -75,7 +80,7 @@ def validate(
     runs = {kind.key: Run() for kind in kinds}
     interrupted = False
     with (
-        records_or_none(records) as kept,
+        records_to_report(records, report) as kept,
         progress("checking", (examples + 2) * len(kinds)) as advance,
     ):
         try:
@@ -83,6 +88,8 @@ def validate(
                 look_at_kind(kind, runs[kind.key], selection, bounds, examples, seed, advance, kept)
         except KeyboardInterrupt:
             interrupted = True
+        if report is not None and kept is not None:
+            _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     if len(kinds) == 1:
         print_run(runs[kinds[0].key], selection)
@@ -152,6 +159,14 @@ def list_registry(
     from eomcheck.report.registries import print_registry
 
     print_registry(registry.value)
+
+
+def _write_page(records: list[Path], path: Path) -> None:
+    from eomcheck.report.overview import Overview, read
+    from eomcheck.report.page import write_page
+
+    write_page(Overview(read(records)), path)
+    typer.echo(f"written: {path}")
 
 
 @app.command()

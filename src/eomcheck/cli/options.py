@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -72,6 +74,23 @@ def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]
     from eomcheck.studies.records import Records
 
     return Records(path)
+
+
+@contextmanager
+def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records | None]:
+    """Yield the Records in a file, or for a page without one, in a file that is thrown away.
+
+    Raises:
+        EngineError: there is to be a page, and what draws it is not installed.
+    """
+    if page is not None:
+        from eomcheck.report.page import check_installed
+
+        check_installed()
+    with TemporaryDirectory() as folder:
+        spare = Path(folder) / "results.db" if page is not None else None
+        with records_or_none(path or spare) as records:
+            yield records
 
 
 def at_least_one(**numbers: int) -> None:

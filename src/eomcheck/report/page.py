@@ -9,13 +9,21 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.report.figures import COLORS
 from eomcheck.report.overview import Judged, Overview
 from eomcheck.report.sections import sections_of
-from eomcheck.report.templating import render
+from eomcheck.report.templating import environment, render
 from eomcheck.studies.findings import Kept
 
 LIGHT, DARK = "#ffffff", "#15181c"
 """Backgrounds of the page."""
 CONTRAST = 4.0
 """Least contrast of a formulation's colour with the background (WCAG asks 3 of graphics)."""
+
+
+def check_installed() -> None:
+    """Raise EngineError if jinja2 or plotly is not installed."""
+    from eomcheck.report.charts import plotly_js
+
+    environment()
+    plotly_js()
 
 
 def write_page(overview: Overview, path: Path) -> None:
