@@ -157,11 +157,11 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
 
 
 def errors_shown(records: Sequence[Record]) -> dict[str, str]:
-    """Return the errors that the scene of these Records has, and their labels."""
+    """Return the errors that the scene of these Records has, and their labels; all, of none."""
     return {
         error: label
         for error, label in ERRORS.items()
-        if error == "final" or any(not isnan(record.errors[error]) for record in records)
+        if not records or any(not isnan(record.errors[error]) for record in records)
     }
 
 
