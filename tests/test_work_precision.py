@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -18,7 +19,7 @@ from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report import work_precision as report
-from eomcheck.report.work_precision import draw_work_precision, print_work_precision
+from eomcheck.report.work_precision import ERRORS, draw_work_precision, print_work_precision
 from eomcheck.studies import work_precision
 from eomcheck.studies.records import Record, Records
 from eomcheck.studies.work_precision import (
@@ -170,6 +171,16 @@ def test_a_scene_of_which_no_run_finished_is_drawn_empty(drawn: Callable):
     (block,) = drawn(nothing).subfigs
     assert len(block.axes) == 9
     assert all(not axes.lines for axes in block.axes)
+    assert [axes.get_xlabel() for axes in block.axes] == [""] * 6 + ["run time"] * 3
+
+
+def test_errors_that_a_scene_has_not_get_no_panel_and_a_reason(drawn: Callable):
+    swinging = record("kane", 0.1, 1e-4, reference="turntable")
+    swinging = replace(swinging, errors=swinging.errors | {"energy": math.nan})
+    (block,) = drawn([swinging, record("kane", 0.1, 1e-4, reference="sleigh")]).subfigs[:1]
+    assert [axes.get_ylabel() for axes in block.axes] == list(ERRORS.values())[::2]
+    assert "energy is not conserved: the table is driven" in block.get_suptitle()
+    assert [axes.get_xlabel() for axes in block.axes] == ["", "run time"]
 
 
 def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -246,21 +246,33 @@ def _keys() -> list:
 
 
 def draw_all(records: Sequence[Record], folder: Path) -> list[Path]:
-    """Draw the heat map, the table of breaks and a figure a family, and return the files.
+    """Draw heat maps, write tables of breaks, and return the files.
 
-    Of several scenes at once only the heat map and the table, a part for each.
+    The snake, or a scene that is alone, gets a figure a family as well; several others share one
+    heat map, a panel each, and one table.
     """
-    about = scenes_of(records)
-    name = "stability" if about == [Snake.key] else f"stability-{'-'.join(about)}"
-    if len(about) > 1:
-        name = "stability-scenes"
-    paths = [folder / f"{name}.png", folder / f"{name}-breaks.md"]
-    draw_atlas(records, paths[0])
-    write_breaks(records, paths[1])
-    for family in families_of(records) if len(about) == 1 else ():
-        paths.append(folder / f"stability-{family}.png")
-        draw_family(records, family, paths[-1])
+    scenes = scenes_of(records)
+    alone = scenes if len(scenes) == 1 else [key for key in scenes if key == Snake.key]
+    others = [key for key in scenes if key not in alone]
+    paths: list[Path] = []
+    for keys in (alone, others):
+        mine = [record for record in records if _about(record) in keys]
+        if not mine:
+            continue
+        name = "stability" if keys == [Snake.key] else "stability-scenes"
+        if len(keys) == 1 and keys != [Snake.key]:
+            name = f"stability-{keys[0]}"
+        paths += [folder / f"{name}.png", folder / f"{name}-breaks.md"]
+        draw_atlas(mine, paths[-2])
+        write_breaks(mine, paths[-1])
+        for family in families_of(mine) if keys is alone else ():
+            paths.append(folder / f"stability-{family}.png")
+            draw_family(mine, family, paths[-1])
     return paths
+
+
+def _about(record: Record) -> str:
+    return FAMILIES[record.settings["family"]].about
 
 
 # ---- The heat map --------------------------------------------------------------------------------

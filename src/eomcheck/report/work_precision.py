@@ -208,7 +208,7 @@ def _draw_scene(
                 axes.set_title(integrator, fontsize=11)
                 floor = max((record.errors["floor"] for record in records), default=NOTHING)
                 axes.axhspan(1e-18, floor, color="0.9", lw=0)
-            if row is grid[-1]:
+            if axes in grid[-1]:
                 _label_abscissa(axes, *AGAINST[against])
     lowest = min((record.errors["final"] for record in records), default=NOTHING)
     grid[0, 0].set_ylim(bottom=max(lowest, NOTHING) / 5)
