@@ -289,7 +289,7 @@ def draw_atlas(records: Sequence[Record], path: Path) -> None:
     figure, grid = plt.subplots(
         rows,
         columns,
-        figsize=((1.75 * most + 0.9) * columns + 0.9, (0.5 * len(methods) + 1.4) * rows + 0.8),
+        figsize=_size(rows, columns, most, len(methods)),
         squeeze=False,
         layout="constrained",
     )
@@ -330,6 +330,12 @@ def draw_atlas(records: Sequence[Record], path: Path) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _size(rows: int, columns: int, families: int, methods: int) -> tuple[float, float]:
+    """Return width and height, in; panels are smaller where there are several."""
+    box = (1.75, 0.5) if columns == 1 else (1.15, 0.26)
+    return (box[0] * families + 1.0) * columns + 0.9, (box[1] * methods + 1.1) * rows + 0.8
 
 
 def _cell(axes: Axes, step: Step, box: tuple, colors, scale: Normalize) -> None:
