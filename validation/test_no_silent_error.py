@@ -103,7 +103,22 @@ than changes of M showed."""
 MASSLESS = Snake([10.0], [4.3], [0.0], None, [1.1])
 """M_ML is singular, and in doubles the rounding of zero; its right-hand side is 0."""
 
+SUBNORMAL = Snake(
+    [1.0] * 8,
+    [1.0] * 8,
+    [*[0.0] * 7, 204499.42350605354],
+    [*[0.0] * 6, 0.004156362056272317],
+    [*[0.0] * 6, -1.6425037976916037, 0.0],
+)
+BENT = float.fromhex("-0x0.0000a7c5ac472p-1022")
+"""A spring bent by 2e-313 rad: subnormal torques have few digits, and no change of the inputs is
+small enough to show it."""
+
 FOUND = (
+    (
+        SUBNORMAL,
+        State(np.append(np.zeros(9), float.fromhex("-0x0.0000a7c5ac472p-1022")), np.zeros(10)),
+    ),
     (
         UNDERFLOWN_MASS,
         State(

@@ -14,7 +14,7 @@ from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluate import Acceleration, Evaluation, violation
 from eomcheck.formulations import formulation_for
 from eomcheck.model import Array, Scene, checked_scene, finite_array
-from eomcheck.tolerance import NOTICEABLE, allowed_error, largest
+from eomcheck.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 
 
 def acceleration(
@@ -55,7 +55,8 @@ def acceleration(
         check_consistent(at)
     result = at.acceleration(formulation, pivoted)
     spread = at.acceleration_spread(formulation, pivoted=pivoted)
-    return replace(result, error_bound=allowed_error(spread))
+    # What underflows on the way is below what any change of the inputs can show.
+    return replace(result, error_bound=max(allowed_error(spread), UNDERFLOW))
 
 
 def check_consistent(at: Evaluation) -> None:
