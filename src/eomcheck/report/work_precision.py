@@ -152,7 +152,7 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
         ncols=9 if len(integrators) * columns > 2 else 4,
         frameon=False,
     )
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=150 if len(scenes) == 1 else 80)
     plt.close(figure)
 
 

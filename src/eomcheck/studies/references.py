@@ -105,7 +105,7 @@ CASES: dict[str, Case] = {
         (1.0, 0.5),
         end=10.0,
     ),
-    "pendulum-3": Case("three rods released from rest, 2 s", _pendulum, (0.0, 0.0, 0.0), end=2.0),
+    "pendulum-3": Case("three rods swung, 2 s", _pendulum, (1.0, 0.5, -0.5), end=2.0),
     "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
     "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
     "turntable": Case(
