@@ -80,7 +80,7 @@ class Plan:
 
 DECADES = (SOFTEST, *(10.0**e for e in range(5, 11)))
 FULL = Plan(DECADES, (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7), ("kane",))
-QUICK = Plan((SOFTEST, 1e7), (1e-3, 1e-6), (1e-5,), ("kane",))
+QUICK = Plan((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,), ("kane",))
 
 
 def plan(
