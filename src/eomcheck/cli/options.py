@@ -87,10 +87,9 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
         from eomcheck.report.page import check_installed
 
         check_installed()
-    with TemporaryDirectory() as folder:
-        spare = Path(folder) / "results.db" if page is not None else None
-        with records_or_none(path or spare) as records:
-            yield records
+    spare = TemporaryDirectory() if page is not None and path is None else nullcontext()
+    with spare as folder, records_or_none(Path(folder) / "r.db" if folder else path) as records:
+        yield records
 
 
 def at_least_one(**numbers: int) -> None:

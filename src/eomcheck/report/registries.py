@@ -38,13 +38,15 @@ def _formulations() -> Table:
 
 
 def _scenes() -> Table:
+    from eomcheck.arithmetic.counting import Counting
     from eomcheck.engines import ENGINES
     from eomcheck.scenes import SCENES
+    from eomcheck.studies.operations import outline
 
     table = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
     for kind in SCENES.values():
         scene = kind.example()
-        at = _outline(scene)
+        at = outline(scene, Counting())
         table.add_row(
             kind.key,
             f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
@@ -55,17 +57,6 @@ def _scenes() -> Table:
             _invariants(scene),
         )
     return table
-
-
-def _outline(scene: Scene) -> Quantities:
-    """Return what the scene says in numbers that only count: which terms are there, uncompiled."""
-    from eomcheck.arithmetic.counting import Counting
-    from eomcheck.quantities import Quantities
-
-    counting = Counting()
-    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
-    at.u = counting.vector(scene.p)
-    return at
 
 
 def _terms(at: Quantities) -> str:

@@ -21,9 +21,8 @@ from eomcheck.console import progress
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Bodies, Scene, Speeds, State, Terms
-from eomcheck.quantities import Quantities
 from eomcheck.studies.draws import draw
-from eomcheck.studies.operations import tally
+from eomcheck.studies.operations import outline, tally
 from eomcheck.studies.rhs import rate_call, time_call
 
 
@@ -153,9 +152,7 @@ def with_zeros(scene: Scene) -> Scene:
 
 def absent_terms(scene: Scene) -> tuple[str, ...]:
     """Return the names of the terms that `scene` has not."""
-    counting = CountingLiterals()
-    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
-    at.u = counting.vector(scene.p)
+    at = outline(scene, CountingLiterals())
     records = at.terms, at.speeds, at.bodies
     return tuple(name for record in records for name, x in record._asdict().items() if x is None)
 

@@ -124,6 +124,13 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
     )
 
 
+def outline(scene: Scene, counting: Counting) -> Quantities:
+    """Return what the scene says in numbers that only count: which terms it has, uncompiled."""
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at.u = counting.vector(scene.p)
+    return at
+
+
 def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
     """Count one right-hand side, composed as in `eomcheck.motion.right_hand_side`."""
     at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.evaluate import Evaluation
 from eomcheck.model import Array, Scene
-from eomcheck.states import closed_position, velocity
+from eomcheck.states import closed_position
 from eomcheck.studies.families.base import Family, Posed, decades
+from eomcheck.studies.families.violated import violating
 
 SEED = 1
 ANYWHERE = (-1.0, 1.0)
@@ -65,11 +65,7 @@ def _turns(kind: type[Scene]):
 def _violated(kind: type[Scene]):
     def pose(variant: str, violation: float) -> Posed:
         scene = kind.example()
-        q, u = ordinary(scene)
-        v = velocity(scene, q, u)
-        a = Evaluation(scene, q, v).terms.a
-        away = np.linalg.lstsq(a, np.ones(scene.r), rcond=None)[0]
-        return Posed(scene, q, None, v + violation * np.abs(v).max() * away)
+        return violating(scene, *ordinary(scene), violation)
 
     return pose
 

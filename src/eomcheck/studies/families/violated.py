@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.evaluate import Evaluation
+from eomcheck.model import Scene
 from eomcheck.scenes import Snake
 from eomcheck.states import velocity
 from eomcheck.studies.families.base import Family, Posed, decades
@@ -21,13 +22,17 @@ SCENES = {
 }
 
 
+def violating(scene: Scene, q, u, violation: float) -> Posed:
+    """Return the state of (q, u) with every constraint violated by a share of the largest speed."""
+    v = velocity(scene, q, u)
+    a = Evaluation(scene, q, v).terms.a
+    away = np.linalg.lstsq(a, np.ones(scene.r), rcond=None)[0]
+    return Posed(scene, q, None, v + violation * np.abs(v).max() * away)
+
+
 def _pose(variant: str, violation: float) -> Posed:
     scene = SCENES[variant]
-    q, _ = scene.initial_state()
-    v = velocity(scene, q, [1.0, 0.5])
-    a = Evaluation(scene, q, v).terms.a
-    sideways = np.linalg.lstsq(a, np.ones(scene.r), rcond=None)[0]
-    return Posed(scene, q, None, v + violation * np.abs(v).max() * sideways)
+    return violating(scene, scene.initial_state()[0], [1.0, 0.5], violation)
 
 
 VIOLATED = Family(
