@@ -237,8 +237,8 @@ class Scene(ABC):
       -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
       it loses energy in no other way
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
-    - `position_residual(parameters, prepared, q) -> (r,)`, of which `constraint` is the rate; None,
-      and no function, where constraints are not holonomic
+    - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
+      rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
 
     A chain has these as well, any other scene leaves them out:
 
@@ -267,6 +267,8 @@ class Scene(ABC):
     agreement is no separate evidence."""
     has_links: ClassVar[bool] = False
     """Whether scenes of this kind have a number of links to choose."""
+    holonomic: ClassVar[slice] = slice(None)
+    """Which constraints are rates of `position_residual`, where there is one."""
     angle_coordinates: ClassVar[slice]
     """Which coordinates are angles."""
 

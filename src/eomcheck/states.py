@@ -114,7 +114,8 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
     for _ in range(CLOSING_STEPS):
         at = Evaluation(scene, q, v, t)
         residual = at.call(scene.position_residual, at.parameters, at.prepared, at.q)
-        last, correction = step, np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
+        rates = at.terms.a[scene.holonomic]
+        last, correction = step, np.linalg.lstsq(rates, residual, rcond=None)[0]
         step, q = largest(correction), q - correction
         # Steps shrink until nothing but rounding is left.
         if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:

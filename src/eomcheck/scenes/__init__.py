@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from eomcheck.model import Scene
 from eomcheck.scenes.andrews import Andrews
+from eomcheck.scenes.bicycle import Bicycle
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.four_bar_chain import FourBarChain
@@ -23,6 +24,7 @@ SCENES: dict[str, type[Scene]] = {
         FourBarChain,
         Andrews,
         FlyballGovernor,
+        Bicycle,
     )
 }
 """Key -> class."""
@@ -30,6 +32,7 @@ SCENES: dict[str, type[Scene]] = {
 __all__ = [
     "SCENES",
     "Andrews",
+    "Bicycle",
     "ChainPendulum",
     "FlyballGovernor",
     "FourBarChain",

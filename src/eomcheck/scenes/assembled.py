@@ -29,8 +29,8 @@ class Jacobians(NamedTuple):
     """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
 
     V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
-    left even if they turn; in space ω in directions that turn with the body, in which its inertia
-    is constant.
+    left even if they turn; in space ω in directions that turn with the body, or otherwise keep its
+    inertia constant, of which `angular_rest` is the whole acceleration left too.
     """
 
     linear: Any
