@@ -29,6 +29,7 @@ BALL = "scenes/turntable_ball.py"
 FOUR_BAR = "scenes/four_bar_chain.py"
 ANDREWS = "scenes/andrews.py"
 GOVERNOR = "scenes/flyball_governor.py"
+BICYCLE = "scenes/bicycle.py"
 ASSEMBLED = "scenes/assembled.py"
 CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
@@ -339,6 +340,37 @@ FAULTS = [
     Fault(GOVERNOR, "rest[i + 1, 0] = -cos", "rest[i + 1, 0] = cos", "bias", "row "),
     Fault(GOVERNOR, "pull + damping", "pull - damping", "generalized-forces", "row s"),
     Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
+    # The bicycle
+    Fault(BICYCLE, "* cross(axes[j], arm)", "* cross(arm, axes[j])", "mass-matrix", "entry"),
+    Fault(BICYCLE, "(1, 1, 1, 1, 0, 0), (1", "(1, 1, 1, 0, 0, 0), (1", "mass-matrix", "ψ_f"),
+    Fault(BICYCLE, "alpha[i] += rate", "alpha[i] -= rate", "bias", "row "),
+    Fault(BICYCLE, "cross(alpha, arm) +", "cross(alpha, arm) -", "bias", "row "),
+    Fault(BICYCLE, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),
+    Fault(BICYCLE, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
+    Fault(BICYCLE, "lengthening, pose", "-lengthening, pose", "constraint-drift", "front wheel"),
+    Fault(
+        BICYCLE,
+        "shorter * axle[2], axle",
+        "-shorter * axle[2], axle",
+        "constraint-jacobian",
+        "front wheel",
+    ),
+    Fault(
+        BICYCLE,
+        "-radius[0] * cos[PITCH]",
+        "radius[0] * cos[PITCH]",
+        "constraint-jacobian",
+        "rear wheel",
+    ),
+    Fault(
+        BICYCLE,
+        "-= v[STEER] * prepared.tilt_sin",
+        "+= v[STEER] * prepared.tilt_sin",
+        "mass-matrix",
+        "ψ_f",
+    ),
+    Fault(BICYCLE, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
+    Fault(BICYCLE, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "),
     Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
     Fault(
         FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"

@@ -154,8 +154,11 @@ def test_workers_end_when_the_results_are_no_longer_wanted(work, notes: Path):
 
 
 SCRIPT = """
+import signal
 import sys
 from functools import partial
+# A shell that runs the tests in the background has its jobs ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {path!r})
 import spread_work
 from eomcheck.studies.spread import spread

@@ -23,6 +23,7 @@ from eomcheck.motion.run import difference
 from eomcheck.motion.stored import Reference, reference_of, save_reference
 from eomcheck.scenes import (
     Andrews,
+    Bicycle,
     ChainPendulum,
     FlyballGovernor,
     FourBarChain,
@@ -120,6 +121,9 @@ CASES: dict[str, Case] = {
         FlyballGovernor,
         (0.0, 6.0, 0.0, 0.0),
         end=0.1,
+    ),
+    "bicycle": Case(
+        "the benchmark bicycle at 4.6 m/s, pushed to lean, 1 s", Bicycle, (0.5, 0.0, 4.6 / 0.3)
     ),
 }
 """Name -> case."""

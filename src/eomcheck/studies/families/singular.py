@@ -1,4 +1,4 @@
-"""Where single scenes come to their limits: a disk that lies flat, rods in one line, stiff springs.
+"""Where single scenes come to their limits: what rolls lies flat, rods in one line, stiff springs.
 
 Each is approached step by step, and reached.
 """
@@ -15,12 +15,14 @@ import numpy as np
 from eomcheck.model import Scene
 from eomcheck.scenes import (
     Andrews,
+    Bicycle,
     ChainPendulum,
     FlyballGovernor,
     FourBarChain,
     RollingDisk,
     Sleigh,
     TurntableBall,
+    bicycle,
 )
 from eomcheck.studies.families.base import Family, Posed, decades
 from eomcheck.studies.families.every import ordinary
@@ -64,6 +66,14 @@ def _knife_edge(variant: str, offset: float) -> Posed:
 def _pendulum(variant: str, links: float) -> Posed:
     (scene, *_) = ChainPendulum.structures(int(links))
     return Posed(scene, *ordinary(scene))
+
+
+def _lying(variant: str, lean: float) -> Posed:
+    scene = Bicycle()
+    q, _ = scene.initial_state()
+    # It tilts about the line on the ground between the wheels.
+    q[bicycle.LEAN], q[bicycle.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
+    return Posed(scene, q, 1.0 / np.arange(1, scene.p + 1))
 
 
 def _stiff(kind: type[Scene], variant: str, stiffness: float) -> Posed:
@@ -124,4 +134,15 @@ OF_SINGLE_SCENES = (
     ),
     _stiff_family(Andrews),
     _stiff_family(FlyballGovernor),
+    Family(
+        key="bicycle-lying",
+        name="Lying",
+        severity="angle between frame and ground / rad",
+        values=(*decades(0, -16), 0.0),
+        quick=(1.0, 1e-8, 0.0),
+        variants=("moving",),
+        pose=_lying,
+        scene=Bicycle,
+        about=Bicycle.key,
+    ),
 )
