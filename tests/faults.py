@@ -341,8 +341,8 @@ FAULTS = [
     Fault(GOVERNOR, "pull + damping", "pull - damping", "generalized-forces", "row s"),
     Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
     # The bicycle
-    Fault(BICYCLE, "* cross(axes[j], arm)", "* cross(arm, axes[j])", "mass-matrix", "entry"),
-    Fault(BICYCLE, "(1, 1, 1, 1, 0, 0), (1", "(1, 1, 1, 0, 0, 0), (1", "mass-matrix", "ψ_f"),
+    Fault(BICYCLE, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
+    Fault(BICYCLE, "(FORK, STEERING)", "(FORK, 2)", "mass-matrix", "ψ_f"),
     Fault(BICYCLE, "alpha[i] += rate", "alpha[i] -= rate", "bias", "row "),
     Fault(BICYCLE, "cross(alpha, arm) +", "cross(alpha, arm) -", "bias", "row "),
     Fault(BICYCLE, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),

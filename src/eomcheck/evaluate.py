@@ -213,9 +213,10 @@ class Evaluation(Quantities):
         Q, R = self._constraint_factors
         with np.errstate(all="ignore"):
             try:
-                return change + Q @ solve_triangular(R, residual, trans=1, check_finite=False)
+                slip = Q @ solve_triangular(R, residual, trans=1, check_finite=False)
             except np.linalg.LinAlgError:  # dependent constraints
                 return change
+        return change + slip if np.isfinite(slip).all() else change
 
     @cached_property
     def _constraint_factors(self) -> tuple[Any, ...]:

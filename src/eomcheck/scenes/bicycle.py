@@ -42,12 +42,19 @@ HEIGHT, HEADING, PITCH, FRONT_SPIN, LEAN, STEER, REAR_SPIN = range(2, 9)
 """Coordinates z, θ, φ, β_f, ψ, ψ_f, β_r."""
 JOINT = HEADING, LEAN, PITCH, STEER, REAR_SPIN, FRONT_SPIN
 """Coordinate that turns about each of the axes k, h, b_3, the steering axis, b_3, g_3."""
-TURNS = (1, 1, 1, 0, 1, 0), (1, 1, 1, 0, 0, 0), (1, 1, 1, 1, 0, 0), (1, 1, 1, 1, 0, 1)
-"""Body -> whether it turns with each of them."""
 STEERING = 3
 """The steering axis among them."""
+TURNS = (
+    *((REAR, 0), (REAR, 1), (REAR, 2), (REAR, 4)),
+    *((FRAME, 0), (FRAME, 1), (FRAME, 2)),
+    *((FORK, 0), (FORK, 1), (FORK, 2), (FORK, STEERING)),
+    *((FRONT, 0), (FRONT, 1), (FRONT, 2), (FRONT, STEERING), (FRONT, 5)),
+)
+"""Bodies with the axes about which they turn, each carried by those before it."""
 WHEEL = REAR, FRONT
-"""Constraint -> wheel."""
+"""Wheel -> body."""
+ROW = (2, 3, 0), (4, 5, 1)
+"""Wheel -> its constraints along x, y, z."""
 
 
 class Parameters(NamedTuple):
@@ -202,17 +209,17 @@ def posed(parameters, prepared):
 @generic
 def columns(pose):
     """Return ∂V_k/∂v and ∂ω_k/∂v (4, 3, 9) along x, y, z, V_k of the centres of mass."""
-    axes = pose.axes
+    axes, to_front = pose.axes, pose.front_arm
     linear, angular = np.zeros((4, 3, 9), axes.dtype), np.zeros((4, 3, 9), axes.dtype)
     for k in range(4):
         for i in range(3):
             linear[k, i, i] = 1
-        for j in range(STEERING + 1):
-            arm = pose.front_arm[k] if j == STEERING else pose.rear_arm[k] + pose.front_arm[k]
-            linear[k, :, JOINT[j]] = TURNS[k][j] * cross(axes[j], arm)
-        for j in range(6):
-            if TURNS[k][j]:
-                angular[k, :, JOINT[j]] = axes[j]
+        for j in range(STEERING):
+            linear[k, :, JOINT[j]] = cross(axes[j], pose.rear_arm[k] + to_front[k])
+    for k in range(FORK, 4):
+        linear[k, :, STEER] = cross(axes[STEERING], to_front[k])
+    for k, j in TURNS:
+        angular[k, :, JOINT[j]] = axes[j]
     return linear, angular
 
 
@@ -229,10 +236,8 @@ def turn(omega, alpha, axis, rate):
 def turning(pose, v):
     """Return ω of the bodies (4, 3) and ω̇ at v̇ = 0 (4, 3), along x, y, z."""
     omega, alpha = np.zeros((4, 3), v.dtype), np.zeros((4, 3), v.dtype)
-    for k in range(4):
-        for j in range(6):
-            if TURNS[k][j]:
-                turn(omega[k], alpha[k], pose.axes[j], v[JOINT[j]])
+    for k, j in TURNS:
+        turn(omega[k], alpha[k], pose.axes[j], v[JOINT[j]])
     return omega, alpha
 
 
@@ -279,12 +284,6 @@ def jacobians(parameters, prepared, q, v):
 
 
 @generic
-def row(wheel, direction):
-    """Return the constraint of a wheel in a direction: first up, then along x and y."""
-    return wheel if direction == 2 else 2 + 2 * wheel + direction
-
-
-@generic
 def constraints(parameters, prepared, q):
     """Return (a (6, 9), None): what of a wheel touches the ground does not move."""
     pose = posed(parameters, prepared)
@@ -295,7 +294,7 @@ def constraints(parameters, prepared, q):
         for j in range(9):
             slip = linear[k, :, j] + cross(angular[k, :, j], pose.contact[wheel])
             for i in range(3):
-                a[row(wheel, i), j] = slip[i]
+                a[ROW[wheel][i], j] = slip[i]
     return a, None
 
 
@@ -318,7 +317,7 @@ def drift(parameters, prepared, q, v):
         k = WHEEL[wheel]
         slip = rest[k] + cross(alpha[k], pose.contact[wheel]) + cross(omega[k], wandering[wheel])
         for i in range(3):
-            gamma[row(wheel, i)] = slip[i]
+            gamma[ROW[wheel][i]] = slip[i]
     return gamma
 
 
@@ -383,10 +382,9 @@ def moving(parameters, prepared, v):
 
 
 @generic
-def level(prepared, vector, on_fork):
-    """Return the components along x, y, z of a vector (3,) along g if it is `on_fork`, else b."""
-    cos, sin = prepared.cos, prepared.sin
-    result = steered(prepared, -sin[STEER], vector) if on_fork else vector + 0
+def level(prepared, vector):
+    """Return the components along x, y, z of a vector (3,) along b."""
+    cos, sin, result = prepared.cos, prepared.sin, vector + 0
     rotated(result, 0, 1, cos[PITCH], -sin[PITCH])
     rotated(result, 1, 2, cos[LEAN], -sin[LEAN])
     rotated(result, 0, 1, cos[HEADING], -sin[HEADING])
@@ -397,8 +395,10 @@ def level(prepared, vector, on_fork):
 def velocities(parameters, prepared, q, v):
     """Return the same along x, y, z and, of rotation, along axes of the body: wheels turn them."""
     V, omega = moving(parameters, prepared, v)
+    for k in range(FORK, 4):
+        V[k] = steered(prepared, -prepared.sin[STEER], V[k])
     for k in range(4):
-        V[k] = level(prepared, V[k], k >= FORK)
+        V[k] = level(prepared, V[k])
     rotated(omega[REAR], 0, 1, prepared.cos[REAR_SPIN], prepared.sin[REAR_SPIN])
     rotated(omega[FRONT], 0, 1, prepared.cos[FRONT_SPIN], prepared.sin[FRONT_SPIN])
     return V, omega
@@ -414,12 +414,15 @@ def constraint(parameters, prepared, q, v):
     rim[0, 0], rim[0, 1] = -radius[0] * sin[PITCH], -radius[0] * cos[PITCH]
     for i in range(2):
         rim[1, i] = -radius[1] * k[i] / prepared.upright[0]
+    slip = np.zeros((2, 3), v.dtype)
     for wheel in range(2):
         body = WHEEL[wheel]
-        touching = moved_on(V[body], omega[body], rim[wheel])
-        slip = level(prepared, touching, body == FRONT)
+        slip[wheel] = moved_on(V[body], omega[body], rim[wheel])
+    slip[1] = steered(prepared, -sin[STEER], slip[1])
+    for wheel in range(2):
+        touching = level(prepared, slip[wheel])
         for i in range(3):
-            c[row(wheel, i)] = slip[i]
+            c[ROW[wheel][i]] = touching[i]
     return c
 
 
@@ -608,7 +611,8 @@ class Bicycle(Assembled):
         q, v = np.zeros(9), np.zeros(9)
         rear, front = self.radius
         q[HEIGHT], q[LEAN], q[PITCH] = rear, np.pi / 2, np.pi
-        v[0], v[1] = -self.speed, -rear * self.lean_rate
+        v[0], v[1] = -self.speed, -rear * np.sin(q[LEAN]) * self.lean_rate
+        v[HEIGHT] = rear * np.cos(q[LEAN]) * self.lean_rate
         v[REAR_SPIN], v[FRONT_SPIN], v[LEAN] = self.speed / rear, self.speed / front, self.lean_rate
         return q, v
 
