@@ -5,6 +5,7 @@ from __future__ import annotations
 from eomcheck.model import Scene
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.bicycle import Bicycle
+from eomcheck.scenes.bricard import Bricard
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.four_bar_chain import FourBarChain
@@ -24,6 +25,7 @@ SCENES: dict[str, type[Scene]] = {
         FourBarChain,
         Andrews,
         FlyballGovernor,
+        Bricard,
         Bicycle,
     )
 }
@@ -33,6 +35,7 @@ __all__ = [
     "SCENES",
     "Andrews",
     "Bicycle",
+    "Bricard",
     "ChainPendulum",
     "FlyballGovernor",
     "FourBarChain",

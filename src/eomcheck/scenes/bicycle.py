@@ -35,6 +35,15 @@ from eomcheck.model import Arithmetic, Array, Range, Symmetry
 from eomcheck.scenes import plane
 from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
 from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.space import (
+    along,
+    combined,
+    cross,
+    plane_of,
+    rotated,
+    swing,
+    turn,
+)
 
 REAR, FRAME, FORK, FRONT = range(4)
 """Bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
@@ -146,31 +155,6 @@ class Pose(NamedTuple):
 
 
 @generic
-def cross(a, b):
-    """Return a × b (3,)."""
-    c = np.zeros(3, a.dtype)
-    c[0] = a[1] * b[2] - a[2] * b[1]
-    c[1] = a[2] * b[0] - a[0] * b[2]
-    c[2] = a[0] * b[1] - a[1] * b[0]
-    return c
-
-
-@generic
-def combined(x, a, y, b):
-    """Return x a + y b (3,)."""
-    c = np.zeros(3, a.dtype)
-    for i in range(3):
-        c[i] = x * a[i] + y * b[i]
-    return c
-
-
-@generic
-def plane_of(first, second, cos, sin):
-    """Return two directions (3,) turned in their plane, from `first` towards `second`."""
-    return combined(cos, first, sin, second), combined(cos, second, -sin, first)
-
-
-@generic
 def posed(parameters, prepared):
     """Return the `Pose`."""
     cos, sin = prepared.cos, prepared.sin
@@ -224,27 +208,12 @@ def columns(pose):
 
 
 @generic
-def turn(omega, alpha, axis, rate):
-    """Add a rotation about an axis (3,) that is carried by omega (3,) to omega and alpha."""
-    carried = cross(omega, axis)
-    for i in range(3):
-        alpha[i] += rate * carried[i]
-        omega[i] += rate * axis[i]
-
-
-@generic
 def turning(pose, v):
     """Return ω of the bodies (4, 3) and ω̇ at v̇ = 0 (4, 3), along x, y, z."""
     omega, alpha = np.zeros((4, 3), v.dtype), np.zeros((4, 3), v.dtype)
     for k, j in TURNS:
         turn(omega[k], alpha[k], pose.axes[j], v[JOINT[j]])
     return omega, alpha
-
-
-@generic
-def swing(omega, alpha, arm):
-    """Return the acceleration (3,) of the end of an arm against its other end."""
-    return cross(alpha, arm) + cross(omega, cross(omega, arm))
 
 
 @generic
@@ -256,17 +225,6 @@ def accelerations(pose, omega, alpha):
             omega[FORK], alpha[FORK], pose.front_arm[k]
         )
     return rest
-
-
-@generic
-def along(directions, vectors):
-    """Return the components of vectors (m, 3) along directions of their own (m, 3, 3)."""
-    result = np.zeros(vectors.shape, vectors.dtype)
-    for k in range(vectors.shape[0]):
-        for i in range(3):
-            for c in range(3):
-                result[k, i] += directions[k, i, c] * vectors[k, c]
-    return result
 
 
 @generic
@@ -344,13 +302,6 @@ def moved_on(V, omega, point):
     result[1] += omega[2] * point[0]
     result[2] += omega[0] * point[1] - omega[1] * point[0]
     return result
-
-
-@generic
-def rotated(vector, i, j, cos, sin):
-    """Turn the components i and j of a vector (3,) to axes turned from the i-th to the j-th."""
-    first, second = vector[i], vector[j]
-    vector[i], vector[j] = cos * first + sin * second, cos * second - sin * first
 
 
 @generic
