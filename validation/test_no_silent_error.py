@@ -343,6 +343,14 @@ def straight_along_x() -> tuple[Snake, State]:
     return scene, State(np.zeros(6), np.array(v))
 
 
+def behind_a_long_link() -> tuple[Snake, State]:
+    """Return a state whose first link, 100 km long, multiplies what rounding leaves of its turn."""
+    v = [-0.699815103608021, 0.17324902524979816, -3.4649805049959632e-06, 0.34649805049959637]
+    v += [-0.3464980504995965, 0.3464980504995965, -0.3464980504995965]
+    scene = Snake(np.ones(5), [1e5, 1.0, 1.0, 1.0, 1.0], np.zeros(5), None, np.zeros(5))
+    return scene, State(np.zeros(7), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -358,7 +366,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
             if finding.verdict == "passed":
                 assert np.isfinite((finding.observed, finding.allowed)).all()
 
-    for found in (with_powers_that_underflow(), straight_along_x()):
+    for found in (with_powers_that_underflow(), straight_along_x(), behind_a_long_link()):
         passes = example(found)(passes)
     search = given(hostile((low, min(high, 5))))(passes)
     # Every claim at every state takes its time.

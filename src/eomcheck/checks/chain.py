@@ -215,7 +215,12 @@ def _allowed_acceleration(e: Evaluation) -> Array:
     """Return the smallest v̇ (n,) that satisfies the constraints differentiated."""
     if e.terms.a is None:
         return np.zeros(e.scene.n)
-    return np.linalg.lstsq(e.terms.a, -e.terms.gamma, rcond=None)[0]
+    vdot = np.linalg.lstsq(e.terms.a, -e.terms.gamma, rcond=None)[0]
+    residual = e.terms.a @ vdot + e.terms.gamma
+    if not np.isfinite(residual).all():
+        return vdot
+    # Its rounding is that of its largest entry, which is much where a long link multiplies it.
+    return vdot - np.linalg.lstsq(e.terms.a, residual, rcond=None)[0]
 
 
 @identity("chain-acceleration")
