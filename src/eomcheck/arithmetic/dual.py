@@ -109,14 +109,15 @@ def rate(x) -> Any:
     return each(rate, x)
 
 
-def _value(x: Any) -> Any:
+def value(x: Any) -> Any:
+    """Return x without its derivative."""
     return x.x if isinstance(x, Dual) else x
 
 
 def _solve(A: Array, b: Array, name: str) -> Array:
     """Solve A x = b for x and, from A x′ = b′ - A′ x, for its derivative."""
-    values = each(_value, A)
-    x = solve(values, each(_value, b), name)
+    values = each(value, A)
+    x = solve(values, each(value, b), name)
     return duals(x, solve(values, rate(b) - rate(A) @ x, name))
 
 

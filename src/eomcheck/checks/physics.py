@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.dual import duals, rate
-from eomcheck.arithmetic.entries import objects
+from eomcheck.arithmetic.dual import duals, rate, value
+from eomcheck.arithmetic.entries import each, objects
 from eomcheck.checks.claim import Case, claim
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
@@ -17,16 +18,35 @@ from eomcheck.model import Array
 from eomcheck.tolerance import allowed_error, largest
 
 
+def _motions(e: Evaluation, vdot: Array) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return (parameters, prepared, q, v) while q changes at v, and while v changes at v̇."""
+    parameters, prepared, q, v = map(objects, (e.parameters, e.prepared, e.q, e.v))
+    return (parameters, *e.moving(e.v), v), (parameters, prepared, q, duals(e.v, vdot))
+
+
 def _power_terms(e: Evaluation, vdot: Array) -> Array:
     """Return the shares of (q, v) in d(T+U)/dt (2,), W, differentiated exactly."""
-    parameters, prepared, q, v = map(objects, (e.parameters, e.prepared, e.q, e.v))
-    along_q = (*e.moving(e.v), v)
-    along_v = (prepared, q, duals(e.v, vdot))
     shares = []
-    for moved in (along_q, along_v):
-        T, U = e.scene.energies(parameters, *moved)
+    for moved in _motions(e, vdot):
+        T, U = e.scene.energies(*moved)
         shares.append(rate(T if U is None else T + U))
     return np.array(shares, dtype=np.float64)
+
+
+def _work_of_inertia(e: Evaluation, vdot: Array) -> float:
+    """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇| of both shares, W: what is summed, and may cancel."""
+    size = 0.0
+    for moved in _motions(e, vdot):
+        V, omega = e.scene.velocities(*moved)
+        inertia = np.abs(e.parameters.inertia).reshape(*omega.shape, -1)
+        (V, V_rate), (omega, omega_rate) = (
+            (np.abs(each(value, x).astype(float)), np.abs(rate(x).astype(float)))
+            for x in (V, omega)
+        )
+        with np.errstate(all="ignore"):
+            size += float(e.parameters.mass @ (V * V_rate).sum(axis=1))
+            size += float(np.einsum("ki,kij,kj", omega, inertia, omega_rate))
+    return size
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance")
@@ -43,7 +63,7 @@ def power_balance(case: Case) -> Iterator[Finding]:
     lost = 0.0 if lost is None else lost
     for formulation in case.solved:
         shares = np.append(_power_terms(at, at.acceleration(formulation).vdot), lost)
-        scale = largest(shares)
+        scale = max(largest(shares), _work_of_inertia(at, at.acceleration(formulation).vdot))
         # Energies are summed over the bodies, which rounds as often.
         spread = at.spread(lambda e, f=formulation: power(e, f)) + at.scene.n * scale
         if not np.isfinite(case.vdot_spread(formulation)):
