@@ -30,6 +30,7 @@ FOUR_BAR = "scenes/four_bar_chain.py"
 ANDREWS = "scenes/andrews.py"
 GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
+BRICARD = "scenes/bricard.py"
 ASSEMBLED = "scenes/assembled.py"
 CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
@@ -371,6 +372,14 @@ FAULTS = [
     ),
     Fault(BICYCLE, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
     Fault(BICYCLE, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "),
+    # Bricard's mechanism
+    Fault(BRICARD, "arm = arm + 2 *", "arm = arm + 1 *", "mass-matrix", "entry"),
+    Fault(BRICARD, "before = rest[k] + swung", "before = rest[k] - swung", "bias", "row "),
+    Fault(BRICARD, "Q[j] -= parameters", "Q[j] += parameters", "generalized-forces", "row θ_"),
+    Fault(BRICARD, "[k]] = tilted[1", "[k]] = tilted[0", "constraint-jacobian", "hinge"),
+    Fault(BRICARD, "+= 2 * swung[i]", "+= swung[i]", "constraint-drift", "tip"),
+    Fault(BRICARD, "V + swept, V + 2", "V + 2 * swept, V + 2", "mass-matrix", "entry"),
+    Fault(BRICARD, "tilting[2] = omega", "tilting[2] = 2 * omega", "constraint-jacobian", "hinge"),
     Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
     Fault(
         FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"

@@ -122,7 +122,7 @@ def test_five_rows_have_rank_four_where_the_ring_is_closed_and_five_elsewhere(an
     q, _ = SCENE.closed(angle, 0.0)
     values = singular_values(q)
     assert values[4] < 1e-15 < 0.1 < values[3]
-    assert singular_values(q + [0.1, 0.0, 0.0, 0.0, 0.0])[4] > 1e-3
+    assert singular_values(q + 0.1 * np.eye(5)[0])[4] > 1e-3
 
 
 @every_formulation

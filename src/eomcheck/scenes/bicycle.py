@@ -14,8 +14,8 @@ Axes b_1, b_2, b_3 of the rear frame are then ahead, down and left; g_1, g_2, g_
 front frame, the same where nothing is steered. Axles are along b_3 and g_3. Wheels are alike in
 all directions of their plane, so that vectors of a wheel are written along the axes of its frame.
 
-Two constraints are holonomic, the wheels' heights; four are not. The last three velocities, of
-leaning, of steering and of the rear wheel's spin, are the generalized speeds.
+Constraints are along the heading, across it and up. Those up are holonomic, four are not. The last
+three velocities, of leaning, of steering and of the rear wheel's spin, are the generalized speeds.
 
 Source: Meijaard et al. 2007, whose benchmark gives the defaults; Basu-Mandal et al. 2007.
 """
@@ -62,8 +62,10 @@ TURNS = (
 """Bodies with the axes about which they turn, each carried by those before it."""
 WHEEL = REAR, FRONT
 """Wheel -> body."""
-ROW = (2, 3, 0), (4, 5, 1)
-"""Wheel -> its constraints along x, y, z."""
+ROW = (0, 1, 2), (5, 3, 4)
+"""Wheel -> its constraints along the heading, across it to the left, and up. Taken in their order,
+with the first velocities dependent, elimination divides by nothing small for a bicycle that stands,
+also where it cannot choose (expressions)."""
 
 
 class Parameters(NamedTuple):
@@ -242,6 +244,14 @@ def jacobians(parameters, prepared, q, v):
 
 
 @generic
+def seen_ahead(prepared, vector):
+    """Return the components ahead, across and up (3,) of a vector along x, y, z."""
+    result = vector + 0
+    rotated(result, 0, 1, prepared.cos[HEADING], prepared.sin[HEADING])
+    return result
+
+
+@generic
 def constraints(parameters, prepared, q):
     """Return (a (6, 9), None): what of a wheel touches the ground does not move."""
     pose = posed(parameters, prepared)
@@ -250,7 +260,8 @@ def constraints(parameters, prepared, q):
     for wheel in range(2):
         k = WHEEL[wheel]
         for j in range(9):
-            slip = linear[k, :, j] + cross(angular[k, :, j], pose.contact[wheel])
+            touching = linear[k, :, j] + cross(angular[k, :, j], pose.contact[wheel])
+            slip = seen_ahead(prepared, touching)
             for i in range(3):
                 a[ROW[wheel][i], j] = slip[i]
     return a, None
@@ -258,7 +269,7 @@ def constraints(parameters, prepared, q):
 
 @generic
 def drift(parameters, prepared, q, v):
-    """Return gamma (6,): the point of contact wanders along the rim as the wheel turns."""
+    """Return gamma (6,): the point of contact wanders along the rim, the directions turn."""
     pose = posed(parameters, prepared)
     omega, alpha = turning(pose, v)
     rest = accelerations(pose, omega, alpha)
@@ -273,9 +284,13 @@ def drift(parameters, prepared, q, v):
     gamma = np.zeros(6, v.dtype)
     for wheel in range(2):
         k = WHEEL[wheel]
-        slip = rest[k] + cross(alpha[k], pose.contact[wheel]) + cross(omega[k], wandering[wheel])
-        for i in range(3):
-            gamma[ROW[wheel][i]] = slip[i]
+        V = v[:3] + cross(omega[FRAME], pose.rear_arm[k]) + cross(omega[FORK], pose.front_arm[k])
+        slip = seen_ahead(prepared, V + cross(omega[k], pose.contact[wheel]))
+        changing = cross(alpha[k], pose.contact[wheel]) + cross(omega[k], wandering[wheel])
+        change = seen_ahead(prepared, rest[k] + changing)
+        gamma[ROW[wheel][0]] = change[0] + v[HEADING] * slip[1]
+        gamma[ROW[wheel][1]] = change[1] - v[HEADING] * slip[0]
+        gamma[ROW[wheel][2]] = change[2]
     return gamma
 
 
@@ -334,11 +349,10 @@ def moving(parameters, prepared, v):
 
 @generic
 def level(prepared, vector):
-    """Return the components along x, y, z of a vector (3,) along b."""
+    """Return the components ahead, across and up (3,) of a vector along b."""
     cos, sin, result = prepared.cos, prepared.sin, vector + 0
     rotated(result, 0, 1, cos[PITCH], -sin[PITCH])
     rotated(result, 1, 2, cos[LEAN], -sin[LEAN])
-    rotated(result, 0, 1, cos[HEADING], -sin[HEADING])
     return result
 
 
@@ -350,6 +364,7 @@ def velocities(parameters, prepared, q, v):
         V[k] = steered(prepared, -prepared.sin[STEER], V[k])
     for k in range(4):
         V[k] = level(prepared, V[k])
+        rotated(V[k], 0, 1, prepared.cos[HEADING], -prepared.sin[HEADING])
     rotated(omega[REAR], 0, 1, prepared.cos[REAR_SPIN], prepared.sin[REAR_SPIN])
     rotated(omega[FRONT], 0, 1, prepared.cos[FRONT_SPIN], prepared.sin[FRONT_SPIN])
     return V, omega
@@ -357,7 +372,7 @@ def velocities(parameters, prepared, q, v):
 
 @generic
 def constraint(parameters, prepared, q, v):
-    """Return c (6,), m/s: velocities of what touches the ground, up, then along x and y."""
+    """Return c (6,), m/s: velocities of what touches the ground, ahead, across and up."""
     cos, sin, radius = prepared.cos, prepared.sin, parameters.radius
     V, omega = moving(parameters, prepared, v)
     k = steered(prepared, sin[STEER], vertical(prepared))
@@ -456,7 +471,7 @@ class Bicycle(Assembled):
     key = "bicycle"
     conserves_energy = True
     angle_coordinates = slice(HEADING, None)
-    holonomic = slice(0, 2)
+    holonomic = slice(2, 5, 2)
 
     prepare = staticmethod(prepare)
     jacobians = staticmethod(jacobians)
@@ -523,9 +538,10 @@ class Bicycle(Assembled):
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """The wheels' heights, then rear and front wheel along x and y."""
-        level = (f"{wheel} wheel along {axis}" for wheel in ("rear", "front") for axis in "xy")
-        return "rear wheel up", "front wheel up", *level
+        """Rear wheel ahead, across, up, front wheel across, up, ahead."""
+        rear = (f"rear wheel {way}" for way in ("ahead", "across", "up"))
+        front = (f"front wheel {way}" for way in ("across", "up", "ahead"))
+        return *rear, *front
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""

@@ -40,6 +40,10 @@ AXIS, FIRST, SECOND = (1, 2, 0, 1, 2), (2, 0, 1, 2, 0), (0, 1, 2, 0, 1)
 ALONG, SENSE = (0, 1, 2, 0, 1), (1, -1, 1, -1, 1)
 """Rod -> axis of its own that it is along, and in which sense."""
 LAST = RODS - 1
+TIP, HINGE = (3, 0, 2), (1, 4)
+"""Constraints on the tip along x, y, z, and on its hinge along y, z. Taken in this order, with the
+first velocities dependent, elimination divides by nothing small all along the motion, also where it
+cannot choose (expressions)."""
 
 
 class Parameters(NamedTuple):
@@ -152,14 +156,16 @@ def with_redundant(rows, redundant):
 
 @generic
 def constraints(parameters, angles, q):
-    """Return (a (r, 5), None): rows are the velocity of the tip, then the turn of its hinge."""
+    """Return (a (r, 5), None): rows are velocities of the tip, and how its hinge tilts."""
     pose = posed(parameters, angles)
     a = np.zeros((5, RODS), q.dtype)
-    a[:3] = columns(pose, LAST, 2)
-    hinge = pose.directions[LAST, 0]
+    moved, hinge = columns(pose, LAST, 2), pose.directions[LAST, 0]
+    for i in range(3):
+        a[TIP[i]] = moved[i]
     for k in range(RODS):
         tilted = cross(pose.hinges[k], hinge)
-        a[3, COORDINATE[k]], a[4, COORDINATE[k]] = tilted[1], tilted[2]
+        for i in range(2):
+            a[HINGE[i], COORDINATE[k]] = tilted[1 + i]
     return with_redundant(a, parameters.redundant), None
 
 
@@ -172,9 +178,10 @@ def drift(parameters, angles, q, v):
     for k in range(RODS):
         swung = swing(omega[k], alpha[k], pose.halves[k])
         for i in range(3):
-            gamma[i, 0] += 2 * swung[i]
+            gamma[TIP[i], 0] += 2 * swung[i]
     tilted = swing(omega[LAST], alpha[LAST], pose.directions[LAST, 0])
-    gamma[3, 0], gamma[4, 0] = tilted[1], tilted[2]
+    for i in range(2):
+        gamma[HINGE[i], 0] = tilted[1 + i]
     gamma = with_redundant(gamma, parameters.redundant)
     return gamma.reshape(gamma.size)
 
@@ -272,8 +279,9 @@ def constraint(parameters, angles, q, v):
     tilting[1], tilting[2] = omega[LAST, 2], -omega[LAST, 1]
     tilted = level(angles, LAST, tilting)
     for i in range(3):
-        c[i, 0] = tip[i]
-    c[3, 0], c[4, 0] = tilted[1], tilted[2]
+        c[TIP[i], 0] = tip[i]
+    for i in range(2):
+        c[HINGE[i], 0] = tilted[1 + i]
     c = with_redundant(c, parameters.redundant)
     return c.reshape(c.size)
 
@@ -288,9 +296,10 @@ def position_residual(parameters, angles, q):
     hinge[0] += 1
     tilted = level(angles, LAST, hinge)
     for i in range(3):
-        gap[i, 0] = tip[i]
-    gap[2, 0] -= parameters.length[0]
-    gap[3, 0], gap[4, 0] = tilted[1], tilted[2]
+        gap[TIP[i], 0] = tip[i]
+    gap[TIP[2], 0] -= parameters.length[0]
+    for i in range(2):
+        gap[HINGE[i], 0] = tilted[1 + i]
     gap = with_redundant(gap, parameters.redundant)
     return gap.reshape(gap.size)
 
@@ -375,8 +384,8 @@ class Bricard(Assembled):
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """The tip along x, y, z, its hinge along y and, where it is taken, along z."""
-        names = *(f"tip along {axis}" for axis in "xyz"), "hinge along y"
+        """The tip along y, its hinge along y, the tip along z and x; where taken, the hinge."""
+        names = "tip along y", "hinge along y", "tip along z", "tip along x"
         return names if self.redundant is None else (*names, "hinge along z")
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:

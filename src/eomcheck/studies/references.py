@@ -24,6 +24,7 @@ from eomcheck.motion.stored import Reference, reference_of, save_reference
 from eomcheck.scenes import (
     Andrews,
     Bicycle,
+    Bricard,
     ChainPendulum,
     FlyballGovernor,
     FourBarChain,
@@ -122,6 +123,7 @@ CASES: dict[str, Case] = {
         (0.0, 6.0, 0.0, 0.0),
         end=0.1,
     ),
+    "bricard": Case("Bricard's mechanism, released along a cube's edges, 1 s", Bricard, (0.0,)),
     "bicycle": Case(
         "the benchmark bicycle at 4.6 m/s, pushed to lean, 1 s", Bicycle, (0.5, 0.0, 4.6 / 0.3)
     ),

@@ -16,6 +16,7 @@ from eomcheck.model import Scene
 from eomcheck.scenes import (
     Andrews,
     Bicycle,
+    Bricard,
     ChainPendulum,
     FlyballGovernor,
     FourBarChain,
@@ -66,6 +67,12 @@ def _knife_edge(variant: str, offset: float) -> Posed:
 def _pendulum(variant: str, links: float) -> Posed:
     (scene, *_) = ChainPendulum.structures(int(links))
     return Posed(scene, *ordinary(scene))
+
+
+def _stretched(variant: str, distance: float) -> Posed:
+    scene = Bricard()
+    q, _ = scene.closed(-math.pi / 6 + distance, 0.0)
+    return Posed(scene, q, np.ones(1))
 
 
 def _lying(variant: str, lean: float) -> Posed:
@@ -134,6 +141,17 @@ OF_SINGLE_SCENES = (
     ),
     _stiff_family(Andrews),
     _stiff_family(FlyballGovernor),
+    Family(
+        key="bricard-stretched",
+        name="Stretched",
+        severity="distance of the first angle from -π/6 / rad",
+        values=decades(0, -15),
+        quick=(1.0, 1e-8, 1e-15),
+        variants=("moving",),
+        pose=_stretched,
+        scene=Bricard,
+        about=Bricard.key,
+    ),
     Family(
         key="bicycle-lying",
         name="Lying",
