@@ -171,13 +171,13 @@ def operations_tables() -> dict[str, str]:
 
 
 def references_table() -> str:
-    """Return how well each stored reference solution is known."""
+    """Return the motions of the stored reference solutions, and how well each is known."""
     files = sorted((DOCS.parent / "validation" / "references").glob("*.json"))
     found = [load_reference(path) for path in files]
-    return table(
-        (*COLUMNS, "motion"),
-        [(f"`{r.name}`", *map(cell, row(r)[1:]), cell(r.description)) for r in found],
-    )
+    motions = "\n".join(f"- `{r.name}`: {cell(r.description)}" for r in found)
+    columns = (c.replace("Taylor", "first").replace("extrapolation", "second") for c in COLUMNS)
+    known = [(f"`{r.name}`", *map(cell, row(r)[1:])) for r in found]
+    return f"{motions}\n\n{table(tuple(columns), known)}"
 
 
 def write(name: str, text: str) -> None:

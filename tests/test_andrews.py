@@ -15,6 +15,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Andrews
+from eomcheck.states import closed_position
 
 SCENE = Andrews()
 SCENE_KIND = Andrews
@@ -186,6 +187,14 @@ def residual(q) -> np.ndarray:
 def test_the_published_poses_close_all_loops():
     assert np.abs(residual(SCENE.initial_state()[0])).max() < 1e-16
     assert np.abs(residual(POSITION)).max() < 1e-15
+
+
+def test_the_crank_determines_all_other_angles_well_along_a_whole_turn():
+    q, rest = SCENE.initial_state()
+    for _ in range(72):
+        q[-1] += np.radians(5.0)
+        q = closed_position(SCENE, q)
+        assert np.linalg.cond(Evaluation(SCENE, q, rest).terms.a[:, :6]) < 6.0
 
 
 @every_formulation

@@ -360,6 +360,18 @@ def turning_on_the_spot() -> tuple[Snake, State]:
     return scene, State(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), np.array(v))
 
 
+def pulling_at_a_long_link() -> tuple[Snake, State]:
+    """Return a state whose last row of a is long: the null space is known no better than by it."""
+    scene = Snake(
+        [1.0, 1.0, 1.0, 13116.289986468799, 1e-06],
+        [1.0, 1.0, 1.0, 1.0, 10000.0],
+        [0.0, 0.0, 120944.4202590919, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        np.zeros(5),
+    )
+    return scene, State(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(7))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -380,6 +392,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         straight_along_x,
         behind_a_long_link,
         turning_on_the_spot,
+        pulling_at_a_long_link,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

@@ -215,7 +215,7 @@ def nothing(arithmetic, parameters, q, t):
 
 
 class Scene(ABC):
-    """A mechanical system: parameters that check themselves, and its equations (rules 1-9).
+    """A mechanical system: parameters that check themselves, and its equations (rules 1-10).
 
     The equations are generic functions held as static attributes. All take first `parameters`, a
     NamedTuple made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the

@@ -23,7 +23,7 @@ def equations_residual(case: Case) -> Iterator[Finding]:
     at = case.at
     M, _, _, a, _, _ = at.terms
     F_spread = at.spread(lambda e: e.F)
-    allowed_motions = None if a is None else null_space(a)
+    allowed_motions = None if a is None else _allowed_motions(a)
     for formulation in case.solved:
         result = at.acceleration(formulation)
         residual, names = M @ result.vdot - at.F, at.scene.coordinate_names
@@ -35,13 +35,27 @@ def equations_residual(case: Case) -> Iterator[Finding]:
             force = largest(np.abs(a.T).sum(axis=1))
             spread += force * case.multiplier_spread(formulation)
         elif allowed_motions is not None:
+            size = np.abs(allowed_motions.T) @ (size + _constraint_forces(a, residual))
             residual = allowed_motions.T @ residual
-            size = np.abs(allowed_motions.T) @ size
             names = numbered("allowed motion ", size.size)
         scale = largest(size)
         zero = np.zeros(residual.size)
         key = formulation.key
         yield case.compare(key, residual, zero, spread + scale, scale=scale, names=(names,))
+
+
+def _allowed_motions(a: Array) -> Array:
+    """Return a basis (n, p) of the motions v with a v = 0, each row to the rounding of its own."""
+    basis = null_space(a)
+    # Singular vectors are as accurate as the largest row of a allows.
+    return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0]
+
+
+def _constraint_forces(a: Array, net: Array) -> Array:
+    """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, which may have cancelled there."""
+    if not np.isfinite(net).all():
+        return np.full(net.size, np.inf)
+    return np.abs(a.T) @ np.abs(np.linalg.lstsq(a.T, net, rcond=None)[0])
 
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")

@@ -47,8 +47,8 @@ def prove(
         formulations: keys of the formulations to look at, by default all that apply.
 
     Returns:
-        One Finding per identity, each with its `proof`: the bounds, the primes and the probability
-        that all points agree by chance.
+        One Finding per identity, each with its `proof`, which holds the bounds, the primes and the
+        probability that all points agree by chance.
 
     Raises:
         InputError: `points` or a number of links below 1; a kind of scene without its `links`; a

@@ -48,7 +48,7 @@ class Reference:
 
     @property
     def uncertainty(self) -> float:
-        """The largest of `differences`: nothing is to be judged below it."""
+        """The largest of `differences`, below which nothing is to be judged."""
         return float(self.differences.max())
 
     @property
