@@ -165,7 +165,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
         row[0].set_ylabel("digits lost")
     figure.suptitle(facts.title, fontsize=12)
     figure.legend(handles=_keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
@@ -328,13 +328,13 @@ def draw_atlas(records: Sequence[Record], path: Path) -> None:
     if any(outcome(record) is Outcome.SILENT for record in records):
         handles.append(Patch(fc="white", ec="#0033CC", lw=2, label="silently wrong"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
 def _size(rows: int, columns: int, families: int, methods: int) -> tuple[float, float]:
     """Return width and height, in; panels are smaller where there are several."""
-    box = (1.75, 0.5) if columns == 1 else (1.15, 0.26)
+    box = (1.1, 0.42) if columns == 1 else (1.0, 0.26)
     return (box[0] * families + 1.0) * columns + 0.9, (box[1] * methods + 1.1) * rows + 0.8
 
 
