@@ -372,6 +372,14 @@ def pulling_at_a_long_link() -> tuple[Snake, State]:
     return scene, State(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(7))
 
 
+def with_squares_out_of_sight() -> tuple[Snake, State]:
+    """Return a state at which a M⁻¹ aᵀ is singular in doubles, and a and M are not."""
+    scene = Snake(
+        [1.0, 0.0001, 0.01, 1.0], [1e-07, 1.0, 1e-06, 1.0], [1.0, 0.0, 1.0, 0.0], None, np.zeros(4)
+    )
+    return scene, State(np.zeros(6), np.zeros(6))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -393,6 +401,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         behind_a_long_link,
         turning_on_the_spot,
         pulling_at_a_long_link,
+        with_squares_out_of_sight,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

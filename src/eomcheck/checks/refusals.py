@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import null_space, solve_triangular
 
 from eomcheck.arithmetic.linear import column_scale
 from eomcheck.checks.claim import CLAIMS, Case, Claim, claim
@@ -23,8 +23,8 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
 
     Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
-    first r columns of a, the KKT matrix of a chain, or the map that gives v from the constraints
-    and u, by their singular values. Those and the 1-norm of a refusal agree to a factor of the
+    first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
+    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a refusal agree to a factor of the
     order, which is taken off. An overflow is justified by inputs large enough for it.
     """
     at = case.at
@@ -47,7 +47,21 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
             R = _speeds_map(at) @ Z
             rcond.append(_rcond_of_speeds(at))
         rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
+    if refusal.what == MOBILITY:
+        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2)
     return min(rcond)
+
+
+MOBILITY = "a M^-1 aT"
+"""A matrix that is the square of another: it is singular to working precision long before."""
+
+
+def _by_energy(M: Array, a: Array) -> Array:
+    """Return a L⁻ᵀ with L Lᵀ = M, or a where doubles do not hold M that well."""
+    try:
+        return solve_triangular(np.linalg.cholesky(M), a.T, lower=True).T
+    except np.linalg.LinAlgError:
+        return a
 
 
 def _kkt(M: Array, a: Array) -> Array:
