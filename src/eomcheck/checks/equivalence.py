@@ -34,7 +34,7 @@ def equations_residual(case: Case) -> Iterator[Finding]:
             size = size + np.abs(a.T) @ np.abs(result.multipliers)
             force = largest(np.abs(a.T).sum(axis=1))
             spread += force * case.multiplier_spread(formulation)
-        elif allowed_motions is not None:
+        elif a is not None and allowed_motions is not None:
             size = np.abs(allowed_motions.T) @ (size + _constraint_forces(a, residual))
             residual = allowed_motions.T @ residual
             names = numbered("allowed motion ", size.size)

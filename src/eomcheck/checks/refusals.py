@@ -24,8 +24,9 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
 
     Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
     first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
-    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a refusal agree to a factor of the
-    order, which is taken off. An overflow is justified by inputs large enough for it.
+    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a
+    refusal agree to a factor of the order, which is taken off. An overflow is justified by inputs
+    large enough for it.
     """
     at = case.at
     M, _, _, a, _, _ = at.terms
@@ -47,7 +48,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
             R = _speeds_map(at) @ Z
             rcond.append(_rcond_of_speeds(at))
         rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
-    if refusal.what == MOBILITY:
+    if a is not None and refusal.what == MOBILITY:
         rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2)
     return min(rcond)
 
