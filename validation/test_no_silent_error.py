@@ -380,6 +380,15 @@ def with_squares_out_of_sight() -> tuple[Snake, State]:
     return scene, State(np.zeros(6), np.zeros(6))
 
 
+def with_dependent_wheels() -> tuple[Snake, State]:
+    """Return a state whose wheels depend on each other: no acceleration keeps them all rolling."""
+    v = [-5.205863413399903e-18, -0.4223282469868825, 0.674620091085212]
+    v += [-0.5045836881966594, 0.33454728530810607]
+    one = np.ones(3)
+    scene = Snake(one, one, np.zeros(3), None, [np.pi / 2, 0.0, np.pi / 2])
+    return scene, State(np.zeros(5), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -402,6 +411,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         turning_on_the_spot,
         pulling_at_a_long_link,
         with_squares_out_of_sight,
+        with_dependent_wheels,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

@@ -20,7 +20,7 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.model import Array, Chain
 from eomcheck.quantities import Quantities
-from eomcheck.tolerance import largest
+from eomcheck.tolerance import allowed_error, largest
 
 
 def joined(chain: Chain, x: Array) -> Array:
@@ -208,7 +208,20 @@ def chain_acceleration(case: Case) -> Iterator[Finding]:
     size = largest(_allowed_acceleration(at)) + largest(at.v) * (1 + largest(at.v))
     names = (at.scene.coordinate_names,)
     zero = np.zeros(at.scene.n)
-    yield case.compare("q̈", left(at), zero, at.spread(left) + size, scale=size, names=names)
+    spread = at.spread(left) + size if _can_accelerate(at) else np.inf
+    yield case.compare("q̈", left(at), zero, spread, scale=size, names=names)
+
+
+def _can_accelerate(e: Evaluation) -> bool:
+    """Return whether the constraints differentiated have a solution, which dependent ones may not.
+
+    With v only nearly consistent, gamma is not what dependent rows of a ask for.
+    """
+    if e.terms.a is None:
+        return True
+    vdot = _allowed_acceleration(e)
+    size = np.abs(e.terms.a) @ np.abs(vdot) + np.abs(e.terms.gamma)
+    return bool((np.abs(e.terms.a @ vdot + e.terms.gamma) <= allowed_error(1.0) * size).all())
 
 
 def _allowed_acceleration(e: Evaluation) -> Array:
