@@ -8,7 +8,7 @@ Basu-Mandal et al. 2007, in an order of our own:
 (x, y, z) is the centre of the rear wheel, z up. θ, ψ and φ turn the rear frame about the vertical
 k, the heading h and the axle of the rear wheel: h = (cos θ, sin θ, 0), upright is ψ = π/2. ψ_f
 turns the fork about the steering axis, β_r and β_f the wheels about their axles. At θ = 0,
-ψ = π/2, φ = π the bicycle stands upright and rolls ahead, along -x, with positive spins.
+ψ = π/2, φ = π the bicycle stands upright and rolls with positive spins, against h: along -x.
 
 Axes b_1, b_2, b_3 of the rear frame are then ahead, down and left; g_1, g_2, g_3 are those of the
 front frame, the same where nothing is steered. Axles are along b_3 and g_3. Wheels are alike in
@@ -63,7 +63,7 @@ TURNS = (
 WHEEL = REAR, FRONT
 """Wheel -> body."""
 ROW = (0, 1, 2), (5, 3, 4)
-"""Wheel -> its constraints along the heading, across it to the left, and up. Taken in their order,
+"""Wheel -> its constraints along h ("ahead"), across it to its left, and up. Taken in their order,
 with the first velocities dependent, elimination divides by nothing small for a bicycle that stands,
 also where it cannot choose (expressions)."""
 
