@@ -389,6 +389,15 @@ def with_dependent_wheels() -> tuple[Snake, State]:
     return scene, State(np.zeros(5), np.array(v))
 
 
+def with_wheels_that_only_rounding_tells_apart() -> tuple[Snake, State]:
+    """Return a state at which cos(π/2) in doubles makes dependent constraints independent."""
+    v = [1.5934210757510754e-17, -0.08663106189552966, 0.6937129433613966]
+    v += [-0.6937129433613966, 0.1732621237910598]
+    one = np.ones(3)
+    scene = Snake(one, one, [0.0, 0.0, 1.0], None, [np.pi / 2, np.pi / 2, 0.0])
+    return scene, State(np.zeros(5), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -412,6 +421,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         pulling_at_a_long_link,
         with_squares_out_of_sight,
         with_dependent_wheels,
+        with_wheels_that_only_rounding_tells_apart,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

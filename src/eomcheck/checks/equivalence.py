@@ -8,13 +8,14 @@ from functools import partial
 import numpy as np
 from scipy.linalg import null_space
 
+from eomcheck.arithmetic.linear import column_scale
 from eomcheck.checks.claim import Case, claim, numbered, pairs
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.model import Array
-from eomcheck.tolerance import largest
+from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
 
 
 @claim("equations-residual", "M q̈ - F - aᵀλ = 0", "(5)", "equations of motion")
@@ -37,6 +38,7 @@ def equations_residual(case: Case) -> Iterator[Finding]:
         elif a is not None and allowed_motions is not None:
             size = np.abs(allowed_motions.T) @ (size + _constraint_forces(a, residual))
             residual = allowed_motions.T @ residual
+            spread = spread if _tells_motions(a) else np.inf
             names = numbered("allowed motion ", size.size)
         scale = largest(size)
         zero = np.zeros(residual.size)
@@ -49,6 +51,12 @@ def _allowed_motions(a: Array) -> Array:
     basis = null_space(a)
     # Singular vectors are as accurate as the largest row of a allows.
     return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0]
+
+
+def _tells_motions(a: Array) -> bool:
+    """Return whether rounding leaves it to a, with rows of one size, which motions it allows."""
+    values = np.linalg.svd(a * column_scale(a.T)[:, None], compute_uv=False)
+    return len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
 
 
 def _constraint_forces(a: Array, net: Array) -> Array:
