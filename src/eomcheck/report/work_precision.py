@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 from rich.markup import escape
 from rich.table import Table
 
@@ -219,7 +219,8 @@ def _label_abscissa(axes: Axes, label: str, unit: str) -> None:
     """Label an axis in logarithms so that the numbers of a narrow panel do not overlap."""
     low, high = axes.get_xlim()
     ticks = (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
-    axes.xaxis.set_major_locator(LogLocator(subs=ticks))
+    narrow = high < 4 * low  # where LogLocator would take as many ticks as it likes
+    axes.xaxis.set_major_locator(MaxNLocator(3) if narrow else LogLocator(subs=ticks))
     axes.xaxis.set_major_formatter(EngFormatter(unit))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(label)
