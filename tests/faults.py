@@ -344,8 +344,8 @@ FAULTS = [
     # The bicycle
     Fault(BICYCLE, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
     Fault(BICYCLE, "(FORK, STEERING)", "(FORK, 2)", "mass-matrix", "ψ_f"),
-    Fault(BICYCLE, "alpha[i] += rate", "alpha[i] -= rate", "bias", "row "),
-    Fault(BICYCLE, "cross(alpha, arm) +", "cross(alpha, arm) -", "bias", "row "),
+    Fault(BICYCLE, "k], alpha[k], pose", "k], 0 * alpha[k], pose", "bias", "row "),
+    Fault(BICYCLE, "rear_arm[k]) + swing", "rear_arm[k]) - swing", "bias", "row "),
     Fault(BICYCLE, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),
     Fault(BICYCLE, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
     Fault(BICYCLE, "lengthening, pose", "-lengthening, pose", "constraint-drift", "front wheel"),

@@ -398,6 +398,15 @@ def with_wheels_that_only_rounding_tells_apart() -> tuple[Snake, State]:
     return scene, State(np.zeros(5), np.array(v))
 
 
+def swinging_a_long_link() -> tuple[Snake, State]:
+    """Return a state whose second link nearly rests at the end of a long one that turns."""
+    v = [3.061457811566546e-17, 0.9999480058080599, -0.00999948005808061]
+    v += [0.0019990155287142727, -3.9960790507720025e-06]
+    angle = [np.pi / 2, -np.pi / 2, 0.0]
+    scene = Snake(np.ones(3), [100.0, 0.001, 1.0], [0.0, 1.0, 1.0], None, angle)
+    return scene, State(np.array([0.0, 0.0, 0.0, 0.03125, 0.0]), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -422,6 +431,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_squares_out_of_sight,
         with_dependent_wheels,
         with_wheels_that_only_rounding_tells_apart,
+        swinging_a_long_link,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

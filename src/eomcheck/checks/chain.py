@@ -205,21 +205,21 @@ def chain_acceleration(case: Case) -> Iterator[Finding]:
         xdot = np.asarray(rate(e.scene.quasi_velocities(*here)), np.float64)
         return e.call(e.scene.chain_acceleration, e.parameters, e.prepared, e.x, xdot) - vdot
 
-    size = largest(_allowed_acceleration(at)) + largest(at.v) * (1 + largest(at.v))
+    vdot = _allowed_acceleration(at)
+    size = largest(vdot) + largest(at.v) * (1 + largest(at.v))
     names = (at.scene.coordinate_names,)
     zero = np.zeros(at.scene.n)
-    spread = at.spread(left) + size if _can_accelerate(at) else np.inf
+    spread = at.spread(left) + size if _can_accelerate(at, vdot) else np.inf
     yield case.compare("q̈", left(at), zero, spread, scale=size, names=names)
 
 
-def _can_accelerate(e: Evaluation) -> bool:
-    """Return whether the constraints differentiated have a solution, which dependent ones may not.
+def _can_accelerate(e: Evaluation, vdot: Array) -> bool:
+    """Return whether v̇ satisfies the constraints differentiated, which dependent ones may forbid.
 
     With v only nearly consistent, gamma is not what dependent rows of a ask for.
     """
     if e.terms.a is None:
         return True
-    vdot = _allowed_acceleration(e)
     size = np.abs(e.terms.a) @ np.abs(vdot) + np.abs(e.terms.gamma)
     return bool((np.abs(e.terms.a @ vdot + e.terms.gamma) <= allowed_error(1.0) * size).all())
 

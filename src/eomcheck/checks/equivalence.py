@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg import null_space
@@ -24,7 +25,7 @@ def equations_residual(case: Case) -> Iterator[Finding]:
     at = case.at
     M, _, _, a, _, _ = at.terms
     F_spread = at.spread(lambda e: e.F)
-    allowed_motions = None if a is None else _allowed_motions(a)
+    motions, told = (None, True) if a is None else _allowed_motions(a)
     for formulation in case.solved:
         result = at.acceleration(formulation)
         residual, names = M @ result.vdot - at.F, at.scene.coordinate_names
@@ -35,10 +36,10 @@ def equations_residual(case: Case) -> Iterator[Finding]:
             size = size + np.abs(a.T) @ np.abs(result.multipliers)
             force = largest(np.abs(a.T).sum(axis=1))
             spread += force * case.multiplier_spread(formulation)
-        elif a is not None and allowed_motions is not None:
-            size = np.abs(allowed_motions.T) @ (size + _constraint_forces(a, residual))
-            residual = allowed_motions.T @ residual
-            spread = spread if _tells_motions(a) else np.inf
+        elif motions is not None:
+            size = np.abs(motions.T) @ (size + _constraint_forces(a, residual))
+            residual = motions.T @ residual
+            spread = spread if told else np.inf
             names = numbered("allowed motion ", size.size)
         scale = largest(size)
         zero = np.zeros(residual.size)
@@ -46,20 +47,16 @@ def equations_residual(case: Case) -> Iterator[Finding]:
         yield case.compare(key, residual, zero, spread + scale, scale=scale, names=(names,))
 
 
-def _allowed_motions(a: Array) -> Array:
-    """Return a basis (n, p) of the motions v with a v = 0, each row to the rounding of its own."""
+def _allowed_motions(a: Array) -> tuple[Any, bool]:
+    """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
     basis = null_space(a)
-    # Singular vectors are as accurate as the largest row of a allows.
-    return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0]
-
-
-def _tells_motions(a: Array) -> bool:
-    """Return whether rounding leaves it to a, with rows of one size, which motions it allows."""
     values = np.linalg.svd(a * column_scale(a.T)[:, None], compute_uv=False)
-    return len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
+    told = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
+    # Singular vectors are as accurate as the largest row of a allows, not each row for itself.
+    return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0], bool(told)
 
 
-def _constraint_forces(a: Array, net: Array) -> Array:
+def _constraint_forces(a: Any, net: Array) -> Array:
     """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, which may have cancelled there."""
     if not np.isfinite(net).all():
         return np.full(net.size, np.inf)

@@ -9,6 +9,7 @@ import numpy as np
 
 from eomcheck.arithmetic.dual import duals, rate, value
 from eomcheck.arithmetic.entries import each, objects
+from eomcheck.arithmetic.noise import SAMPLES, STEP
 from eomcheck.checks.claim import Case, claim
 from eomcheck.checks.finding import Finding
 from eomcheck.errors import RefusedError
@@ -33,20 +34,40 @@ def _power_terms(e: Evaluation, vdot: Array) -> Array:
     return np.array(shares, dtype=np.float64)
 
 
-def _work_of_inertia(e: Evaluation, vdot: Array) -> float:
-    """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇| of both shares, W: what is summed, and may cancel."""
-    size = 0.0
-    for moved in _motions(e, vdot):
-        V, omega = e.scene.velocities(*moved)
-        inertia = np.abs(e.parameters.inertia).reshape(*omega.shape, -1)
-        (V, V_rate), (omega, omega_rate) = (
-            (np.abs(each(value, x).astype(float)), np.abs(rate(x).astype(float)))
-            for x in (V, omega)
-        )
-        with np.errstate(all="ignore"):
-            size += float(e.parameters.mass @ (V * V_rate).sum(axis=1))
-            size += float(np.einsum("ki,kij,kj", omega, inertia, omega_rate))
-    return size
+def _body_rates(e: Evaluation, vdot: Array) -> Array:
+    """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
+    along_q, along_v = (
+        np.concatenate(e.scene.velocities(*moved), axis=1) for moved in _motions(e, vdot)
+    )
+    return np.array([each(value, along_q), rate(along_q), rate(along_v)], dtype=np.float64)
+
+
+def _power_of_inertia(at: Evaluation, formulation: Formulation) -> tuple[float, float]:
+    """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇|, W, and the same of what V, ω and their rates come from.
+
+    Of the first the power is a sum, and may cancel. The second takes for each entry its size and
+    how far it moves, per step: V may be a difference itself.
+    """
+
+    def rates(e: Evaluation) -> Array:
+        return _body_rates(e, e.acceleration(formulation).vdot)
+
+    def power(sizes: Array) -> float:
+        speed, change = sizes[0], sizes[1] + sizes[2]
+        inertia = np.abs(at.parameters.inertia)
+        e = round((inertia.size / len(speed)) ** 0.5)
+        d = speed.shape[1] - e
+        pushing = at.parameters.mass @ (speed[:, :d] * change[:, :d]).sum(axis=1)
+        turning = inertia.reshape(len(speed), e, e) * change[:, None, d:]
+        return float(pushing + (speed[:, d:, None] * turning).sum())
+
+    with np.errstate(all="ignore"):
+        here = rates(at)
+        try:
+            moved = [np.abs(rates(sibling) - here) for sibling in at.moved()[:SAMPLES]]
+        except RefusedError:
+            return power(np.abs(here)), np.inf
+        return power(np.abs(here)), power(np.abs(here) + np.max(moved, axis=0) / STEP)
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance")
@@ -63,9 +84,11 @@ def power_balance(case: Case) -> Iterator[Finding]:
     lost = 0.0 if lost is None else lost
     for formulation in case.solved:
         shares = np.append(_power_terms(at, at.acceleration(formulation).vdot), lost)
-        scale = max(largest(shares), _work_of_inertia(at, at.acceleration(formulation).vdot))
+        summed, summed_spread = _power_of_inertia(at, formulation)
+        scale = max(largest(shares), summed)
         # Energies are summed over the bodies, which rounds as often.
-        spread = at.spread(lambda e, f=formulation: power(e, f)) + at.scene.n * scale
+        rounding = at.scene.n * (largest(shares) + summed_spread)
+        spread = at.spread(lambda e, f=formulation: power(e, f)) + rounding
         if not np.isfinite(case.vdot_spread(formulation)):
             spread = float("inf")
         yield case.compare(formulation.key, shares.sum(), np.zeros(()), spread, scale=scale)

@@ -68,7 +68,7 @@ def look_at(at: Point, formulations: Formulations) -> Iterator[tuple[Key, Sides 
                 yield (claim, sides.subject), sides
 
 
-NO_RATE = "what the scene prepares is not by its arithmetic, and its rate is not known"
+NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
 
 
 def _zeros(size: int) -> Array:

@@ -15,6 +15,7 @@ from eomcheck.checks.finding import Finding, Verdict
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
+from eomcheck.formulations.gw import MOBILITY
 from eomcheck.model import Array, Chain, Scene, State
 from eomcheck.tolerance import HUGE, largest
 
@@ -49,12 +50,9 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
             rcond.append(_rcond_of_speeds(at))
         rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
     if a is not None and refusal.what == MOBILITY:
-        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2)
+        # The square of another matrix, it is singular to working precision long before that.
+        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
     return min(rcond)
-
-
-MOBILITY = "a M^-1 aT"
-"""A matrix that is the square of another: it is singular to working precision long before."""
 
 
 def _by_energy(M: Array, a: Array) -> Array:

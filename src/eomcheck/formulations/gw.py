@@ -8,6 +8,9 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations.base import Formulation
 
+MOBILITY = "a M^-1 aT"
+"""What refusals call the matrix of Eq. (12)."""
+
 
 @generic
 def multipliers(M, F, a, gamma):
@@ -20,7 +23,7 @@ def multipliers(M, F, a, gamma):
     columns[:, :r] = a.T
     columns[:, r] = F
     mobility = a @ solve(M, columns, "M")
-    return -solve(np.ascontiguousarray(mobility[:, :r]), mobility[:, r] + gamma, "a M^-1 aT")
+    return -solve(np.ascontiguousarray(mobility[:, :r]), mobility[:, r] + gamma, MOBILITY)
 
 
 @generic

@@ -63,7 +63,7 @@ TURNS = (
 WHEEL = REAR, FRONT
 """Wheel -> body."""
 ROW = (0, 1, 2), (5, 3, 4)
-"""Wheel -> its constraints along h ("ahead"), across it to its left, and up. Taken in their order,
+"""Wheel -> its constraints along h, across it to its left, and up. Taken in their order,
 with the first velocities dependent, elimination divides by nothing small for a bicycle that stands,
 also where it cannot choose (expressions)."""
 
@@ -169,13 +169,13 @@ def posed(parameters, prepared):
     up, across = plane_of(left, axes[0], cos[LEAN], sin[LEAN])
     ahead, down = plane_of(axes[1], up, cos[PITCH], sin[PITCH])
     # The steering axis is tilted back against down; the fork turns about it, upwards.
-    below, along = plane_of(down, ahead, tilt_cos, tilt_sin)
-    along, axle = plane_of(along, across, cos[STEER], sin[STEER])
+    below, forwards = plane_of(down, ahead, tilt_cos, tilt_sin)
+    forwards, axle = plane_of(forwards, across, cos[STEER], sin[STEER])
     axes[2] = axes[4] = across
     axes[3], axes[5] = -below, axle
     for k in range(2):
         directions[k, 0], directions[k, 1], directions[k, 2] = ahead, down, across
-        forward, downward = plane_of(along, below, tilt_cos, tilt_sin)
+        forward, downward = plane_of(forwards, below, tilt_cos, tilt_sin)
         directions[2 + k, 0], directions[2 + k, 1], directions[2 + k, 2] = forward, downward, axle
     rear_arm, front_arm = np.zeros((4, 3), cos.dtype), np.zeros((4, 3), cos.dtype)
     rear_arm[FRAME] = combined(parameters.rider[0], ahead, parameters.rider[1], down)
@@ -244,8 +244,8 @@ def jacobians(parameters, prepared, q, v):
 
 
 @generic
-def seen_ahead(prepared, vector):
-    """Return the components ahead, across and up (3,) of a vector along x, y, z."""
+def seen_from_heading(prepared, vector):
+    """Return the components along h, across it and up (3,) of a vector along x, y, z."""
     result = vector + 0
     rotated(result, 0, 1, prepared.cos[HEADING], prepared.sin[HEADING])
     return result
@@ -261,7 +261,7 @@ def constraints(parameters, prepared, q):
         k = WHEEL[wheel]
         for j in range(9):
             touching = linear[k, :, j] + cross(angular[k, :, j], pose.contact[wheel])
-            slip = seen_ahead(prepared, touching)
+            slip = seen_from_heading(prepared, touching)
             for i in range(3):
                 a[ROW[wheel][i], j] = slip[i]
     return a, None
@@ -285,9 +285,9 @@ def drift(parameters, prepared, q, v):
     for wheel in range(2):
         k = WHEEL[wheel]
         V = v[:3] + cross(omega[FRAME], pose.rear_arm[k]) + cross(omega[FORK], pose.front_arm[k])
-        slip = seen_ahead(prepared, V + cross(omega[k], pose.contact[wheel]))
+        slip = seen_from_heading(prepared, V + cross(omega[k], pose.contact[wheel]))
         changing = cross(alpha[k], pose.contact[wheel]) + cross(omega[k], wandering[wheel])
-        change = seen_ahead(prepared, rest[k] + changing)
+        change = seen_from_heading(prepared, rest[k] + changing)
         gamma[ROW[wheel][0]] = change[0] + v[HEADING] * slip[1]
         gamma[ROW[wheel][1]] = change[1] - v[HEADING] * slip[0]
         gamma[ROW[wheel][2]] = change[2]
@@ -349,7 +349,7 @@ def moving(parameters, prepared, v):
 
 @generic
 def level(prepared, vector):
-    """Return the components ahead, across and up (3,) of a vector along b."""
+    """Return the components along h, across it and up (3,) of a vector along b."""
     cos, sin, result = prepared.cos, prepared.sin, vector + 0
     rotated(result, 0, 1, cos[PITCH], -sin[PITCH])
     rotated(result, 1, 2, cos[LEAN], -sin[LEAN])
@@ -358,7 +358,7 @@ def level(prepared, vector):
 
 @generic
 def velocities(parameters, prepared, q, v):
-    """Return the same along x, y, z and, of rotation, along axes of the body: wheels turn them."""
+    """Return V along x, y, z and ω along axes of the body, which turn with a wheel, (4, 3) each."""
     V, omega = moving(parameters, prepared, v)
     for k in range(FORK, 4):
         V[k] = steered(prepared, -prepared.sin[STEER], V[k])
@@ -372,7 +372,7 @@ def velocities(parameters, prepared, q, v):
 
 @generic
 def constraint(parameters, prepared, q, v):
-    """Return c (6,), m/s: velocities of what touches the ground, ahead, across and up."""
+    """Return c (6,), m/s: velocities of what touches the ground, along h, across it and up."""
     cos, sin, radius = prepared.cos, prepared.sin, parameters.radius
     V, omega = moving(parameters, prepared, v)
     k = steered(prepared, sin[STEER], vertical(prepared))
@@ -418,7 +418,7 @@ def potential(parameters, prepared, q):
 
 @generic
 def position_residual(parameters, prepared, q):
-    """Return how high above the ground the lowest points of the wheels are (2,), m."""
+    """Return how high the lowest points of the wheels are (2,), m, for sin ψ > 0."""
     gap = np.zeros(2, q.dtype)
     gap[0] = q[HEIGHT] - parameters.radius[0] * prepared.sin[LEAN]
     gap[1] = q[HEIGHT] - parameters.radius[1] * prepared.upright[0]
@@ -538,9 +538,9 @@ class Bicycle(Assembled):
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """Rear wheel ahead, across, up, front wheel across, up, ahead."""
-        rear = (f"rear wheel {way}" for way in ("ahead", "across", "up"))
-        front = (f"front wheel {way}" for way in ("across", "up", "ahead"))
+        """Rear wheel along h, across it, up, front wheel across, up, along."""
+        rear = (f"rear wheel {way}" for way in ("along", "across", "up"))
+        front = (f"front wheel {way}" for way in ("across", "up", "along"))
         return *rear, *front
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
@@ -574,7 +574,7 @@ class Bicycle(Assembled):
         return Parameters(mass, inertia, radius, tilt, rider, pivot, fork, hub, gravity)
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the bicycle upright, heading along -x: it rolls, and turns about the ground."""
+        """Return the bicycle upright, heading along -x: it rolls, and tilts about its track."""
         q, v = np.zeros(9), np.zeros(9)
         rear, front = self.radius
         q[HEIGHT], q[LEAN], q[PITCH] = rear, np.pi / 2, np.pi

@@ -37,7 +37,7 @@ COORDINATE = 4, 0, 1, 2, 3
 """Hinge -> its coordinate."""
 AXIS, FIRST, SECOND = (1, 2, 0, 1, 2), (2, 0, 1, 2, 0), (0, 1, 2, 0, 1)
 """Hinge -> axis of the rod before that it is along, and the two that it turns into each other."""
-ALONG, SENSE = (0, 1, 2, 0, 1), (1, -1, 1, -1, 1)
+ALONG, SENSE = SECOND, (1, -1, 1, -1, 1)
 """Rod -> axis of its own that it is along, and in which sense."""
 LAST = RODS - 1
 TIP, HINGE = (3, 0, 2), (1, 4)
@@ -317,7 +317,7 @@ class Bricard(Assembled):
             (5,), kg m², positive. About its own axis a rod has none.
         length: of rods and ground, m, positive.
         gravity: g, m/s², not negative, along -y.
-        angle: θ_1 = θ_3 = θ_5 at t = 0, rad, above -π/6: there and further back the ring is open.
+        angle: θ_1 = θ_3 = θ_5 at t = 0, rad, with a sine above -1/2: below, the ring is open.
         rate: at which they turn at t = 0, rad/s.
         redundant: take the row that the others imply as well, so many times, or None. No
             formulation solves then where the ring is closed.
