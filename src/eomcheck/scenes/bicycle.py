@@ -173,9 +173,9 @@ def posed(parameters, prepared):
     forwards, axle = plane_of(forwards, across, cos[STEER], sin[STEER])
     axes[2] = axes[4] = across
     axes[3], axes[5] = -below, axle
+    forward, downward = plane_of(forwards, below, tilt_cos, tilt_sin)
     for k in range(2):
         directions[k, 0], directions[k, 1], directions[k, 2] = ahead, down, across
-        forward, downward = plane_of(forwards, below, tilt_cos, tilt_sin)
         directions[2 + k, 0], directions[2 + k, 1], directions[2 + k, 2] = forward, downward, axle
     rear_arm, front_arm = np.zeros((4, 3), cos.dtype), np.zeros((4, 3), cos.dtype)
     rear_arm[FRAME] = combined(parameters.rider[0], ahead, parameters.rider[1], down)
