@@ -37,6 +37,7 @@ COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
 RESULT = "equations-residual", "[banded]"
 KANE = "kane-ml-force", "F_Kane - N q̇ - G"
+RATE = "position-rate", "rate of closed positions, "
 FAULTS = [
     # M
     Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
@@ -333,6 +334,12 @@ FAULTS = [
     Fault(ANDREWS, "pull * (x * arm_y -", "pull * (x * arm_y +", "generalized-forces", "row γ"),
     Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
     Fault(ANDREWS, "rows, -1,", "rows, 1,", "constraint-jacobian", "K2 at K"),
+    Fault(
+        ANDREWS,
+        "= x - other_x, y - other_y\n    return gap",
+        "= other_x - x, y - other_y\n    return gap",
+        *RATE,
+    ),
     Fault(ANDREWS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
     Fault(ANDREWS, "ahead - carrying", "ahead + carrying", "mass-matrix", "entry"),
     Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
@@ -371,8 +378,11 @@ FAULTS = [
         "ψ_f",
     ),
     Fault(BICYCLE, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
+    Fault(BICYCLE, "parameters.radius[1] * prepared.upright", "prepared.upright", *RATE),
+    Fault(BICYCLE, "holonomic = slice(2, 5, 2)", "holonomic = slice(2, 4, 1)", *RATE),
     Fault(BICYCLE, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "),
     # Bricard's mechanism
+    Fault(BRICARD, "gap[TIP[i], 0] = tip[i]", "gap[TIP[i], 0] = tip[2 - i]", *RATE),
     Fault(BRICARD, "arm = arm + 2 *", "arm = arm + 1 *", "mass-matrix", "entry"),
     Fault(BRICARD, "before = rest[k] + swung", "before = rest[k] - swung", "bias", "row "),
     Fault(BRICARD, "Q[j] -= parameters", "Q[j] += parameters", "generalized-forces", "row θ_"),
@@ -380,6 +390,7 @@ FAULTS = [
     Fault(BRICARD, "+= 2 * swung[i]", "+= swung[i]", "constraint-drift", "tip"),
     Fault(BRICARD, "V + swept, V + 2", "V + 2 * swept, V + 2", "mass-matrix", "entry"),
     Fault(BRICARD, "tilting[2] = omega", "tilting[2] = 2 * omega", "constraint-jacobian", "hinge"),
+    Fault(FOUR_BAR, "* sin[before] + length[coupler]", "* sin[before] - length[coupler]", *RATE),
     Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
     Fault(
         FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"

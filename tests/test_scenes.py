@@ -10,8 +10,6 @@ from tests.scenes import LINKS, random_scene, random_state
 import eomcheck
 from eomcheck import strategies
 from eomcheck.arithmetic.counting import Counting
-from eomcheck.arithmetic.dual import rate
-from eomcheck.arithmetic.entries import objects
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.checks.proof import prove
 from eomcheck.engines import ENGINES
@@ -154,21 +152,3 @@ def test_the_example_starts_from_a_consistent_state_that_it_names(kind: type[Sce
     assert len(scene.constraint_names) == scene.r
     assert (at.terms.a is None) == (scene.r == 0)
     assert kind.conserves_energy == (not kind.why_not_conserved)
-
-
-HOLONOMIC = [kind for kind in SCENES.values() if kind.position_residual is not None]
-
-
-@pytest.mark.parametrize("kind", HOLONOMIC, ids=lambda kind: kind.key)
-def test_the_rate_of_a_position_residual_is_the_constraint_it_belongs_to(kind: type[Scene]):
-    """At any velocity, differentiated exactly: `holonomic` tells which constraints those are."""
-    scene, random = kind.example(), np.random.default_rng(0)
-    q, _, _ = random_state(scene, random)
-    v = random.uniform(-1.0, 1.0, scene.n)
-    at = Evaluation(scene, q, v)
-    residual = kind.position_residual
-    assert residual is not None
-    moving = residual(objects(at.parameters), *at.moving(v))
-    c = at.call(scene.constraint, at.parameters, at.prepared, at.q, at.v)[scene.holonomic]
-    assert len(c) > 0
-    assert np.abs(rate(moving) - c).max() <= 1e-13 * max(1.0, np.abs(c).max())

@@ -407,6 +407,13 @@ def swinging_a_long_link() -> tuple[Snake, State]:
     return scene, State(np.array([0.0, 0.0, 0.0, 0.03125, 0.0]), np.array(v))
 
 
+def with_both_wheels_nearly_across() -> tuple[Snake, State]:
+    """Return a state whose constraints, 5e-10 m from dependent, amplify what v violates them by."""
+    v = [-0.008414289047465804, 0.005402752871656881, -0.999900010023462, 0.009998997765487887]
+    scene = Snake([1.0, 1.0], [0.01, 1.0], [0.0, 0.0], None, [1.5707963257948965] * 2)
+    return scene, State(np.ones(4), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -432,6 +439,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_dependent_wheels,
         with_wheels_that_only_rounding_tells_apart,
         swinging_a_long_link,
+        with_both_wheels_nearly_across,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

@@ -58,9 +58,11 @@ def speeds_velocity(case: Case) -> Iterator[Finding]:
     """The generalized speeds of a consistent velocity give it back."""
     if case.has_speeds:
         at = case.at
-        yield case.compare("ml, kane", at.velocity, at.v, at.spread(lambda e: e.velocity))
+        # v too: what it may violate by, nearly dependent constraints amplify, and u leaves out.
+        spread = at.spread(lambda e: e.v)
+        yield case.compare("ml, kane", at.velocity, at.v, spread + at.spread(lambda e: e.velocity))
         if at.scene.qdot is not None:
-            yield case.compare("q̇", at.qdot, at.v, at.spread(lambda e: e.qdot))
+            yield case.compare("q̇", at.qdot, at.v, spread + at.spread(lambda e: e.qdot))
 
 
 @claim("speeds-remainder", "a (ẇ′u + ẋ′) + gamma = 0", "(3), (20)", "remainder ẇ′u + ẋ′")

@@ -23,6 +23,7 @@ from eomcheck.checks.draws import REDRAWS, Draws
 from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
+from eomcheck.checks.shapes import check_shapes
 from eomcheck.errors import InputError, RefusedError, distinct
 from eomcheck.formulations import formulations_for
 from eomcheck.model import Scene
@@ -52,7 +53,8 @@ def prove(
 
     Raises:
         InputError: `points` or a number of links below 1; a kind of scene without its `links`; a
-            formulation that does not apply to the scene.
+            formulation that does not apply to the scene; a function of the scene that returns an
+            array of wrong shape.
         UnknownNameError: no such formulation.
     """
     keys = None if formulations is None else distinct("formulations", formulations)
@@ -110,7 +112,12 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
 def prove_structure(
     scene: Scene, formulations: Formulations, points: int, seed: int
 ) -> list[Finding]:
-    """Return the Findings about all scenes of the structure of `scene`."""
+    """Return the Findings about all scenes of the structure of `scene`.
+
+    Raises:
+        InputError: see `check_shapes`.
+    """
+    check_shapes(scene)
     draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
         for _ in range(points):

@@ -152,6 +152,21 @@ def constraint_jacobian(at: Point, _: Formulations) -> Iterator[Sides | Skipped]
     yield Sides("a", found, expected, (at.scene.constraint_names,))
 
 
+@identity("position-rate")
+def position_rate(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
+    """Holonomic constraints are the rates of what vanishes at closed positions, for every v."""
+    scene = at.scene
+    if scene.position_residual is None:
+        return
+    if not at.can_move:
+        yield Skipped("Φ", NO_RATE)
+        return
+    v = at.free.v
+    found = rate(scene.position_residual(at.parameters, *at.moving(v)))
+    expected = scene.constraint(at.parameters, at.prepared, at.q, v)[scene.holonomic]
+    yield Sides("Φ", found, expected, (scene.constraint_names[scene.holonomic],))
+
+
 @identity("constraint-drift")
 def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""

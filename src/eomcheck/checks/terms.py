@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from eomcheck.arithmetic.dual import rate
+from eomcheck.arithmetic.entries import objects
 from eomcheck.checks.claim import Case, claim
 from eomcheck.checks.finding import Finding
 from eomcheck.engines import DerivingEngine, Engine
@@ -117,6 +119,35 @@ def constraint_velocity(case: Case) -> Iterator[Finding]:
     spread = at.spread(from_terms) + at.spread(direct) + size
     names = (at.scene.constraint_names,)
     yield case.compare("c", from_terms(at), direct(at), spread, scale=size, names=names)
+
+
+@claim("position-rate", "dΦ/dt = a q̇ + b, Φ = 0 where closed", "(2)", "rate of closed positions")
+def position_rate(case: Case) -> Iterator[Finding]:
+    """Compare holonomic constraints with the rates of what vanishes at closed positions."""
+    at = case.at
+    residual, rows = at.scene.position_residual, at.scene.holonomic
+    if residual is None or at.terms.a is None:
+        return
+
+    def along(e: Evaluation, qdot: Array, clock: bool) -> Array:
+        return np.asarray(rate(residual(objects(e.parameters), *e.moving(qdot, clock))), np.float64)
+
+    def over_coordinates(e: Evaluation) -> Array:
+        # At a consistent velocity every rate is 0, and would tell nothing.
+        return np.array([along(e, axis, False) for axis in np.eye(e.scene.n)]).T
+
+    def over_time(e: Evaluation) -> Array:
+        return along(e, np.zeros(e.scene.n), True)
+
+    a, b = at.terms.a[rows], at.terms.b
+    spread = at.spread(over_coordinates) + at.spread(lambda e: e.terms.a[rows])
+    names = (at.scene.constraint_names[rows], at.scene.coordinate_names)
+    yield case.compare("∂Φ/∂q", over_coordinates(at), a, spread, names=names)
+    if at.scene.depends_on_time:
+        zero = np.zeros(len(a))
+        expected = zero if b is None else b[rows]
+        spread = at.spread(over_time) + at.spread(lambda e: zero if b is None else e.terms.b[rows])
+        yield case.compare("∂Φ/∂t", over_time(at), expected, spread, scale=spread, names=names[:1])
 
 
 @claim("constraint-drift", "gamma = ȧ q̇ + ḃ", "(3)", "constraint drift")

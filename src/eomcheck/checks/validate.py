@@ -19,6 +19,7 @@ from eomcheck import strategies
 from eomcheck.checks import CLAIMS, Case, Finding, State
 from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
+from eomcheck.checks.shapes import check_shapes
 from eomcheck.engines import ENGINES, Engine, engine_of
 from eomcheck.errors import InputError, distinct, named
 from eomcheck.evaluate import Evaluation
@@ -188,6 +189,7 @@ class _Falsified(AssertionError):
 
 
 def _case(scene: Scene, state: State, selection: Selection) -> Case:
+    check_shapes(scene)
     engines = tuple(engine(scene) for engine in selection.engines if engine.represents(scene))
     formulations = tuple(f for f in selection.formulations if f.applies_to(scene))
     return Case(Evaluation(scene, *state), formulations, engines)
@@ -218,13 +220,15 @@ def check(
             consistent velocities only, but a scene whose own a is wrong can be looked at.
 
     Raises:
-        InputError: bad shapes or values that are not finite.
+        InputError: bad shapes, also of what the scene's functions return, or values that are not
+            finite.
         InconsistentVelocityError: v violates the constraints.
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
     selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     state = State(*scene.check_state(q, v, t), t)
+    check_shapes(scene)
     if consistent:
         check_consistent(Evaluation(scene, *state))
     return Run().look_at(scene, state, selection)
@@ -254,7 +258,8 @@ def validate(
         failing case.
 
     Raises:
-        InputError: `examples` is less than 1.
+        InputError: `examples` is less than 1, or a function of the scene returns an array of wrong
+            shape.
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """

@@ -1,0 +1,76 @@
+"""A scene whose functions return arrays of wrong shape is refused, and the function is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.scenes import LINKS
+from tests.test_trailer import TRAILER, Q, trailer
+
+import eomcheck
+from eomcheck.checks.shapes import check_shapes
+from eomcheck.errors import InputError
+from eomcheck.model import Scene
+from eomcheck.scenes import SCENES, FourBarChain, Snake
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_every_structure_of_every_scene_keeps_the_contract(kind: type[Scene]):
+    for scene in kind.structures(LINKS if kind.has_links else None):
+        check_shapes(scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "gamma = np.zeros(1,",
+            "gamma = np.zeros(2,",
+            "drift: gamma has shape (2,), expected (1,)",
+        ),
+        ("a = np.zeros((1, 3),", "a = np.zeros((2, 3),", "constraints: a has shape (2, 3), exp"),
+        (
+            "c = np.zeros(1,",
+            "c = np.zeros((1, 1),",
+            "constraint: c has shape (1, 1), expected (1,)",
+        ),
+        ("V, omega = np.zeros((1, 2)", "V, omega = np.zeros((2, 2)", "velocities: V has shape (2,"),
+        ("rest, angular_rest, None)", "rest.T, angular_rest, None)", "jacobians: linear_rest has"),
+    ],
+)
+def test_an_array_of_wrong_shape_is_named_in_one_sentence(tmp_path, old, new, says):
+    source = TRAILER.read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    path = tmp_path / f"shape_{abs(hash(old))}.py"
+    path.write_text(source.replace(old, new), encoding="utf-8")
+    kind = trailer(path)
+    for look in (
+        lambda: eomcheck.check(kind(), Q, np.zeros(3)),
+        lambda: eomcheck.validate(kind(), examples=1),
+        lambda: eomcheck.prove(kind, points=1, seed=0),
+    ):
+        with pytest.raises(InputError) as raised:
+            look()
+        assert says in str(raised.value)
+        assert "\n" not in str(raised.value)
+
+
+def test_more_rows_of_a_position_residual_than_holonomic_constraints_are_refused():
+    class Half(FourBarChain):
+        holonomic = slice(0, 1)
+
+    with pytest.raises(
+        InputError, match=r"Half.position_residual: Φ has shape .*, expected \(1,\)"
+    ):
+        check_shapes(Half.example())
+
+
+def test_a_transposed_null_space_is_refused():
+    class Transposed(Snake):
+        @staticmethod
+        def speeds(parameters, prepared, shared):
+            right = Snake.speeds(parameters, prepared, shared)
+            return right._replace(W=right.W.T)
+
+    with pytest.raises(InputError, match=r"speeds: W has shape \(2, 5\), expected \(5, 2\)"):
+        check_shapes(Transposed.coil(3))
