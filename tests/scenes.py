@@ -36,3 +36,10 @@ def random_state(scene: Scene, random: np.random.Generator) -> State:
     c = random.uniform(1.0, 3.0, scene.p)
     a = at.terms.a
     return State(q, c if a is None else consistent_velocity(at, null_space(a) @ c), t)
+
+
+def ordinary(kind: type[Scene], seed: int = 0) -> tuple[Scene, State]:
+    """Return a random scene of a kind in a random state."""
+    random = np.random.default_rng(seed)
+    scene = random_scene(kind, random)
+    return scene, random_state(scene, random)

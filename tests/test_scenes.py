@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
-from tests.scenes import LINKS, random_scene, random_state
+from tests.scenes import LINKS, ordinary
 
 import eomcheck
 from eomcheck import strategies
@@ -16,11 +15,9 @@ from eomcheck.engines import ENGINES
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.model import Scene
-from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import SCENES
 from eomcheck.states import check_consistent
-from eomcheck.tolerance import allowed_error
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 every_formulation_of_every_kind = pytest.mark.parametrize(
@@ -30,12 +27,6 @@ every_formulation_of_every_kind = pytest.mark.parametrize(
 
 def structures(kind: type[Scene], links: int = LINKS) -> list[Scene]:
     return list(kind.structures(links if kind.has_links else None))
-
-
-def ordinary(kind: type[Scene], seed: int = 0):
-    random = np.random.default_rng(seed)
-    scene = random_scene(kind, random)
-    return scene, random_state(scene, random)
 
 
 @kinds
@@ -75,46 +66,6 @@ def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type
     subjects = {f.subject for f in findings if f.claim == "engine-acceleration"}
     engines = [key for key, engine in ENGINES.items() if engine.represents(scene)]
     assert subjects == {f"{f} ~ {engine}" for f in applicable(kind) for engine in engines}
-
-
-def test_compiled_rates_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
-    kind, key = moved
-    scene, (q, v, t) = ordinary(kind)
-    expected = eomcheck.acceleration(scene, key, q, v, t)
-    motion, at = Motion(scene, FORMULATIONS[key], q, v), Evaluation(scene, q, v, t)
-    y = motion.y0.copy()
-    if motion.formulation.state == "q, u":
-        y[scene.n :] = at.u
-    rates = motion.function(t, y)
-    allowed = 4 * expected.error_bound
-    assert np.abs(rates[: scene.n] - v).max() <= allowed_error(at.spread(lambda e: e.velocity))
-    found = rates[scene.n : scene.n + motion.speeds]
-    if motion.formulation.state == "q, u":
-        if at.speeds.W is not None:
-            found = at.speeds.W @ found + at.speeds.rest
-    elif motion.formulation.state == "q, x":
-        found = at.call(scene.chain_acceleration, at.parameters, at.prepared, at.x, found)
-    elif motion.formulation.state == "q, v2":
-        expected = expected.vdot[motion.partition.independent]
-        assert np.abs(found - expected).max() <= allowed
-        return
-    assert np.abs(found - expected.vdot).max() <= allowed
-
-
-@kinds
-def test_formulations_move_a_scene_alike(kind: type[Scene]):
-    scene, (q, v, _) = ordinary(kind, 1)
-    if scene.depends_on_time:  # the drawn state is one of another time
-        q = v = None
-    ends = []
-    for key in ("au", "em", "kane"):
-        motion = simulate(scene, key, 0.1, rtol=1e-11, atol=1e-11, q0=q, v0=v)
-        assert motion.status == "finished", motion.reason
-        ends.append(np.concatenate((motion.q[-1], motion.v[-1])))
-        if scene.conserves_energy:
-            assert np.ptp(motion.energy) <= 1e-8 * np.abs(motion.energy).max()
-    size = np.abs(ends[0]).max()
-    assert max(np.abs(end - ends[0]).max() for end in ends) <= 1e-8 * size
 
 
 @every_formulation_of_every_kind
