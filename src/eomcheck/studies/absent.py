@@ -23,7 +23,7 @@ from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Bodies, Scene, Speeds, State, Terms
 from eomcheck.studies.draws import draw
 from eomcheck.studies.operations import outline, tally
-from eomcheck.studies.rhs import rate_call, time_call
+from eomcheck.studies.rhs import rate_call, time_calls
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,6 @@ def _times(
     both: tuple[Scene, Scene], formulation: Formulation, repeats: int
 ) -> tuple[float, float]:
     state = _moving(both[0])
-    absent, zeros = (
-        time_call(scene.name, 0, rate_call(Evaluation(scene, *state), formulation), repeats)
-        for scene in both
-    )
+    jobs = ((scene.name, 0, rate_call(Evaluation(scene, *state), formulation)) for scene in both)
+    absent, zeros = time_calls(jobs, repeats)
     return absent.seconds, zeros.seconds

@@ -60,21 +60,45 @@ def bench_snake(links: int) -> tuple[Snake, np.ndarray, np.ndarray]:
     return scene, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
 
 
-def time_call(what: str, links: int, call: Callable[[int], object], repeats: int) -> Timing:
-    """Time `call(k)`, which does the work k times."""
-    start = time.perf_counter()
-    call(1)
-    first = time.perf_counter() - start
-    start = time.perf_counter()
-    call(1)
-    count = max(1, round(BATCH_SECONDS / max(time.perf_counter() - start, 1e-7)))
-    call(count)
-    seconds = []
+Job = tuple[str, int, Callable[[int], object]]
+"""What is timed, at how many links, and a function call(k) that does it k times."""
+
+
+def time_calls(
+    jobs: Iterable[Job], repeats: int, advance: Callable[[], None] = lambda: None
+) -> list[Timing]:
+    """Time jobs in turn, one batch of each, so often: a slow second is one of all of them.
+
+    Args:
+        jobs: what is timed; each is compiled when its turn to be made comes.
+        repeats: batches of each, of which the median counts.
+        advance: called after each job is compiled.
+    """
+    ready = []
+    for what, links, call in jobs:
+        first, count = _seconds(call, 1), 1
+        for _ in range(3):  # one call is mostly the way into compiled code
+            count = max(1, round(BATCH_SECONDS * count / max(_seconds(call, count), 1e-7)))
+        ready.append((what, links, call, count, first))
+        advance()
+    batches: list[list[float]] = [[] for _ in ready]
     for _ in range(repeats):
-        start = time.perf_counter()
-        call(count)
-        seconds.append((time.perf_counter() - start) / count)
-    low, _, high = quantiles(seconds, n=4) if repeats > 1 else [seconds[0]] * 3
+        for (_, _, call, count, _), seconds in zip(ready, batches, strict=True):
+            seconds.append(_seconds(call, count) / count)
+    return [
+        _timing(what, links, seconds, first)
+        for (what, links, _, _, first), seconds in zip(ready, batches, strict=True)
+    ]
+
+
+def _seconds(call: Callable[[int], object], count: int) -> float:
+    start = time.perf_counter()
+    call(count)
+    return time.perf_counter() - start
+
+
+def _timing(what: str, links: int, seconds: list[float], first: float) -> Timing:
+    low, _, high = quantiles(seconds, n=4) if len(seconds) > 1 else [seconds[0]] * 3
     middle = median(seconds)
     return Timing(what, links, middle, (low, high), max(first - middle, 0.0))
 
@@ -168,9 +192,6 @@ def measure_all(
         ]
         if n <= DENSE_LIMIT:
             jobs.append((PINOCCHIO, n, _pinocchio_call))
-    records = []
-    with progress("timing", len(jobs)) as advance:
-        for what, n, prepare in jobs:
-            records.append(time_call(what, n, prepare(n), repeats))
-            advance()
-    return records
+    with progress("compiling and timing", len(jobs)) as advance:
+        made = ((what, n, prepare(n)) for what, n, prepare in jobs)
+        return time_calls(made, repeats, advance)
