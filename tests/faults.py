@@ -21,7 +21,8 @@ class Fault:
         return f"{Path(self.file).stem}: {self.old} => {self.new}"
 
 
-SNAKE = "scenes/snake.py"
+SNAKE_TERMS, SNAKE_SPEEDS = "scenes/snake_terms.py", "scenes/snake_speeds.py"
+SNAKE_ENERGIES, SNAKE_CHAIN = "scenes/snake_energies.py", "scenes/snake_chain.py"
 PENDULUM = "scenes/chain_pendulum.py"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
@@ -32,7 +33,9 @@ GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BRICARD = "scenes/bricard.py"
 ASSEMBLED = "scenes/assembled.py"
-CHAIN, BANDED = "scenes/snake_chain.py", "formulations/banded.py"
+OF_SNAKES = SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN
+"""Files of functions, from which `scenes/snake.py` takes those of the scene."""
+BANDED = "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
 RESULT = "equations-residual", "[banded]"
@@ -40,111 +43,147 @@ KANE = "kane-ml-force", "F_Kane - N q̇ - G"
 RATE = "position-rate", "rate of closed positions, "
 FAULTS = [
     # M
-    Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
-    Fault(SNAKE, "mass[i] / 4 + tail", "mass[i] / 2 + tail", "mass-matrix", "(θ_"),
-    Fault(SNAKE, " + inertia[i]\n", "\n", "mass-matrix", "(θ_"),
-    Fault(SNAKE, "length[j] * mu[i] *", "length[i] * mu[j] *", "mass-matrix", "(θ_"),
-    Fault(SNAKE, "cos[j] + sin[i] * sin[j]", "cos[j] - sin[i] * sin[j]", "mass-matrix", "(θ_"),
-    Fault(SNAKE, "tail[i] + mass[i]\n", "tail[i] + mass[i - 1]\n", "mass-matrix", "entry"),
-    Fault(SNAKE, "length * (mass / 2 + tail)", "length * (mass + tail)", "mass-matrix", "entry"),
+    Fault(SNAKE_TERMS, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
+    Fault(SNAKE_TERMS, "mass[i] / 4 + tail", "mass[i] / 2 + tail", "mass-matrix", "(θ_"),
+    Fault(SNAKE_TERMS, " + inertia[i]\n", "\n", "mass-matrix", "(θ_"),
+    Fault(SNAKE_TERMS, "length[j] * mu[i] *", "length[i] * mu[j] *", "mass-matrix", "(θ_"),
     Fault(
-        SNAKE,
+        SNAKE_TERMS, "cos[j] + sin[i] * sin[j]", "cos[j] - sin[i] * sin[j]", "mass-matrix", "(θ_"
+    ),
+    Fault(SNAKE_TERMS, "tail[i] + mass[i]\n", "tail[i] + mass[i - 1]\n", "mass-matrix", "entry"),
+    Fault(
+        SNAKE_TERMS, "length * (mass / 2 + tail)", "length * (mass + tail)", "mass-matrix", "entry"
+    ),
+    Fault(
+        SNAKE_TERMS,
         "M[i + 2, j + 2] = M[j + 2, i + 2] = c",
         "M[i + 2, j + 2] = c",
         "mass-matrix",
         "missing",
     ),
     # B
-    Fault(SNAKE, "B[0] -= mu", "B[0] += mu", "bias", "row x: sign"),
-    Fault(SNAKE, "    return B\n", "    return 0 * B\n", "bias", "missing"),
-    Fault(SNAKE, "mu[i] * (sin[i] * along -", "mu[i] * (sin[i] * along +", "bias", "row θ_"),
-    Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
-    Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
+    Fault(SNAKE_TERMS, "B[0] -= mu", "B[0] += mu", "bias", "row x: sign"),
+    Fault(SNAKE_TERMS, "    return B\n", "    return 0 * B\n", "bias", "missing"),
+    Fault(SNAKE_TERMS, "mu[i] * (sin[i] * along -", "mu[i] * (sin[i] * along +", "bias", "row θ_"),
+    Fault(SNAKE_TERMS, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
+    Fault(SNAKE_TERMS, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
     # Q
-    Fault(SNAKE, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
-    Fault(SNAKE, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"),
-    Fault(SNAKE, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
-    # a and gamma
-    Fault(SNAKE, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
+    Fault(SNAKE_TERMS, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
     Fault(
-        SNAKE,
+        SNAKE_TERMS, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"
+    ),
+    Fault(SNAKE_TERMS, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
+    # a and gamma
+    Fault(SNAKE_TERMS, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
+    Fault(
+        SNAKE_TERMS,
         "-length[i] / 2 * cos_alpha[i]",
         "-length[i] * cos_alpha[i]",
         "constraint-jacobian",
         "2 times too large",
     ),
-    Fault(SNAKE, "-length[j] * (cos_phi", "-length[i] * (cos_phi", "constraint-jacobian", "θ_"),
     Fault(
-        SNAKE,
+        SNAKE_TERMS, "-length[j] * (cos_phi", "-length[i] * (cos_phi", "constraint-jacobian", "θ_"
+    ),
+    Fault(
+        SNAKE_TERMS,
         "return cos_alpha * cos - sin",
         "return cos_alpha * cos + sin",
         "constraint-jacobian",
         "wheel",
     ),
-    Fault(SNAKE, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
+    Fault(SNAKE_TERMS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
     Fault(
-        SNAKE, "cos_phi[i] + omega * (Vx", "cos_phi[i] - omega * (Vx", "constraint-drift", "wheel"
+        SNAKE_TERMS,
+        "cos_phi[i] + omega * (Vx",
+        "cos_phi[i] - omega * (Vx",
+        "constraint-drift",
+        "wheel",
     ),
     Fault(
-        SNAKE,
+        SNAKE_TERMS,
         "        half = length[i] / 2\n",
         "        half = length[i]\n",
         "constraint-drift",
         "wheel",
     ),
     # w′ and its remainder
-    Fault(SNAKE, "ww_w = -before", "ww_w = before", "null-space-speeds", "w′"),
-    Fault(SNAKE, "sin_psi + offset * ww_w", "sin_psi - offset * ww_w", "null-space-speeds", "w′"),
+    Fault(SNAKE_SPEEDS, "ww_w = -before", "ww_w = before", "null-space-speeds", "w′"),
     Fault(
-        SNAKE, "= sin_phi, -half * cos[0]", "= sin_phi, half * cos[0]", "null-space-speeds", "w′"
+        SNAKE_SPEEDS,
+        "sin_psi + offset * ww_w",
+        "sin_psi - offset * ww_w",
+        "null-space-speeds",
+        "w′",
     ),
     Fault(
-        SNAKE,
+        SNAKE_SPEEDS,
+        "= sin_phi, -half * cos[0]",
+        "= sin_phi, half * cos[0]",
+        "null-space-speeds",
+        "w′",
+    ),
+    Fault(
+        SNAKE_SPEEDS,
         "sin_alpha[0] * v[2]",
         "-sin_alpha[0] * v[2]",
         "speeds-velocity",
         "generalized speeds",
     ),
     Fault(
-        SNAKE,
+        SNAKE_SPEEDS,
         "- offset * omega * omega",
         "+ offset * omega * omega",
         "speeds-remainder",
         "remainder",
     ),
-    Fault(SNAKE, "+ turning * sin_delta", "- turning * sin_delta", "speeds-remainder", "remainder"),
-    Fault(SNAKE, "- lever * omega * omega", "", "speeds-remainder", "remainder"),
     Fault(
-        SNAKE, "spin * cos[0] - turning", "spin * cos[0] + turning", "speeds-remainder", "remainder"
+        SNAKE_SPEEDS,
+        "+ turning * sin_delta",
+        "- turning * sin_delta",
+        "speeds-remainder",
+        "remainder",
     ),
-    Fault(SNAKE, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
+    Fault(SNAKE_SPEEDS, "- lever * omega * omega", "", "speeds-remainder", "remainder"),
+    Fault(
+        SNAKE_SPEEDS,
+        "spin * cos[0] - turning",
+        "spin * cos[0] + turning",
+        "speeds-remainder",
+        "remainder",
+    ),
+    Fault(SNAKE_SPEEDS, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
     # Kane's bodies
     Fault(
-        SNAKE,
+        SNAKE_SPEEDS,
         "omega_u[k + 1, 0, i] - omega_u[k, 0, i]",
         "omega_u[k, 0, i] - omega_u[k + 1, 0, i]",
         "active-forces",
         "sign",
     ),
-    Fault(SNAKE, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
-    Fault(SNAKE, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
+    Fault(SNAKE_SPEEDS, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
+    Fault(SNAKE_SPEEDS, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
     # the second derivation
     Fault(
-        SNAKE, "V[i, 1] = joint_y + length", "V[i, 1] = joint_y - length", "mass-matrix", "[casadi]"
+        SNAKE_ENERGIES,
+        "V[i, 1] = joint_y + length",
+        "V[i, 1] = joint_y - length",
+        "mass-matrix",
+        "[casadi]",
     ),
     Fault(
-        SNAKE,
+        SNAKE_ENERGIES,
         "(theta[k + 1] - theta[k]) / 2",
         "(theta[k + 1] - theta[k])",
         "generalized-forces",
         "0.5 times",
     ),
     # not a number, and nothing at all
-    Fault(SNAKE, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
-    Fault(SNAKE, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
-    Fault(SNAKE, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
-    Fault(SNAKE, "    return a\n", "    return a * np.nan\n", "finite-terms", "[a]"),
-    Fault(SNAKE, "    return a\n", "    return 0 * a\n", "constraint-jacobian", "missing"),
+    Fault(SNAKE_TERMS, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
+    Fault(SNAKE_TERMS, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
+    Fault(SNAKE_TERMS, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
+    Fault(SNAKE_TERMS, "    return a\n", "    return a * np.nan\n", "finite-terms", "[a]"),
+    Fault(SNAKE_TERMS, "    return a\n", "    return 0 * a\n", "constraint-jacobian", "missing"),
     Fault(
         "formulations/au.py", "M_Au[n:, :n] = -a", "pass", "refusals", "au, M_Au: refused in vain"
     ),
@@ -225,22 +264,32 @@ FAULTS = [
         "formulations/ml.py", "solve(M_ML, F_ML", "solve(M_ML, -F_ML", "equations-residual", "[ml]"
     ),
     # a chain
-    Fault(CHAIN, "+ Vy * sin_phi[k]", "- Vy * sin_phi[k]", "chain-velocity", "velocity of a chain"),
-    Fault(CHAIN, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"),
-    Fault(CHAIN, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
-    Fault(CHAIN, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"),
-    Fault(CHAIN, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
-    Fault(CHAIN, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
-    Fault(CHAIN, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
-    Fault(CHAIN, "sin_delta, -before", "sin_delta, before", *COUPLING),
-    Fault(CHAIN, "= -1, half", "= -1, -half", *COUPLING),
-    Fault(CHAIN, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
-    Fault(CHAIN, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
-    Fault(CHAIN, "s * omega - turning", "-s * omega - turning", *REMAINDER),
-    Fault(CHAIN, " - spin * sin_alpha[k]", "", *REMAINDER),
-    Fault(CHAIN, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
-    Fault(CHAIN, "[j + 1] += across", "[j + 1] -= across", *RESULT),
-    Fault(CHAIN, "-mass[k] * x", "mass[k] * x", *RESULT),
+    Fault(
+        SNAKE_CHAIN,
+        "+ Vy * sin_phi[k]",
+        "- Vy * sin_phi[k]",
+        "chain-velocity",
+        "velocity of a chain",
+    ),
+    Fault(
+        SNAKE_CHAIN, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"
+    ),
+    Fault(SNAKE_CHAIN, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
+    Fault(
+        SNAKE_CHAIN, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"
+    ),
+    Fault(SNAKE_CHAIN, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
+    Fault(SNAKE_CHAIN, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
+    Fault(SNAKE_CHAIN, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
+    Fault(SNAKE_CHAIN, "sin_delta, -before", "sin_delta, before", *COUPLING),
+    Fault(SNAKE_CHAIN, "= -1, half", "= -1, -half", *COUPLING),
+    Fault(SNAKE_CHAIN, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
+    Fault(SNAKE_CHAIN, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
+    Fault(SNAKE_CHAIN, "s * omega - turning", "-s * omega - turning", *REMAINDER),
+    Fault(SNAKE_CHAIN, " - spin * sin_alpha[k]", "", *REMAINDER),
+    Fault(SNAKE_CHAIN, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
+    Fault(SNAKE_CHAIN, "[j + 1] += across", "[j + 1] -= across", *RESULT),
+    Fault(SNAKE_CHAIN, "-mass[k] * x", "mass[k] * x", *RESULT),
     Fault(BANDED, "right[i + 2] = rest", "right[i + 2] = -rest", *RESULT),
     Fault(BANDED, "bands[i + 3, 0] = -before", "_ = -before", *RESULT),
     Fault(BANDED, "bands[i, 6] = bands", "bands", *RESULT),

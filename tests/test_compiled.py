@@ -191,7 +191,7 @@ def test_the_velocity_leaves_out_what_is_absent(function):
 KERNEL = """
 import numpy as np
 from eomcheck.arithmetic.float64 import compiled
-from eomcheck.scenes.snake import forces
+from eomcheck.scenes.snake_terms import forces
 
 kernel = compiled(forces)
 found = kernel(np.array([2.0]), None, np.array([1.0, 0.0]), np.zeros(2))

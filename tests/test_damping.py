@@ -13,7 +13,8 @@ from eomcheck.checks.proof import prove
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake import damper_dissipation, terms
+from eomcheck.scenes.snake_energies import damper_dissipation
+from eomcheck.scenes.snake_terms import terms
 
 LINKS = 4
 DAMPED = replace(Snake.coil(LINKS), damping=[1.0, 20.0, 300.0])

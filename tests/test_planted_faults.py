@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import ASSEMBLED, CHAIN, FAULTS, Fault
+from tests.faults import ASSEMBLED, FAULTS, OF_SNAKES, Fault
 from tests.scenes import random_scene, random_state
 
 import eomcheck
@@ -82,8 +82,9 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
     kind = KINDS.get(file)
     if kind is not None:
         scene = getattr(module, kind.__name__)
-    elif file == CHAIN:
-        own = {name: staticmethod(x) for name, x in vars(module).items() if hasattr(Snake, name)}
+    elif file in OF_SNAKES:
+        functions = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
+        own = {name: staticmethod(x) for name, x in functions.items() if hasattr(Snake, name)}
         scene = type("Snake", (InterpretedSnake,), own)
     else:
         written = {
@@ -101,7 +102,7 @@ def formulation_in(module: ModuleType, key: str) -> dict:
     return FORMULATIONS | {found[0].key: found[0]}
 
 
-@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, CHAIN))
+@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *OF_SNAKES))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:

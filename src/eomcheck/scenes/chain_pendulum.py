@@ -18,7 +18,7 @@ from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Range, Tree
 from eomcheck.scenes.assembled import Assembled, Jacobians
 from eomcheck.scenes.fields import as_code, set_array, whole_links
-from eomcheck.scenes.snake import carried
+from eomcheck.scenes.snake_terms import carried
 
 
 class Parameters(NamedTuple):

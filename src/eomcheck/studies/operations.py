@@ -21,8 +21,9 @@ from eomcheck.model import Scene
 from eomcheck.quantities import Quantities, net_force
 from eomcheck.scenes import Snake
 from eomcheck.scenes.fields import whole_links
-from eomcheck.scenes.snake import active_forces, forces
 from eomcheck.scenes.snake_chain import torques_on, wheel_forces
+from eomcheck.scenes.snake_speeds import active_forces
+from eomcheck.scenes.snake_terms import forces
 from eomcheck.studies.records import Record
 
 MAX_DEGREE = 4

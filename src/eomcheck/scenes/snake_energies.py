@@ -1,0 +1,79 @@
+"""The second derivation of the snake, from positions and velocities only: rule 8 of the contracts.
+
+Energies, dissipation and the sideways speeds of the wheels. Nothing here reads M or a, and engines
+differentiate it. Symbols are those of `eomcheck.scenes.snake`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.arithmetic.generic import generic
+
+
+@generic
+def velocities(parameters, angles, q, v):
+    """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1), Eq. (25)."""
+    length = parameters.length
+    links = length.size
+    V = np.zeros((links, 2), v.dtype)
+    joint_x, joint_y = v[0], v[1]
+    for i in range(links):
+        V[i, 0] = joint_x - length[i] / 2 * v[i + 2] * angles.sin[i]
+        V[i, 1] = joint_y + length[i] / 2 * v[i + 2] * angles.cos[i]
+        joint_x = joint_x - length[i] * v[i + 2] * angles.sin[i]
+        joint_y = joint_y + length[i] * v[i + 2] * angles.cos[i]
+    return V, v[2:].reshape(links, 1)
+
+
+@generic
+def spring_energy(stiffness, theta):
+    """Return U of Eq. (26), J, or None without springs."""
+    if stiffness is None:
+        return None
+    U = 0
+    for k in range(stiffness.size):
+        U += stiffness[k] * (theta[k + 1] - theta[k]) * (theta[k + 1] - theta[k]) / 2
+    return U
+
+
+@generic
+def energies(parameters, angles, q, v):
+    """Return (T, U), J: Eqs. (25)-(26); U is None without springs."""
+    V, omega = velocities(parameters, angles, q, v)
+    T = 0
+    for i in range(V.shape[0]):
+        T += parameters.mass[i] * (V[i, 0] * V[i, 0] + V[i, 1] * V[i, 1]) / 2
+        T += parameters.inertia[i] * omega[i, 0] * omega[i, 0] / 2
+    return T, spring_energy(parameters.stiffness, angles.value)
+
+
+@generic
+def damper_dissipation(damping, omega):
+    """Return R = Σ d_i (ω_{i+1} - ω_i)² / 2, W, or None without dampers."""
+    if damping is None:
+        return None
+    R = 0
+    for k in range(damping.size):
+        R += damping[k] * (omega[k + 1] - omega[k]) * (omega[k + 1] - omega[k]) / 2
+    return R
+
+
+@generic
+def dissipation(parameters, angles, q, v):
+    """Return R, W: half the power that the dampers take; None without dampers."""
+    _, omega = velocities(parameters, angles, q, v)
+    return damper_dissipation(parameters.damping, omega[:, 0])
+
+
+@generic
+def constraint(parameters, angles, q, v):
+    """Return c (N,), m/s: the velocity of each wheel along its axle, Eq. (28)."""
+    V, _ = velocities(parameters, angles, q, v)
+    c = np.zeros(V.shape[0], v.dtype)
+    for i in range(V.shape[0]):
+        cos_alpha, sin_alpha = parameters.cos_alpha[i], parameters.sin_alpha[i]
+        cos_phi = cos_alpha * angles.cos[i] - sin_alpha * angles.sin[i]
+        sin_phi = sin_alpha * angles.cos[i] + cos_alpha * angles.sin[i]
+        c[i] = V[i, 0] * sin_phi - V[i, 1] * cos_phi
+    return c
