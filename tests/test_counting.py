@@ -9,7 +9,7 @@ from eomcheck.arithmetic.counting import Counted, Counting, System, Tally
 from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations import kane
 from eomcheck.quantities import net_force, velocity
-from eomcheck.scenes import Snake, snake
+from eomcheck.scenes import Snake, snake_terms
 
 
 def counts(counting: Counting) -> tuple[int, int, int]:
@@ -149,7 +149,7 @@ LINKS = pytest.mark.parametrize("links", [1, 2, 3, 7, 20])
 def test_forces_take_one_multiplication_and_three_additions_per_joint(links: int):
     counting = Counting()
     theta, omega = counting.vector(links), counting.vector(links)
-    snake.forces(counting.vector(links - 1), None, theta, omega)
+    snake_terms.forces(counting.vector(links - 1), None, theta, omega)
     # A sum that begins with 0 is not counted: the first and the last link carry one torque only.
     assert counts(counting) == (3 * (links - 1), links - 1, 0)
 

@@ -414,6 +414,13 @@ def with_both_wheels_nearly_across() -> tuple[Snake, State]:
     return scene, State(np.ones(4), np.array(v))
 
 
+def with_two_wheels_nearly_across() -> tuple[Snake, State]:
+    """Return a state at which w′ grows from link to link, and with it what was rounded before."""
+    one = np.ones(3)
+    scene = Snake(one, one, np.zeros(3), None, [0.0, 1.5703125, 1.5703125])
+    return scene, State(np.ones(5), np.zeros(5))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -440,6 +447,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_wheels_that_only_rounding_tells_apart,
         swinging_a_long_link,
         with_both_wheels_nearly_across,
+        with_two_wheels_nearly_across,
     ):
         passes = example(found())(passes)
     search = given(hostile((low, min(high, 5))))(passes)

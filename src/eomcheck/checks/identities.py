@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -18,11 +19,15 @@ from eomcheck.quantities import Quantities
 from eomcheck.tolerance import largest
 
 
-def _vanishes(case: Case, subject: str, a: Array, w: Array) -> Finding:
-    terms = largest(np.abs(a) @ np.abs(w))
-    names = (case.at.scene.constraint_names, case.speed_names)
-    zero = np.zeros((a.shape[0], w.shape[1]))
-    return case.compare(subject, a @ w, zero, terms, scale=terms, names=names)
+def _vanishes(case: Case, subject: str, w: Callable[[Evaluation], Array]) -> Finding:
+    """Return the Finding of a w = 0."""
+    at = case.at
+    terms = largest(np.abs(at.terms.a) @ np.abs(w(at)))
+    # Where w grows from row to row, so does what was rounded in it before.
+    spread = at.spread(lambda e: e.terms.a @ w(e)) + terms
+    names = (at.scene.constraint_names, case.speed_names)
+    found = at.terms.a @ w(at)
+    return case.compare(subject, found, np.zeros(found.shape), spread, scale=terms, names=names)
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -33,24 +38,20 @@ def embedding(e: Quantities, partition: Partition) -> Array:
 @claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
 def null_space_embedding(case: Case) -> Iterator[Finding]:
     """The w of the embedding method spans the null space of a, for both partitions."""
-    a = case.at.terms.a
-    if a is None:
+    if case.at.terms.a is None:
         return
     for pivoted in (False, True):
         partition = case.at.pivoted_partition if pivoted else case.at.partition
-        try:
-            w = embedding(case.at, partition)
-        except RefusedError:
-            continue
-        yield _vanishes(case, "em, pivoted" if pivoted else "em", a, w)
+        with suppress(RefusedError):
+            subject = "em, pivoted" if pivoted else "em"
+            yield _vanishes(case, subject, lambda e, p=partition: embedding(e, p))
 
 
 @claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
 def null_space_speeds(case: Case) -> Iterator[Finding]:
     """The w′ of the generalized speeds spans the null space of a."""
-    a = case.at.terms.a
-    if a is not None and case.has_speeds:
-        yield _vanishes(case, "ml, kane", a, case.at.speeds.W)
+    if case.at.terms.a is not None and case.has_speeds:
+        yield _vanishes(case, "ml, kane", lambda e: e.speeds.W)
 
 
 @claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
