@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from eomcheck.scenes import Bicycle, Snake
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -31,10 +33,14 @@ FOUR_BAR = "scenes/four_bar_chain.py"
 ANDREWS = "scenes/andrews.py"
 GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
+BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 BRICARD = "scenes/bricard.py"
 ASSEMBLED = "scenes/assembled.py"
-OF_SNAKES = SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN
-"""Files of functions, from which `scenes/snake.py` takes those of the scene."""
+PARTS = {
+    **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
+    **dict.fromkeys((BICYCLE_JACOBIANS, BICYCLE_ENERGIES), Bicycle),
+}
+"""File of functions -> the scene that takes them from there."""
 BANDED = "formulations/banded.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
@@ -398,38 +404,46 @@ FAULTS = [
     Fault(GOVERNOR, "pull + damping", "pull - damping", "generalized-forces", "row s"),
     Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
     # The bicycle
-    Fault(BICYCLE, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
-    Fault(BICYCLE, "(FORK, STEERING)", "(FORK, 2)", "mass-matrix", "ψ_f"),
-    Fault(BICYCLE, "k], alpha[k], pose", "k], 0 * alpha[k], pose", "bias", "row "),
-    Fault(BICYCLE, "rear_arm[k]) + swing", "rear_arm[k]) - swing", "bias", "row "),
-    Fault(BICYCLE, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),
-    Fault(BICYCLE, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
-    Fault(BICYCLE, "lengthening, pose", "-lengthening, pose", "constraint-drift", "front wheel"),
+    Fault(BICYCLE_JACOBIANS, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
+    Fault(BICYCLE_JACOBIANS, "(FORK, STEERING)", "(FORK, 2)", "mass-matrix", "ψ_f"),
+    Fault(BICYCLE_JACOBIANS, "k], alpha[k], pose", "k], 0 * alpha[k], pose", "bias", "row "),
+    Fault(BICYCLE_JACOBIANS, "rear_arm[k]) + swing", "rear_arm[k]) - swing", "bias", "row "),
+    Fault(BICYCLE_JACOBIANS, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),
+    Fault(BICYCLE_JACOBIANS, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
     Fault(
-        BICYCLE,
+        BICYCLE_JACOBIANS,
+        "lengthening, pose",
+        "-lengthening, pose",
+        "constraint-drift",
+        "front wheel",
+    ),
+    Fault(
+        BICYCLE_JACOBIANS,
         "shorter * axle[2], axle",
         "-shorter * axle[2], axle",
         "constraint-jacobian",
         "front wheel",
     ),
     Fault(
-        BICYCLE,
+        BICYCLE_ENERGIES,
         "-radius[0] * cos[PITCH]",
         "radius[0] * cos[PITCH]",
         "constraint-jacobian",
         "rear wheel",
     ),
     Fault(
-        BICYCLE,
+        BICYCLE_ENERGIES,
         "-= v[STEER] * prepared.tilt_sin",
         "+= v[STEER] * prepared.tilt_sin",
         "mass-matrix",
         "ψ_f",
     ),
-    Fault(BICYCLE, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
-    Fault(BICYCLE, "parameters.radius[1] * prepared.upright", "prepared.upright", *RATE),
+    Fault(BICYCLE_ENERGIES, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
+    Fault(BICYCLE_ENERGIES, "parameters.radius[1] * prepared.upright", "prepared.upright", *RATE),
     Fault(BICYCLE, "holonomic = slice(2, 5, 2)", "holonomic = slice(2, 4, 1)", *RATE),
-    Fault(BICYCLE, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "),
+    Fault(
+        BICYCLE_ENERGIES, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "
+    ),
     # Bricard's mechanism
     Fault(BRICARD, "gap[TIP[i], 0] = tip[i]", "gap[TIP[i], 0] = tip[2 - i]", *RATE),
     Fault(BRICARD, "arm = arm + 2 *", "arm = arm + 1 *", "mass-matrix", "entry"),

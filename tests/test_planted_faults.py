@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import ASSEMBLED, FAULTS, OF_SNAKES, Fault
+from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
 from tests.scenes import random_scene, random_state
 
 import eomcheck
@@ -82,10 +82,11 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
     kind = KINDS.get(file)
     if kind is not None:
         scene = getattr(module, kind.__name__)
-    elif file in OF_SNAKES:
+    elif file in PARTS:
+        kind = PARTS[file]
         functions = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
-        own = {name: staticmethod(x) for name, x in functions.items() if hasattr(Snake, name)}
-        scene = type("Snake", (InterpretedSnake,), own)
+        own = {name: staticmethod(x) for name, x in functions.items() if hasattr(kind, name)}
+        scene = type(kind.__name__, (kind,), own)
     else:
         written = {
             name: value
@@ -102,7 +103,7 @@ def formulation_in(module: ModuleType, key: str) -> dict:
     return FORMULATIONS | {found[0].key: found[0]}
 
 
-@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *OF_SNAKES))
+@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:

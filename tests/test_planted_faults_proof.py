@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.faults import ASSEMBLED, FAULTS, OF_SNAKES, Fault
+from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
 from tests.scenes import LINKS
 from tests.test_planted_faults import KINDS, PACKAGE, changed, formulation_in, kind_in, planted
 
@@ -88,7 +88,7 @@ def test_every_exception_is_about_a_fault_that_is_planted():
     assert OTHERWISE.keys() <= {fault.old for fault in FAULTS}
 
 
-@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *OF_SNAKES))
+@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:
