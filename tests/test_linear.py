@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from eomcheck.arithmetic import linear
 from eomcheck.arithmetic.float64 import SMALL, compiled
 from eomcheck.arithmetic.linear import column_scale, eliminate, singular_below, solve, watching
+from eomcheck.arithmetic.noise import STEP
 from eomcheck.certified import accuracy
 from eomcheck.errors import RefusedError
 from eomcheck.studies.families.ratios import MASS_RATIO
@@ -241,7 +242,15 @@ def test_scaling_brings_the_largest_entry_of_each_column_near_1(row):
     assert (np.frexp(scale)[0] == 0.5).all()
     for entry, factor in zip(row, scale, strict=True):
         tiny = abs(entry) < 2.0**-1000
-        assert tiny or 0.5 <= abs(entry) * factor < 1
+        assert tiny or 0.499 < abs(entry) * factor < 1
+
+
+@pytest.mark.parametrize("exponent", range(-40, 41))
+def test_an_entry_that_is_a_power_of_two_is_scaled_alike_when_it_is_moved(exponent):
+    """Found by hostile states: other scales are other pivots, with errors of another size."""
+    entry = 2.0**exponent
+    row = entry * np.array([1 - STEP, 1.0, 1 + STEP, 1.4])
+    assert len(set(column_scale(row[np.newaxis]))) == 1
 
 
 # ---- Fractions -----------------------------------------------------------------------------------

@@ -407,6 +407,14 @@ def swinging_a_long_link() -> tuple[Snake, State]:
     return scene, State(np.array([0.0, 0.0, 0.0, 0.03125, 0.0]), np.array(v))
 
 
+def with_rows_on_powers_of_two() -> tuple[Snake, State]:
+    """Return a state whose rows of a were scaled otherwise, and gave other pivots, when moved."""
+    v = [-0.7060580940276155, 0.0025036239413944823, -0.5007247882788964]
+    v += [0.5007247882788965, -0.005007247882788965]
+    scene = Snake(np.ones(3), [0.01, 0.01, 1.0], [1.0, 1.0, 0.0], None, np.zeros(3))
+    return scene, State(np.zeros(5), np.array(v))
+
+
 def with_both_wheels_nearly_across() -> tuple[Snake, State]:
     """Return a state whose constraints, 5e-10 m from dependent, amplify what v violates them by."""
     v = [-0.008414289047465804, 0.005402752871656881, -0.999900010023462, 0.009998997765487887]
@@ -446,6 +454,7 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_dependent_wheels,
         with_wheels_that_only_rounding_tells_apart,
         swinging_a_long_link,
+        with_rows_on_powers_of_two,
         with_both_wheels_nearly_across,
         with_two_wheels_nearly_across,
     ):

@@ -242,6 +242,10 @@ def log_determinant(pivots: np.ndarray, *scales: np.ndarray) -> float:
         return float(np.log2(np.abs(pivots)).sum() - sum(np.log2(s).sum() for s in scales))
 
 
+ABOVE_ONE = 1.0 + 2.0**-20
+"""What is so little below a power of two is scaled like it."""
+
+
 def column_scale(A: np.ndarray) -> np.ndarray:
     """Return powers of two, shape (k,), that bring the largest entry of each column near 1.
 
@@ -250,7 +254,9 @@ def column_scale(A: np.ndarray) -> np.ndarray:
     """
     largest = np.abs(A).max(axis=0)
     usable = (largest > 0) & np.isfinite(largest)
-    exponent = np.frexp(np.where(usable, largest, 1.0))[1]
+    # Many numbers of models are powers of two. Moved a little, they must not fall on either side of
+    # a limit: another scale of a row is another pivot, and an error that is not the one to measure.
+    exponent = np.frexp(np.where(usable, largest, 1.0) * ABOVE_ONE)[1]
     return np.ldexp(1.0, np.minimum(-exponent, 1000))
 
 
