@@ -20,6 +20,10 @@ def drawn(one: Range, random: np.random.Generator) -> Any:
     return value if one.shape else float(value)
 
 
+NOT_OF_SNAKES = {"position-rate"}
+"""Claims about closed positions, which snakes do not have."""
+
+
 def random_scene(kind: type[Scene], random: np.random.Generator, links: int = LINKS) -> Scene:
     """Return a scene whose parameters are drawn from the ranges of its kind."""
     ranges = kind.ranges(links if kind.has_links else None)
