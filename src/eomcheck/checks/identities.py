@@ -21,12 +21,12 @@ from eomcheck.tolerance import largest
 
 def _vanishes(case: Case, subject: str, w: Callable[[Evaluation], Array]) -> Finding:
     """Return the Finding of a w = 0."""
-    at = case.at
-    terms = largest(np.abs(at.terms.a) @ np.abs(w(at)))
+    at, here = case.at, w(case.at)
+    terms = largest(np.abs(at.terms.a) @ np.abs(here))
     # Where w grows from row to row, so does what was rounded in it before.
     spread = at.spread(lambda e: e.terms.a @ w(e)) + terms
     names = (at.scene.constraint_names, case.speed_names)
-    found = at.terms.a @ w(at)
+    found = at.terms.a @ here
     return case.compare(subject, found, np.zeros(found.shape), spread, scale=terms, names=names)
 
 

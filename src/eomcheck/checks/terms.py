@@ -139,15 +139,15 @@ def position_rate(case: Case) -> Iterator[Finding]:
     def over_time(e: Evaluation) -> Array:
         return along(e, np.zeros(e.scene.n), True)
 
-    a, b = at.terms.a[rows], at.terms.b
+    def b(e: Evaluation) -> Array:
+        return (np.zeros(e.scene.r) if e.terms.b is None else e.terms.b)[rows]
+
     spread = at.spread(over_coordinates) + at.spread(lambda e: e.terms.a[rows])
     names = (at.scene.constraint_names[rows], at.scene.coordinate_names)
-    yield case.compare("∂Φ/∂q", over_coordinates(at), a, spread, names=names)
+    yield case.compare("∂Φ/∂q", over_coordinates(at), at.terms.a[rows], spread, names=names)
     if at.scene.depends_on_time:
-        zero = np.zeros(len(a))
-        expected = zero if b is None else b[rows]
-        spread = at.spread(over_time) + at.spread(lambda e: zero if b is None else e.terms.b[rows])
-        yield case.compare("∂Φ/∂t", over_time(at), expected, spread, scale=spread, names=names[:1])
+        spread = at.spread(over_time) + at.spread(b)
+        yield case.compare("∂Φ/∂t", over_time(at), b(at), spread, scale=spread, names=names[:1])
 
 
 @claim("constraint-drift", "gamma = ȧ q̇ + ḃ", "(3)", "constraint drift")

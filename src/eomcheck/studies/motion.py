@@ -49,23 +49,33 @@ def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
     Raises:
         UnknownNameError: no such formulation.
     """
+    formulations = [formulation_of(key) for key in dict.fromkeys(keys or FORMULATIONS)]
     scene = Snake.paper()
-    keys = list(dict.fromkeys(keys or FORMULATIONS))
-    motions = [Motion(scene, formulation_of(key), *scene.initial_state()) for key in keys]
-    compiled, python = ([float("inf")] * len(motions) for _ in range(2))
-    calls = [0] * len(motions)
-    with progress("timing", ROUNDS * len(motions)) as advance:
+    found: dict[str, MotionTime] = {}
+    motions = []
+    with progress("compiling and timing", (1 + ROUNDS) * len(formulations)) as advance:
+        for formulation in formulations:
+            motions.append(Motion(scene, formulation, *scene.initial_state()))
+            advance()
         for _ in range(ROUNDS):
-            for i, motion in enumerate(motions):
-                best = run_time(
-                    lambda m=motion: m.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS
+            for motion in motions:
+                new = _measure(motion)
+                old = found.get(new.formulation, new)
+                found[new.formulation] = MotionTime(
+                    new.formulation,
+                    min(old.seconds, new.seconds),
+                    new.right_hand_sides,
+                    min(old.seconds_in_python, new.seconds_in_python),
                 )
-                calls[i] = int(motion.table.counts[CALLS])
-                compiled[i] = min(compiled[i], best.seconds)
-                best = run_time(lambda m=motion: _by_scipy(m), runs=IN_PYTHON)
-                python[i] = min(python[i], best.seconds)
                 advance()
-    return [MotionTime(*found) for found in zip(keys, compiled, calls, python, strict=True)]
+    return list(found.values())
+
+
+def _measure(motion: Motion) -> MotionTime:
+    compiled = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
+    calls = int(motion.table.counts[CALLS])
+    python = run_time(lambda: _by_scipy(motion), runs=IN_PYTHON)
+    return MotionTime(motion.formulation.key, compiled.seconds, calls, python.seconds)
 
 
 def _by_scipy(motion: Motion) -> None:

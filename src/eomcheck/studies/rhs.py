@@ -72,7 +72,7 @@ def time_calls(
     Args:
         jobs: what is timed; each is compiled when its turn to be made comes.
         repeats: batches of each, of which the median counts.
-        advance: called after each job is compiled.
+        advance: called after each job is compiled, and after each batch.
     """
     ready = []
     for what, links, call in jobs:
@@ -85,6 +85,7 @@ def time_calls(
     for _ in range(repeats):
         for (_, _, call, count, _), seconds in zip(ready, batches, strict=True):
             seconds.append(_seconds(call, count) / count)
+            advance()
     return [
         _timing(what, links, seconds, first)
         for (what, links, _, _, first), seconds in zip(ready, batches, strict=True)
@@ -192,6 +193,6 @@ def measure_all(
         ]
         if n <= DENSE_LIMIT:
             jobs.append((PINOCCHIO, n, _pinocchio_call))
-    with progress("compiling and timing", len(jobs)) as advance:
+    with progress("compiling and timing", (1 + repeats) * len(jobs)) as advance:
         made = ((what, n, prepare(n)) for what, n, prepare in jobs)
         return time_calls(made, repeats, advance)
