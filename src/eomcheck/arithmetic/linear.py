@@ -20,11 +20,10 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.arithmetic.noise import NORMAL, Noise
+from eomcheck.arithmetic.pivots import EPS, scale_of
 from eomcheck.errors import RefusedError
 
 _getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.float64)
-
-EPS = float(np.finfo(np.float64).eps)
 
 SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
@@ -242,22 +241,13 @@ def log_determinant(pivots: np.ndarray, *scales: np.ndarray) -> float:
         return float(np.log2(np.abs(pivots)).sum() - sum(np.log2(s).sum() for s in scales))
 
 
-ABOVE_ONE = 1.0 + 2.0**-20
-"""What is so little below a power of two is scaled like it."""
-
-
 def column_scale(A: np.ndarray) -> np.ndarray:
     """Return powers of two, shape (k,), that bring the largest entry of each column near 1.
 
     Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
     the same. It does notice one of rows, for which the same function is used on Aᵀ.
     """
-    largest = np.abs(A).max(axis=0)
-    usable = (largest > 0) & np.isfinite(largest)
-    # Many numbers of models are powers of two. Moved a little, they must not fall on either side of
-    # a limit: another scale of a row is another pivot, and an error that is not the one to measure.
-    exponent = np.frexp(np.where(usable, largest, 1.0) * ABOVE_ONE)[1]
-    return np.ldexp(1.0, np.minimum(-exponent, 1000))
+    return scale_of(np.abs(A).max(axis=0))
 
 
 def eliminate(A, b, name):
