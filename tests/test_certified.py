@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS

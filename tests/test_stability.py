@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.certified import DIGITS_OF_DOUBLES, accuracy
 from eomcheck.errors import RefusedError, UnknownNameError
 from eomcheck.evaluate import Evaluation

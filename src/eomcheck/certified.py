@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eomcheck.arithmetic.ball import ball, midpoints
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.enclosure import Enclosure, enclose
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulation_for

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 
 C = 32.0
 """The one constant of every tolerance.

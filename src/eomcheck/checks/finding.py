@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.model import Array, Scene, State
 from eomcheck.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.model import Arithmetic, Array, Range, Symmetry
 from eomcheck.scenes import plane

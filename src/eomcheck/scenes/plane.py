@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Array, Scene, Symmetry
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry, Tree
 from eomcheck.scenes import plane

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.model import Array

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import EPS
+from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Arithmetic, Array, Scene, Speeds
 from eomcheck.scenes import Snake, snake
