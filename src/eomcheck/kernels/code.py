@@ -1,0 +1,254 @@
+"""LLVM's language, written line by line: numbers, memory, loops and branches.
+
+A `Code` is the body of one function. Its numbers are doubles, or vectors of them, one lane each;
+values are the names that LLVM knows them by. No flag allows reassociation or contraction.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+LANES = 8
+"""Doubles that a vector operation takes at once: as many as the widest registers hold. LLVM splits
+what a machine has not."""
+
+
+def real_type(width: int) -> str:
+    """Return LLVM's name for `width` doubles side by side."""
+    return "double" if width == 1 else f"<{width} x double>"
+
+
+class Turn:
+    """One iteration of a loop: its number i, what is carried into it, and what it hands on."""
+
+    def __init__(self, i: str, carried: list[str]):
+        self.i, self.carried, self.handed = i, carried, list(carried)
+
+
+class Code:
+    """The body of one function, for `width` lanes."""
+
+    def __init__(self, width: int = 1):
+        self.width, self.real = width, real_type(width)
+        self.lines: list[str] = []
+        self.block, self._names, self._constants = "entry", 0, {}
+
+    # ---- Values ----------------------------------------------------------------------------------
+
+    def fresh(self) -> str:
+        """Return a new name."""
+        self._names += 1
+        return f"%v{self._names}"
+
+    def let(self, text: str) -> str:
+        """Return the name of what `text` computes."""
+        name = self.fresh()
+        self.lines.append(f"{name} = {text}")
+        return name
+
+    def do(self, text: str) -> None:
+        """Write an instruction that makes no value."""
+        self.lines.append(text)
+
+    def constant(self, x: float) -> str:
+        """Return a number, the same in every lane."""
+        found = self._constants.get(x)
+        if found is None or x == 0:
+            bits = f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
+            found = self._constants[x] = self.splat_of(f"double {bits}")
+        return found
+
+    def splat_of(self, typed: str) -> str:
+        """Return a literal such as "double 1.0" or "i64 3", the same in every lane."""
+        return (
+            typed.partition(" ")[2] if self.width == 1 else f"<{', '.join([typed] * self.width)}>"
+        )
+
+    def like(self, scalar: str) -> str:
+        """Return the type of values that have a `scalar`, such as i1 or i64, in each lane."""
+        return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
+
+    def add(self, x: str, y: str) -> str:
+        """Return x + y."""
+        return self.let(f"fadd {self.real} {x}, {y}")
+
+    def sub(self, x: str, y: str) -> str:
+        """Return x - y."""
+        return self.let(f"fsub {self.real} {x}, {y}")
+
+    def mul(self, x: str, y: str) -> str:
+        """Return x y."""
+        return self.let(f"fmul {self.real} {x}, {y}")
+
+    def div(self, x: str, y: str) -> str:
+        """Return x / y."""
+        return self.let(f"fdiv {self.real} {x}, {y}")
+
+    def neg(self, x: str) -> str:
+        """Return -x."""
+        return self.let(f"fneg {self.real} {x}")
+
+    def call(self, name: str, *x: str) -> str:
+        """Return LLVM's function `name` of numbers: fabs, sqrt, fma, maxnum, copysign."""
+        suffix = "f64" if self.width == 1 else f"v{self.width}f64"
+        given = ", ".join(f"{self.real} {y}" for y in x)
+        return self.let(f"call {self.real} @llvm.{name}.{suffix}({given})")
+
+    def compare(self, how: str, x: str, y: str) -> str:
+        """Return where x `how` y: ogt, oeq, une, ..."""
+        return self.let(f"fcmp {how} {self.real} {x}, {y}")
+
+    def choose(self, where: str, x: str, y: str) -> str:
+        """Return x where `where` holds, otherwise y."""
+        return self.let(f"select {self.like('i1')} {where}, {self.real} {x}, {self.real} {y}")
+
+    def both(self, x: str, y: str, how: str = "and") -> str:
+        """Return where both conditions hold; `how` may be "or"."""
+        return self.let(f"{how} {self.like('i1')} {x}, {y}")
+
+    def anywhere(self, where: str) -> str:
+        """Return whether a condition holds in any lane."""
+        if self.width == 1:
+            return where
+        return self.let(
+            f"call i1 @llvm.vector.reduce.or.v{self.width}i1({self.like('i1')} {where})"
+        )
+
+    def lane(self, x: str, lane: int | str) -> str:
+        """Return the double in one lane."""
+        return x if self.width == 1 else self.let(f"extractelement {self.real} {x}, i64 {lane}")
+
+    def lane_of_condition(self, where: str, lane: int) -> str:
+        """Return whether a condition holds in one lane."""
+        return self.let(f"extractelement {self.like('i1')} {where}, i64 {lane}")
+
+    def packed(self, doubles: Sequence[str]) -> str:
+        """Return doubles, one a lane, as a number; one is for every lane."""
+        if self.width == 1:
+            return doubles[0]
+        out = "poison"
+        for i in range(self.width):
+            x = doubles[i if len(doubles) > 1 else 0]
+            out = self.let(f"insertelement {self.real} {out}, double {x}, i64 {i}")
+        return out
+
+    # ---- Memory ----------------------------------------------------------------------------------
+
+    def at(self, pointer: str, place: int | str, kind: str | None = None) -> str:
+        """Return the address of entry `place` of numbers, or of `kind`, at `pointer`."""
+        if place == 0:
+            return pointer
+        return self.let(f"getelementptr {kind or self.real}, ptr {pointer}, i64 {place}")
+
+    def load(self, pointer: str, place: int | str = 0) -> str:
+        """Return entry `place` of numbers at `pointer`."""
+        return self.let(f"load {self.real}, ptr {self.at(pointer, place)}, align 8")
+
+    def store(self, x: str, pointer: str, place: int | str = 0) -> None:
+        """Write entry `place` of numbers at `pointer`."""
+        self.do(f"store {self.real} {x}, ptr {self.at(pointer, place)}, align 8")
+
+    def memory(self, count: int, kind: str | None = None) -> str:
+        """Return the address of room for `count` numbers on the stack, in the first block only."""
+        return self.let(f"alloca {kind or self.real}, i64 {count}, align 64")
+
+    # ---- Whole numbers ---------------------------------------------------------------------------
+
+    def integer(self, how: str, x: int | str, y: int | str) -> str:
+        """Return x `how` y of 64-bit integers: add, sub, mul."""
+        return self.let(f"{how} i64 {x}, {y}")
+
+    def along(self, i: str, first: int, step: int) -> str | int:
+        """Return first + step i."""
+        if step == 0:
+            return first
+        scaled = i if step == 1 else self.integer("mul", i, step)
+        return scaled if first == 0 else self.integer("add", scaled, first)
+
+    # ---- Order -----------------------------------------------------------------------------------
+
+    def enter(self, block: str) -> None:
+        """Begin a block, which nothing falls into."""
+        self.lines.append(f"{block}:")
+        self.block = block
+
+    def jump(self, block: str) -> None:
+        """Go to a block."""
+        self.do(f"br label %{block}")
+
+    def branch(self, where: str, yes: str, no: str) -> None:
+        """Go to one of two blocks."""
+        self.do(f"br i1 {where}, label %{yes}, label %{no}")
+
+    def labels(self, *stems: str) -> list[str]:
+        """Return new names of blocks."""
+        self._names += 1
+        return [f"{stem}{self._names}" for stem in stems]
+
+    @contextmanager
+    def loop(self, count: int | str, *carried: tuple[str, str]) -> Iterator[Turn]:
+        """Repeat what is written inside `count` times, at least once.
+
+        Args:
+            count: how often.
+            carried: (type, first value) of what one iteration hands on to the next; afterwards the
+                turn's `carried` are the last ones handed.
+        """
+        (head,) = self.labels("loop")
+        before = self.block
+        self.jump(head)
+        self.enter(head)
+        turn = Turn(self.fresh(), [self.fresh() for _ in carried])
+        place = len(self.lines)
+        self.lines += [""] * (1 + len(carried))
+        yield turn
+        after = self.integer("add", turn.i, 1)
+        more = self.let(f"icmp ne i64 {after}, {count}")
+        (done,) = self.labels("done")
+        end = self.block
+        self.branch(more, head, done)
+        self.enter(done)
+        self.lines[place] = f"{turn.i} = phi i64 [0, %{before}], [{after}, %{end}]"
+        rows = zip(turn.carried, carried, turn.handed, strict=True)
+        for i, (name, (kind, first), handed) in enumerate(rows):
+            self.lines[place + 1 + i] = (
+                f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
+            )
+        turn.carried = list(turn.handed)
+
+    @contextmanager
+    def repeat(self, *carried: tuple[str, str]) -> Iterator[Turn]:
+        """Repeat what is written inside while `turn.more`, a condition set there, holds."""
+        (head,) = self.labels("while")
+        before = self.block
+        self.jump(head)
+        self.enter(head)
+        turn = Turn("", [self.fresh() for _ in carried])
+        place = len(self.lines)
+        self.lines += [""] * len(carried)
+        yield turn
+        (done,) = self.labels("done")
+        end = self.block
+        self.branch(turn.i, head, done)
+        self.enter(done)
+        rows = zip(turn.carried, carried, turn.handed, strict=True)
+        for i, (name, (kind, first), handed) in enumerate(rows):
+            self.lines[place + i] = f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
+        turn.carried = list(turn.handed)
+
+    @contextmanager
+    def when(self, where: str) -> Iterator[None]:
+        """Do what is written inside if an i1 holds; it hands on through memory only."""
+        yes, after = self.labels("yes", "after")
+        self.branch(where, yes, after)
+        self.enter(yes)
+        yield
+        self.jump(after)
+        self.enter(after)
+
+    def function(self, head: str, result: str = "void") -> str:
+        """Return the function's text: `head` is what stands before its body."""
+        inside = "\n".join(["entry:", *self.lines, f"ret {result}"])
+        return f"{head} {{\n{inside}\n}}\n"

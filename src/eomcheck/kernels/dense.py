@@ -1,0 +1,294 @@
+"""Solves in machine code: rows scaled, largest pivots, no branch and no exception.
+
+`eomcheck.arithmetic.pivots` says how. Small matrices are eliminated in registers, where a row is
+exchanged by choosing; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by lane. Where a
+pivot is 0 or not a number, x is NaN.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+from eomcheck.arithmetic.pivots import ABOVE_ONE, LARGEST_EXPONENT
+from eomcheck.kernels.code import LANES, Code, real_type
+
+ONE, EXPONENT = 1023, 52
+"""The exponent of 1 in the bits of a double, and where it stands."""
+
+
+def scale_of(code: Code, largest: str) -> str:
+    """Return the powers of two that `eomcheck.arithmetic.pivots.scale_of` gives."""
+    kind = code.like("i64")
+
+    def whole(x: int) -> str:
+        return code.splat_of(f"i64 {x}")
+
+    moved = code.mul(largest, code.constant(ABOVE_ONE))
+    bits = code.let(
+        f"lshr {kind} {code.let(f'bitcast {code.real} {moved} to {kind}')}, {whole(52)}"
+    )
+    place = code.let(f"sub {kind} {whole(2 * ONE - 1)}, {bits}")
+    for how, limit in (("smax", ONE - LARGEST_EXPONENT), ("smin", ONE + LARGEST_EXPONENT)):
+        suffix = kind if code.width == 1 else f"v{code.width}i64"
+        place = code.let(f"call {kind} @llvm.{how}.{suffix}({kind} {place}, {kind} {whole(limit)})")
+    shifted = code.let(f"shl {kind} {place}, {whole(EXPONENT)}")
+    scale = code.let(f"bitcast {kind} {shifted} to {code.real}")
+    above = code.compare("ogt", largest, code.constant(0.0))
+    below = code.compare("one", largest, code.constant(float("inf")))
+    return code.choose(code.both(above, below), scale, code.constant(0.5))
+
+
+class Inline:
+    """A matrix (k, k) of values, factored in registers."""
+
+    def __init__(self, code: Code, A: list[list[str]]):
+        self.code, self.size = code, len(A)
+        self.scales = [] if self.size == 1 else [self._row_scale(row) for row in A]
+        for row, scale in zip(A, self.scales, strict=False):
+            row[:] = [code.mul(x, scale) for x in row]
+        self.upper: list[list[str]] = []
+        self.factors: list[list[str]] = []
+        self.chosen: list[list[str]] = []
+        rows = A
+        while rows:
+            rows = self._eliminated(rows)
+
+    def _row_scale(self, row: list[str]) -> str:
+        sizes = [self.code.call("fabs", x) for x in row]
+        largest = sizes[0]
+        for size in sizes[1:]:
+            # A NaN is passed over here, and found by the pivots.
+            largest = self.code.call("maxnum", largest, size)
+        return scale_of(self.code, largest)
+
+    def _eliminated(self, rows: list[list[str]]) -> list[list[str]]:
+        """Choose a pivot among `rows`, keep its row, and return the others without its column."""
+        code = self.code
+        best, where = code.call("fabs", rows[0][0]), []
+        for row in rows[1:]:
+            size = code.call("fabs", row[0])
+            where.append(code.compare("ogt", size, best))
+            best = code.choose(where[-1], size, best)
+        # Of several that are larger than all before, the last one is the pivot.
+        marks: list[str] = []
+        later = None
+        for mark in reversed(where):
+            taken = mark if later is None else code.both(mark, self._not(later))
+            later = mark if later is None else code.both(later, mark, "or")
+            marks.insert(0, taken)
+        self.chosen.append(marks)
+        pivot, *others = self._exchanged(rows)
+        usable = code.compare("une", pivot[0], code.constant(0.0))
+        pivot[0] = code.choose(usable, pivot[0], code.constant(float("nan")))
+        self.upper.append(pivot)
+        factors = [code.div(row[0], pivot[0]) for row in others]
+        self.factors.append(factors)
+        return [
+            [code.sub(x, code.mul(f, y)) for x, y in zip(row[1:], pivot[1:], strict=True)]
+            for row, f in zip(others, factors, strict=True)
+        ]
+
+    def _not(self, where: str) -> str:
+        kind = self.code.like("i1")
+        return self.code.let(f"xor {kind} {where}, {self.code.splat_of('i1 true')}")
+
+    def _exchanged(self, rows: list[list[str]]) -> list[list[str]]:
+        """Return the row chosen, and the others with the first one in its place."""
+        first, others = list(rows[0]), []
+        pivot = list(first)
+        for row, mark in zip(rows[1:], self.chosen[-1], strict=True):
+            pivot = [self.code.choose(mark, x, y) for x, y in zip(row, pivot, strict=True)]
+            pairs = zip(first, row, strict=True)
+            others.append([self.code.choose(mark, x, y) for x, y in pairs])
+        return [pivot, *others]
+
+    def solve(self, b: list[str]) -> list[str]:
+        """Return x (k,) of values b (k,)."""
+        code = self.code
+        left = [code.mul(x, s) for x, s in zip(b, self.scales, strict=True)] if self.scales else b
+        done = []
+        for marks, factors in zip(self.chosen, self.factors, strict=True):
+            first, pivot, others = left[0], left[0], []
+            for x, mark in zip(left[1:], marks, strict=True):
+                pivot = code.choose(mark, x, pivot)
+                others.append(code.choose(mark, first, x))
+            done.append(pivot)
+            left = [code.sub(x, code.mul(f, pivot)) for x, f in zip(others, factors, strict=True)]
+        x: list[str] = []
+        for row, right in zip(reversed(self.upper), reversed(done), strict=True):
+            for coefficient, y in zip(reversed(row[1:]), reversed(x), strict=True):
+                right = code.sub(right, code.mul(coefficient, y))
+            x.insert(0, code.div(right, row[0]))
+        return x
+
+
+# ---- In memory -----------------------------------------------------------------------------------
+
+
+@cache
+def _capsule(module: str, name: str) -> int:
+    """Return the address of a routine that SciPy offers to compiled code."""
+    import importlib
+
+    capsule = importlib.import_module(module).__pyx_capi__[name]
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = (
+        ctypes.c_char_p,
+        [ctypes.py_object],
+    )
+    get = api.PyCapsule_GetPointer
+    get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return get(capsule, api.PyCapsule_GetName(capsule))
+
+
+def _call(code: Code, module: str, name: str, *pointers: str) -> None:
+    address = _capsule(f"scipy.linalg.cython_{module}", name)
+    given = ", ".join(f"ptr {p}" for p in pointers)
+    code.do(f"call void inttoptr (i64 {address} to ptr)({given})")
+
+
+def _whole(code: Code, value: int) -> str:
+    """Return the address of a 32-bit integer, as LAPACK wants them."""
+    return _stored(code, "i32", value)
+
+
+def _stored(code: Code, kind: str, value: object) -> str:
+    place = code.let(f"alloca {kind}")
+    code.do(f"store {kind} {value}, ptr {place}")
+    return place
+
+
+def _chunks(count: int) -> list[tuple[int, int]]:
+    """Return (width, times) that make up `count`."""
+    full, left = divmod(count, LANES)
+    return [(width, times) for width, times in ((LANES, full), (1, left)) if times]
+
+
+def factor_text(name: str, size: int, stride: int) -> str:
+    """Return the function (from, to) that factors a matrix (k, k) that stands column by column.
+
+    Its entries are `stride` doubles apart; factors, scales of rows and pivots are written to `to`.
+    """
+    code = Code()
+    order, info = _whole(code, size), _whole(code, 0)
+    scales = code.at("%to", size * size)
+    pivots = code.at("%to", size * size + size)
+    if stride > 1:
+        with code.loop(size * size) as turn:
+            code.store(code.load("%from", code.integer("mul", turn.i, stride)), "%to", turn.i)
+    source = "%to" if stride > 1 else "%from"
+    for width, times, first in _placed(size):
+        wide = _Wide(code, width)
+        with code.loop(times) as row:
+            at = code.integer("add", code.integer("mul", row.i, width), first)
+            with code.loop(size, (wide.real, wide.constant(0.0))) as column:
+                entry = wide.load(
+                    source, code.integer("add", at, code.integer("mul", column.i, size))
+                )
+                column.handed[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
+            scale = wide.scale(column.carried[0])
+            wide.store(scale, scales, at)
+            with code.loop(size) as column:
+                place = code.integer("add", at, code.integer("mul", column.i, size))
+                wide.store(wide.mul(wide.load(source, place), scale), "%to", place)
+    _call(code, "lapack", "dgetrf", order, order, "%to", order, pivots, info)
+    # A pivot of 0, or none that is a number, must not look like a solution.
+    with code.loop(size, ("double", code.constant(0.0))) as turn:
+        pivot = code.load("%to", code.integer("mul", turn.i, size + 1))
+        bad = code.compare("ueq", pivot, code.constant(0.0))
+        turn.handed[0] = code.choose(bad, code.constant(float("nan")), turn.carried[0])
+    with code.loop(size) as row:
+        code.store(code.add(code.load(scales, row.i), turn.carried[0]), scales, row.i)
+    return code.function(
+        f"define internal void @{name}(ptr noalias %from, ptr noalias %to) nounwind"
+    )
+
+
+def _placed(size: int) -> list[tuple[int, int, int]]:
+    """Return (width, times, first) that make up a row of `size`."""
+    out, first = [], 0
+    for width, times in _chunks(size):
+        out.append((width, times, first))
+        first += width * times
+    return out
+
+
+class _Wide:
+    """Vectors of another width within the same function."""
+
+    def __init__(self, code: Code, width: int):
+        self._code = Code(width)
+        self._code.lines, self.real = code.lines, real_type(width)
+        self._code.fresh = code.fresh  # type: ignore[method-assign]
+
+    def __getattr__(self, name: str):
+        return getattr(self._code, name)
+
+    def load(self, pointer: str, place: str) -> str:
+        """Return the doubles from `place` on."""
+        return self._code.load(self._code.at(pointer, place, "double"))
+
+    def store(self, x: str, pointer: str, place: str) -> None:
+        """Write doubles from `place` on."""
+        self._code.store(x, self._code.at(pointer, place, "double"))
+
+    def scale(self, largest: str) -> str:
+        """Return the scales of rows."""
+        return scale_of(self._code, largest)
+
+
+def solve_text(name: str, size: int, columns: int, stride: int) -> str:
+    """Return the function (factors, b, x, room) that solves for b (k, m), row by row.
+
+    Entries of b and x are `stride` doubles apart; the room holds k m doubles.
+    """
+    code = Code()
+    order, many, info = _whole(code, size), _whole(code, columns), _whole(code, 0)
+    plain = _stored(code, "i8", ord("N"))
+    scales = code.at("%factors", size * size)
+    pivots = code.at("%factors", size * size + size)
+
+    def places(row: str, column: str) -> tuple[str, str]:
+        """Return the places of an entry in b and x, and in the room."""
+        here = code.integer("add", code.integer("mul", row, columns), column)
+        if stride > 1:
+            here = code.integer("mul", here, stride)
+        return here, code.integer("add", row, code.integer("mul", column, size))
+
+    with code.loop(size) as row:
+        scale = code.load(scales, row.i)
+        with code.loop(columns) as column:
+            there, here = places(row.i, column.i)
+            code.store(code.mul(code.load("%b", there), scale), "%room", here)
+    given = (plain, order, many, "%factors", order, pivots, "%room", order, info)
+    _call(code, "lapack", "dgetrs", *given)
+    with code.loop(size) as row, code.loop(columns) as column:
+        there, here = places(row.i, column.i)
+        code.store(code.load("%room", here), "%x", there)
+    given = "ptr noalias %factors, ptr noalias %b, ptr noalias %x, ptr noalias %room"
+    return code.function(f"define internal void @{name}({given}) nounwind")
+
+
+def product_text(name: str, rows: int, inner: int, columns: int, stride: int) -> str:
+    """Return the function (A and B behind it, x, room) of a product of matrices, by BLAS.
+
+    All stand row by row, entries `stride` doubles apart.
+    """
+    code = Code()
+    n, k, m = (_whole(code, size) for size in (rows, inner, columns))
+    plain = _stored(code, "i8", ord("N"))
+    zero, one = (_stored(code, "double", code.constant(x)) for x in (0.0, 1.0))
+    read, result = inner * (rows + columns), rows * columns
+    A, x = ("%room", code.at("%room", read)) if stride > 1 else ("%from", "%x")
+    if stride > 1:
+        with code.loop(read) as turn:
+            code.store(code.load("%from", code.integer("mul", turn.i, stride)), A, turn.i)
+    # Row by row is the transposed product column by column.
+    given = (plain, plain, m, n, k, one, code.at(A, rows * inner), m, A, k, zero, x, m)
+    _call(code, "blas", "dgemm", *given)
+    if stride > 1:
+        with code.loop(result) as turn:
+            code.store(code.load(x, turn.i), "%x", code.integer("mul", turn.i, stride))
+    given = "ptr noalias %from, ptr noalias %x, ptr noalias %room"
+    return code.function(f"define internal void @{name}({given}) nounwind")

@@ -1,0 +1,312 @@
+"""From a program to the text of a function.
+
+The function (out, t, y, block) reads the state y and the time t and writes its outputs one after
+the other to `out`. All else stands in the block: parameters, results of groups, what loops leave
+for later, room to work. A number in memory is one double for each lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from eomcheck.arithmetic import tape as t
+from eomcheck.kernels import band, dense, sincos
+from eomcheck.kernels.code import LANES, Code
+from eomcheck.kernels.program import Program, Tree
+
+HEADER = 4
+"""Doubles of the block before all else: calls and failures (integers), time of the first failure,
+and the time given."""
+
+
+class Layout(NamedTuple):
+    """Where things stand in a block, in numbers of `width` lanes, behind its header.
+
+    Attributes:
+        places: first place of each array, by name.
+        size: numbers in all.
+        room: doubles behind them.
+    """
+
+    places: Mapping[str, int]
+    size: int
+    room: int
+
+    def doubles(self, width: int) -> int:
+        """Return the doubles of a block."""
+        return HEADER + self.size * width + self.room
+
+
+def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
+    """Return the layout for `parameters`, whose sizes are given by name."""
+    sizes = {**parameters, **dict(program.arrays)}
+    counts = {}
+    for item in program.items:
+        if item[0] == "loop":
+            counts[len(counts)] = item[1]
+    for loop, inner in sorted({(x[1], x[2]) for x in _reads(program.items) if x[0] == "l"}):
+        sizes[f"l{loop}.{inner}"] = counts[loop]
+    places, at = {}, 0
+    for name, size in sizes.items():
+        places[name] = at
+        at += size
+    return Layout(places, at, max((_room(item) for item in program.items), default=0))
+
+
+def _reads(items: Tree) -> Iterator[Tree]:
+    """Yield everything that items read."""
+    for item in items:
+        if item[0] == "loop":
+            yield from _reads(item[2])
+            continue
+        given = (
+            item[7] if item[0] == "group" and item[5] else item[1:4] if item[0] != "group" else ()
+        )
+        for x in given:
+            if isinstance(x, tuple):
+                yield x
+                if x[0] == "p":
+                    yield x[2]
+
+
+def _room(item: Tree) -> int:
+    """Return the doubles of room that an item needs."""
+    if item[0] != "group" or item[5]:
+        return 0
+    kind, shape = item[2], item[4]
+    if kind == t.BAND:
+        return band.room(shape[0])
+    if kind == t.SOLVE:
+        return shape[0] * shape[1]
+    if kind == t.PRODUCT:
+        n, k, m = shape
+        return n * k + k * m + n * m
+    return 0
+
+
+def function_texts(
+    name: str, program: Program, layout: Layout, outputs: Mapping[str, int], width: int
+) -> list[str]:
+    """Return the texts of a function and of those that it calls.
+
+    Args:
+        name: of the function.
+        program: what it does.
+        layout: of the block.
+        outputs: first place in `out` of each output, by name.
+        width: lanes.
+    """
+    return _Emitter(name, program, layout, outputs, width).texts()
+
+
+class _Emitter:
+    def __init__(
+        self, name: str, program: Program, layout: Layout, outputs: Mapping[str, int], width: int
+    ):
+        self.name, self.program, self.layout, self.outputs = name, program, layout, outputs
+        self.code = Code(width)
+        self.called: list[str] = [sincos.function(w) for w in sorted({1, width, LANES})]
+        self.values: list[str] = []
+        self.parts: dict[str, list[str]] = {}
+        self.factored: dict[int, dense.Inline] = {}
+        self.known: dict[Tree, str] = {}
+        self.loops = 0
+        self.stepping = {
+            x[1]
+            for item in program.items
+            if item[0] == "loop"
+            for x in _reads((item,))
+            if x[0] == "i" and x[3]
+        }
+
+    def texts(self) -> list[str]:
+        """Return all texts."""
+        code = self.code
+        for room in ("%cos_room", "%sin_room"):
+            code.do(f"{room} = alloca <{LANES} x double>, align 64")
+        self.numbers = code.at("%block", HEADER, "double")
+        self.room = code.at(self.numbers, self.layout.size)
+        self.bases = {"y": "%y", "t": "%t"}
+        for name, place in self.layout.places.items():
+            self.bases[name] = code.at(self.numbers, place)
+        for name, place in self.outputs.items():
+            self.bases[f"out {name}"] = code.at("%out", place)
+        for item in self.program.items:
+            getattr(self, f"_{item[0]}")(*item[1:])
+        given = "ptr noalias %out, ptr noalias %t, ptr noalias %y, ptr noalias %block"
+        head = f"define void @{self.name}({given}) nounwind"
+        return [*self.called, code.function(head)]
+
+    # ---- Straight --------------------------------------------------------------------------------
+
+    def value(self, x: Tree) -> str:
+        """Return what is read outside of loops, or is the same in all iterations of one."""
+        if x[0] == "s":
+            return self.values[x[1]]
+        if x[0] == "c":
+            return self.code.constant(x[1])
+        found = self.known.get(x)
+        if found is None:
+            if x[0] == "i" and x[1] in self.parts:
+                found = self.parts[x[1]][x[2]]
+            else:
+                found = self.code.load(self.base(x), x[-2])
+            self.known[x] = found
+        return found
+
+    def base(self, x: Tree) -> str:
+        """Return the address of the array that is read."""
+        return self.bases[x[1] if x[0] == "i" else f"l{x[1]}.{x[2]}"]
+
+    def _op(self, op: str, x: Tree, y: Tree | None) -> None:
+        self.values.append(self.operated(op, self.value(x), y and self.value(y)))
+
+    def operated(self, op: str, x: str, y: Any) -> str:
+        """Return x op y."""
+        code = self.code
+        if op == t.NEG:
+            return code.neg(x)
+        if op == t.SQRT:
+            return code.call("sqrt", x)
+        return {t.ADD: code.add, t.SUB: code.sub, t.MUL: code.mul, t.DIV: code.div}[op](x, y)
+
+    def target(self, array: str) -> str:
+        """Return the address of an array that is written."""
+        return self.bases.get(f"out {array}") or self.bases[array]
+
+    def _put(self, x: Tree, array: str, place: int, step: int) -> None:
+        self.code.store(self.value(x), self.target(array), place)
+
+    # ---- Loops -----------------------------------------------------------------------------------
+
+    def _loop(self, count: int, body: Tree) -> None:
+        code, number = self.code, self.loops
+        self.loops += 1
+        carried: dict[Tree, int] = {}
+        first: list[tuple[str, str]] = []
+        for x in _reads(body):
+            if x[0] == "p" and x not in carried:
+                carried[x] = len(first)
+                first.append((code.real, self.value(x[2])))
+            elif x[0] in "sc" or (x[0] in "il" and x[-1] == 0):
+                self.value(x)
+        with code.loop(count, *first) as turn:
+            made: list[str] = []
+            here: dict[Tree, str] = {}
+
+            def read(x: Tree) -> str:
+                if x[0] == "b":
+                    return made[x[1]]
+                if x[0] == "p":
+                    return turn.carried[carried[x]]
+                if x[0] in "sc" or x[-1] == 0:
+                    return self.value(x)
+                if x not in here:
+                    here[x] = code.load(self.base(x), code.along(turn.i, x[-2], x[-1]))
+                return here[x]
+
+            for inner, item in enumerate(body):
+                if item[0] == "put":
+                    _, x, array, place, step = item
+                    code.store(read(x), self.target(array), code.along(turn.i, place, step))
+                    made.append("")
+                    continue
+                _, op, x, y = item
+                made.append(self.operated(op, read(x), y and read(y)))
+                if (kept := f"l{number}.{inner}") in self.bases:
+                    code.store(made[-1], self.bases[kept], turn.i)
+            for x, place in carried.items():
+                turn.handed[place] = made[x[1]]
+
+    # ---- Groups ----------------------------------------------------------------------------------
+
+    def _group(
+        self, number: int, kind: str, name: str, shape: Tree, inline: bool, by: int, given: Tree
+    ) -> None:
+        if inline:
+            values = [self.value(x) for x in given]
+            if kind == t.FACTORS:
+                rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
+                self.factored[number] = dense.Inline(self.code, rows)
+                return
+            made = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
+            self.parts[f"x{number}"] = made
+            if f"x{number}" in self.stepping:
+                for place, x in enumerate(made):
+                    self.code.store(x, self.bases[f"x{number}"], place)
+            return
+        {
+            t.ANGLES: self._many_angles,
+            t.FACTORS: self._factors,
+            t.SOLVE: self._solve,
+            t.BAND: self._band,
+            t.PRODUCT: self._product,
+        }[kind](number, shape, by, given)
+
+    def _angles(self, values: list[str]) -> list[str]:
+        return sincos.of_values(self.code, values)
+
+    def _solved(self, b: list[str], shape: Tree, by: int) -> list[str]:
+        size, columns = shape
+        solved = [self.factored[by].solve(b[j::columns]) for j in range(columns)]
+        return [solved[j][i] for i in range(size) for j in range(columns)]
+
+    def _many_angles(self, number: int, shape: Tree, by: int, given: Tree) -> None:
+        x = self.bases[f"r{number}"] if not given else self.code.at(self.bases[given[0]], given[1])
+        cos = self.bases[f"x{number}"]
+        sincos.write(self.code, x, cos, self.code.at(cos, shape[0]), shape[0])
+
+    def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
+        """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
+        if text not in self.called:
+            self.called.append(text)
+
+        def call(lane: str | int) -> None:
+            places = []
+            for base, step in arrays:
+                place = lane if step == 1 else 0
+                if step > 1:
+                    place = (
+                        lane * step
+                        if isinstance(lane, int)
+                        else self.code.integer("mul", lane, step)
+                    )
+                places.append(self.code.at(base, place, "double"))
+            self.code.do(f"call void @{name}({', '.join(f'ptr {p}' for p in places)})")
+
+        if self.code.width == 1:
+            call(0)
+            return
+        with self.code.loop(self.code.width) as turn:
+            call(turn.i)
+
+    def _factors(self, number: int, shape: Tree, by: int, given: Tree) -> None:
+        (size,), width = shape, self.code.width
+        name = f"factor_{size}_{width}"
+        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], size * (size + 2))
+        self._lanes(name, dense.factor_text(name, size, width), *arrays)
+
+    def _solve(self, number: int, shape: Tree, by: int, given: Tree) -> None:
+        (size, columns), width = shape, self.code.width
+        name = f"solve_{size}_{columns}_{width}"
+        arrays = (
+            (self.bases[f"x{by}"], size * (size + 2)),
+            (self.bases[f"r{number}"], 1),
+            (self.bases[f"x{number}"], 1),
+            (self.room, 0),
+        )
+        self._lanes(name, dense.solve_text(name, size, columns, width), *arrays)
+
+    def _band(self, number: int, shape: Tree, by: int, given: Tree) -> None:
+        (size,), width = shape, self.code.width
+        name = f"band_{size}_{width}"
+        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], 1), (self.room, 0)
+        self._lanes(name, band.band_text(name, size, width), *arrays)
+
+    def _product(self, number: int, shape: Tree, by: int, given: Tree) -> None:
+        rows, inner, columns = shape
+        name = f"product_{rows}_{inner}_{columns}_{self.code.width}"
+        text = dense.product_text(name, rows, inner, columns, self.code.width)
+        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], 1), (self.room, 0)
+        self._lanes(name, text, *arrays)
