@@ -24,7 +24,7 @@ from eomcheck.arithmetic.linear import (
     SOLVERS,
     Solve,
     column_scale,
-    log_determinant,
+    determinant,
     noise_present,
     record,
 )
@@ -92,10 +92,10 @@ def _lapack_solve(bands, b, name):
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
         scale = column_scale(_by_column(bands, columns, inside))
         A = _Factored(bands * scale[columns], columns, inside)
-        log = log_determinant(A.lu[2 * HALF], scale, row_scale)
+        det = determinant(A.lu[2 * HALF], A.pivots, scale, row_scale)
         rcond = A.reciprocal_condition() if noise is None else np.nan
         # A column meets 2 HALF earlier pivot rows at most, so its entries are sums of WIDTH terms.
-        record(Solve(name, size, rcond, log), A.bands, terms=WIDTH)
+        record(Solve(name, size, rcond, *det), A.bands, terms=WIDTH)
         if not A.invertible:
             return np.full(size, np.nan)
         x = A.solve(b * row_scale, noise) * scale
