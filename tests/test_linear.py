@@ -92,6 +92,7 @@ def test_the_determinant_is_recorded_with_its_sign(size):
         sign, log = np.linalg.slogdet(A)
         assert watch.solves[0].sign == sign
         assert watch.solves[0].log_determinant == pytest.approx(log / np.log(2))
+        assert watch.solves[0].refinements == 0
 
 
 SINGULAR = {

@@ -41,6 +41,7 @@ class Solve(NamedTuple):
         rcond: its reciprocal condition number.
         sign: the sign of its determinant.
         log_determinant: log2 |det|.
+        refinements: steps of refinement that the solution took.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Solve(NamedTuple):
     rcond: float
     sign: float
     log_determinant: float
+    refinements: int = 0
 
 
 class Watch:
