@@ -31,7 +31,14 @@ from eomcheck.arithmetic.linear import (
     singular_below,
 )
 from eomcheck.arithmetic.noise import NORMAL
-from eomcheck.arithmetic.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SIZE, STALLED
+from eomcheck.arithmetic.pivots import (
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
+    SMALLEST_SIZE,
+    STALLED,
+)
 from eomcheck.errors import RefusedError
 
 _gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
@@ -157,16 +164,19 @@ class _Factored:
 
     def _backward_error(self, x, b):
         """Return the largest |b - A x|_i / (|A||x| + |b|)_i."""
-        size = np.maximum(self.size(np.abs(x)) + np.abs(b), SMALLEST_SIZE)
-        return float((np.abs(b - self.times(x)) / size).max())
+        return float((np.abs(b - self.times(x)) / self._sizes(x, b)).max())
+
+    def _sizes(self, x, b):
+        """Return |A||x| + |b| (m,), no entry below what counts as rounding of others."""
+        sizes = self.size(np.abs(x)) + np.abs(b)
+        return np.maximum(sizes, max(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max()))
 
     def moved(self, x, b, noise):
         """Return a solution x (m,) moved by what a backward error does to it.
 
         Refined, x has no larger one than that of its residual, whatever the factors are.
         """
-        residual = b - self.times(x)
-        residual += noise.changes(b.shape) * (np.abs(b) + self.size(np.abs(x)))
+        residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
         return x + self._eliminated(residual)
 
     def _eliminated(self, b):
