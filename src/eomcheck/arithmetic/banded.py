@@ -113,7 +113,7 @@ def _lapack_solve(bands, b, name):
             if REFINED < error < np.inf:
                 raise RefusedError(
                     name,
-                    # With |L||U| for |A|, as in `solve`, it is no larger: that stalls refinement.
+                    # Of |A⁻¹||A|, rcond does not tell what |L||U| has stalled: no better than this.
                     min(rcond, singular_below(WIDTH)),
                     singular_below(WIDTH),
                     f"the {size} x {size} matrix {name} is eliminated with too much rounding: the "
