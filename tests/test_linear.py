@@ -83,6 +83,18 @@ def test_the_layout_in_memory_does_not_matter(size, columns):
         assert np.array_equal(solve(view, np.asfortranarray(b), "A"), x)
 
 
+@sizes
+def test_the_determinant_is_recorded_with_its_sign(size):
+    for seed in range(4):
+        A, b = system(size, seed=seed)
+        with watching() as watch:
+            solve(A, b, "A")
+        sign, log = np.linalg.slogdet(A)
+        assert watch.solves[0].sign == sign
+        assert watch.solves[0].log_determinant == pytest.approx(log / np.log(2))
+        assert watch.solves[0].refinements == 0
+
+
 SINGULAR = {
     "zero": np.zeros((3, 3)),
     "zero column": np.array([[1.0, 0.0], [2.0, 0.0]]),

@@ -273,6 +273,23 @@ def test_the_error_bound_of_elimination_grows_as_the_wheels_of_two_links_become_
     assert max(error_bound("au", exponent) for exponent in (1, 3, 5, 7)) < bounds[1]
 
 
+@pytest.mark.parametrize(
+    "changed", [{"log_determinant": 7.0}, {"log_determinant": np.nan}, {"sign": 0.0}]
+)
+def test_a_determinant_that_jumps_in_a_moved_evaluation_makes_the_spread_infinite(at, changed):
+    au = FORMULATIONS["au"]
+    assert at.acceleration_spread(au) < np.inf
+    solves = at.moved()[-2]._solves[au.key, False]
+    solves["M_Au"] = solves["M_Au"]._replace(**changed)
+    assert at.acceleration_spread(au) == np.inf
+
+
+@pytest.mark.parametrize("which", range(SAMPLES + 1))
+def test_a_moved_evaluation_without_an_answer_makes_the_spread_infinite(at, which):
+    moved = at.moved()
+    assert at.spread(lambda e: np.nan if e is moved[which] else 1.0) == np.inf
+
+
 def test_a_result_without_a_certain_digit_has_an_infinite_error_bound():
     for exponent in range(8, 16):
         snake, q, v = near_parallel(exponent)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from eomcheck.arithmetic.float64 import FLOAT64, compiled
-from eomcheck.arithmetic.linear import watching
+from eomcheck.arithmetic.linear import Solve, watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition
@@ -68,7 +68,7 @@ class Evaluation(Quantities):
         self._origin = self
         self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
-        self._log_determinants: dict[tuple[str, bool], dict[str, float]] = {}
+        self._solves: dict[tuple[str, bool], dict[str, Solve]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function on doubles, compiled if the scene can be.
@@ -170,8 +170,7 @@ class Evaluation(Quantities):
         rcond = watch.rcond
         if formulation.state == "q, u":
             rcond = self._speeds_rcond | rcond
-        logs = {solve.name: solve.log_determinant for solve in watch.solves}
-        self._log_determinants[formulation.key, pivoted] = logs
+        self._solves[formulation.key, pivoted] = {solve.name: solve for solve in watch.solves}
         return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def moved(self, coordinates: bool = False) -> tuple[Evaluation, ...]:
@@ -242,6 +241,8 @@ class Evaluation(Quantities):
             except (RefusedError, np.linalg.LinAlgError):
                 return float("inf")
         *changes, stretched = changes
+        if np.isinf(stretched):
+            return stretched
         if can_be_lost and changes[0] > LOST * size and stretched < STRETCH / 2 * changes[0]:
             return float("inf")
         return size + max(changes) / STEP
@@ -299,14 +300,15 @@ class Evaluation(Quantities):
     def _determined(self, formulation: Formulation, coordinates: bool, pivoted: bool) -> bool:
         """Return whether the matrices solved are more than the rounding of what made them.
 
+        They are not where a determinant changes its sign, or jumps because other pivots were taken.
         A right-hand side of zeros has the same solution in every sibling, and would not tell.
         """
         key = (formulation.key, pivoted)
-        here = self._log_determinants[key]
+        here = self._solves[key]
         for sibling in self.moved(coordinates)[:SAMPLES]:
-            for name, log in sibling._log_determinants[key].items():
-                moved = abs(log - here[name]) * np.log(2.0)
-                if not allowed_error(moved / STEP) <= INCONCLUSIVE:
+            for name, solve in sibling._solves[key].items():
+                moved = abs(solve.log_determinant - here[name].log_determinant) * np.log(2.0)
+                if solve.sign != here[name].sign or not allowed_error(moved / STEP) <= INCONCLUSIVE:
                     return False
         return True
 

@@ -5,9 +5,10 @@ chain. Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`,
 no column j there is a zero. The cost is O(m).
 
 Doubles are eliminated with partial pivoting, which may fill 3 more entries of a row, and refined
-once in the same precision. Without that a residual that is small for one row can be large for
-another, where rows are of very different size, as with masses over many decades; with it the
-residual of every row is small (Skeel 1980; Higham 2002, Thm. 12.4).
+in the same precision by the law of `eomcheck.arithmetic.pivots`. Without that a residual that is
+small for one row can be large for another, where rows are of very different size, as with masses
+over many decades; with it the residual of every row is small, or the matrix is refused. One step
+is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
 """
 
 from __future__ import annotations
@@ -24,11 +25,20 @@ from eomcheck.arithmetic.linear import (
     SOLVERS,
     Solve,
     column_scale,
-    log_determinant,
+    determinant,
     noise_present,
     record,
+    singular_below,
 )
 from eomcheck.arithmetic.noise import NORMAL
+from eomcheck.arithmetic.pivots import (
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
+    SMALLEST_SIZE,
+    STALLED,
+)
 from eomcheck.errors import RefusedError
 
 _gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
@@ -55,7 +65,8 @@ def solve_banded(bands, b, name):
         x (m,).
 
     Raises:
-        RefusedError: A is singular (for doubles: to working precision).
+        RefusedError: A is singular (for doubles: to working precision, or refinement does not
+            converge).
     """
     if bands.dtype != object:
         return _lapack_solve(bands, b, name)
@@ -92,14 +103,29 @@ def _lapack_solve(bands, b, name):
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
         scale = column_scale(_by_column(bands, columns, inside))
         A = _Factored(bands * scale[columns], columns, inside)
-        log = log_determinant(A.lu[2 * HALF], scale, row_scale)
+        det = determinant(A.lu[2 * HALF], A.pivots, scale, row_scale)
         rcond = A.reciprocal_condition() if noise is None else np.nan
+        x, error, steps = A.solve(b * row_scale)
         # A column meets 2 HALF earlier pivot rows at most, so its entries are sums of WIDTH terms.
-        record(Solve(name, size, rcond, log), A.bands, terms=WIDTH)
-        if not A.invertible:
+        record(Solve(name, size, rcond, *det, steps), A.bands, terms=WIDTH)
+        if noise is None:
+            # An error that is not finite is an overflow, and told as one.
+            if REFINED < error < np.inf:
+                raise RefusedError(
+                    name,
+                    # Of |A⁻¹||A|, rcond does not tell what |L||U| has stalled: no better than this.
+                    min(rcond, singular_below(WIDTH)),
+                    singular_below(WIDTH),
+                    f"the {size} x {size} matrix {name} is eliminated with too much rounding: the "
+                    f"backward error of its solution, refined {steps} times, is {error:.2g}, "
+                    f"allowed is up to {REFINED:.2g}",
+                    A.bands,
+                )
+            return x * scale
+        if not error <= REFINED:
             return np.full(size, np.nan)
-        x = A.solve(b * row_scale, noise) * scale
-    return x if noise is None else noise.array(noise.entries(x))
+        x = A.moved(x, b * row_scale, noise) * scale
+    return noise.array(noise.entries(x))
 
 
 PROBES = 8
@@ -121,23 +147,40 @@ class _Factored:
         self.lu, self.pivots, _ = _gbtrf(np.vstack((np.zeros((HALF, len(bands))), A)), HALF, HALF)
         self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * HALF].all())
 
-    def solve(self, b, noise=None):
-        """Return x (m,), refined once; with noise, every sum moves by what rounding its terms does.
+    def solve(self, b):
+        """Return x (m,), its backward error, and how often it was refined.
 
-        Pivots are the largest that are left, so that sums in elimination hardly grow beyond these.
+        It has converged where the error is at most `REFINED`; NaN tells an overflow, or that there
+        is no inverse.
         """
-        x = self._eliminated(b, noise)
-        residual = b - self.times(x)
-        if noise is not None:
-            residual += noise.changes(b.shape) * (np.abs(b) + self.size(np.abs(x)))
-        return x + self._eliminated(residual, noise)
+        if not self.invertible:
+            return np.full(b.shape, np.nan), np.nan, 0
+        x, steps = self._eliminated(b), 0
+        error, before = self._backward_error(x, b), np.inf
+        while steps < LEAST_STEPS or (steps < MOST_STEPS and REFINED < error < STALLED * before):
+            x, steps = x + self._eliminated(b - self.times(x)), steps + 1
+            error, before = self._backward_error(x, b), error
+        return x, error, steps
 
-    def _eliminated(self, b, noise=None):
-        x = _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
-        if noise is None:
-            return x
-        moved = noise.changes(b.shape) * self.size(np.abs(x))
-        return x + _gbtrs(self.lu, HALF, HALF, moved, self.pivots)[0]
+    def _backward_error(self, x, b):
+        """Return the largest |b - A x|_i / (|A||x| + |b|)_i."""
+        return float((np.abs(b - self.times(x)) / self._sizes(x, b)).max())
+
+    def _sizes(self, x, b):
+        """Return |A||x| + |b| (m,), no entry below what counts as rounding of others."""
+        sizes = self.size(np.abs(x)) + np.abs(b)
+        return np.maximum(sizes, max(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max()))
+
+    def moved(self, x, b, noise):
+        """Return a solution x (m,) moved by what a backward error does to it.
+
+        Refined, x has no larger one than that of its residual, whatever the factors are.
+        """
+        residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
+        return x + self._eliminated(residual)
+
+    def _eliminated(self, b):
+        return _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
 
     def times(self, x):
         """Return A x."""

@@ -33,12 +33,23 @@ CARRIERS: set[type] = set()
 
 
 class Solve(NamedTuple):
-    """One matrix that was solved: name, order, reciprocal condition number and log2 |det|."""
+    """One matrix that was solved.
+
+    Attributes:
+        name: what the formulation calls it.
+        size: its order.
+        rcond: its reciprocal condition number.
+        sign: the sign of its determinant.
+        log_determinant: log2 |det|.
+        refinements: steps of refinement that the solution took.
+    """
 
     name: str
     size: int
     rcond: float
+    sign: float
     log_determinant: float
+    refinements: int = 0
 
 
 class Watch:
@@ -147,8 +158,8 @@ def _lapack_solve(A, b, name):
             return _moved_solve(A, b, name, noise)
     A, b, scale, row_scale = _scaled(A, b)
     lu, pivots, _ = _getrf(A)
-    log = log_determinant(np.diagonal(lu), scale, row_scale)
-    record(Solve(name, size, reciprocal_condition(lu, pivots), log), A)
+    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
+    record(Solve(name, size, reciprocal_condition(lu, pivots), *det), A)
     return _down(_getrs(lu, pivots, b)[0], scale)
 
 
@@ -160,8 +171,8 @@ def _moved_solve(A, b, name, noise):
     """
     A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
     lu, pivots, _ = _getrf(A)
-    log = log_determinant(np.diagonal(lu), scale, row_scale)
-    record(Solve(name, len(A), np.nan, log), A)
+    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
+    record(Solve(name, len(A), np.nan, *det), A)
     if not np.diagonal(lu).all():
         return np.full(b.shape, np.nan)
     x = _getrs(lu, pivots, b)[0]
@@ -235,10 +246,20 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
     return min(1.0 / radius, 1.0)
 
 
-def log_determinant(pivots: np.ndarray, *scales: np.ndarray) -> float:
-    """Return log2 |det A| of the matrix as it was before it was scaled, from its pivots."""
+def determinant(
+    diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray
+) -> tuple[float, float]:
+    """Return (sign, log2 |det|) of the matrix as it was before it was scaled.
+
+    Args:
+        diagonal: of its factor U (k,).
+        pivots: the row (k,) that each row was exchanged with, as LAPACK has them.
+        scales: powers of two (k,) by which rows and columns were multiplied.
+    """
+    exchanges = np.count_nonzero(pivots != np.arange(len(pivots)))
     with np.errstate(divide="ignore"):
-        return float(np.log2(np.abs(pivots)).sum() - sum(np.log2(s).sum() for s in scales))
+        log = np.log2(np.abs(diagonal)).sum() - sum(np.log2(s).sum() for s in scales)
+    return float(np.prod(np.sign(diagonal)) * (-1) ** exchanges), float(log)
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:

@@ -10,6 +10,8 @@ in machine code (`eomcheck.kernels`).
   |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`; that many times at least `LEAST_STEPS`. A
   step that does not bring it below `STALLED` times what it was is the last one, and the matrix is
   refused: rounding is not what explains x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
+  (|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): where x is
+  0 in all entries that row i has, doubles find differences of what other rows round.
 """
 
 from __future__ import annotations
@@ -39,6 +41,9 @@ STALLED = 0.5
 
 SMALLEST_SIZE = 2.0**-960
 """|A||x| + |b| counts as this at least: below, residuals underflow and tell nothing."""
+
+SMALLEST_SHARE = EPS
+"""|A||x| + |b| counts as this share of its largest entry at least; rows are scaled."""
 
 
 def scale_of(largest: np.ndarray) -> np.ndarray:

@@ -7,7 +7,14 @@ the law of `eomcheck.arithmetic.pivots`. Where that refuses, x is NaN.
 
 from __future__ import annotations
 
-from eomcheck.arithmetic.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SIZE, STALLED
+from eomcheck.arithmetic.pivots import (
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
+    SMALLEST_SIZE,
+    STALLED,
+)
 from eomcheck.kernels.code import Code
 from eomcheck.kernels.dense import scale_of
 
@@ -24,7 +31,7 @@ NEXT = "<i32 1, i32 2, i32 3, i32 4, i32 5, i32 6, i32 8, i32 7>"
 
 def room(size: int) -> int:
     """Return how many doubles the work of a solve takes."""
-    return (size + 8) * (2 * ROW + FORWARD + 1) + 3 * (size + 16)
+    return (size + 8) * (2 * ROW + FORWARD + 1) + 4 * (size + 16)
 
 
 def band_text(name: str, size: int, stride: int) -> str:
@@ -232,8 +239,9 @@ def _residual(code: Code, wide: Code, size: int, scaled: str, x: str, residual: 
     """Write b - A x to `residual`, zeros behind it, and return the backward error β."""
     for i in range(3):
         code.store(code.constant(0.0), residual, size + i)
-    minus = code.constant(-1.0)
-    with code.loop(size, ("double", code.constant(0.0))) as turn:
+    minus, zero = code.constant(-1.0), ("double", code.constant(0.0))
+    sizes = code.at(residual, size + 16)
+    with code.loop(size, zero) as turn:
         row = wide.load(code.at(scaled, code.integer("mul", turn.i, ROW)))
         near = wide.load(code.at(x, code.integer("sub", turn.i, 3)))
         near = wide.let(f"insertelement {V} {near}, double {minus}, i64 7")
@@ -241,8 +249,12 @@ def _residual(code: Code, wide: Code, size: int, scaled: str, x: str, residual: 
         left = code.neg(_folded(code, wide, terms, lambda half, a, b: half.add(a, b)))
         whole = _folded(code, wide, wide.call("fabs", terms), lambda half, a, b: half.add(a, b))
         code.store(left, residual, turn.i)
-        whole = code.call("maxnum", whole, code.constant(SMALLEST_SIZE))
-        share = code.div(code.call("fabs", left), whole)
-        larger = code.compare("ugt", share, turn.carried[0])
-        turn.handed[0] = code.choose(larger, share, turn.carried[0])
+        code.store(whole, sizes, turn.i)
+        turn.handed[0] = code.call("maxnum", turn.carried[0], whole)
+    least = code.mul(turn.carried[0], code.constant(SMALLEST_SHARE))
+    least = code.call("maxnum", least, code.constant(SMALLEST_SIZE))
+    with code.loop(size, zero) as turn:
+        whole = code.call("maxnum", code.load(sizes, turn.i), least)
+        share = code.div(code.call("fabs", code.load(residual, turn.i)), whole)
+        turn.handed[0] = code.call("maxnum", share, turn.carried[0])
     return turn.carried[0]

@@ -95,10 +95,11 @@ def lu_operations(system: System) -> int:
 
 
 def banded_operations(m: int, half: int) -> int:
-    """Return the operations of `solve_banded`: LU of m rows and one refined solution.
+    """Return the operations of `solve_banded`: LU of m rows and one solution, refined once.
 
     Below a pivot are at most `half` rows and, as rows are exchanged, beside it at most 2 `half`
-    columns. The refinement takes the residual, a second solution and their sum.
+    columns. The refinement takes the residual, a second solution and their sum; what tells whether
+    another step is needed is not in it.
     """
     rows = [min(half, m - 1 - k) for k in range(m)]
     columns = [min(2 * half, m - 1 - k) for k in range(m)]
