@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from eomcheck.arithmetic.float64 import FLOAT64, compiled
+from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.linear import Solve, watching
 from eomcheck.arithmetic.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 from eomcheck.errors import InputError, RefusedError
@@ -71,7 +71,7 @@ class Evaluation(Quantities):
         self._solves: dict[tuple[str, bool], dict[str, Solve]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function on doubles, compiled if the scene can be.
+        """Call a generic function on doubles.
 
         A sibling moves each operation; where a function does more than rational operations, only
         what it reads and returns is moved.
@@ -80,7 +80,7 @@ class Evaluation(Quantities):
             if self._noise is not None:
                 with suppress(TypeError):
                     return self._noise.run(function, *arguments)
-            return (compiled(function) if self.scene.compiled else function)(*arguments)
+            return function(*arguments)
 
     def keep(self, record: Any) -> Any:
         """Return `record`, moved in a sibling."""

@@ -251,8 +251,6 @@ class Scene(ABC):
     """
 
     key: ClassVar[str]
-    compiled: ClassVar[bool] = True
-    """Whether numba can compile the functions; if not, doubles run them in Python."""
     conserves_energy: bool
     """Whether T + U keeps its value; one scene may lose what others of its kind conserve."""
     why_not_conserved: str = ""

@@ -6,13 +6,14 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.options import Examples, Json, Links, Seed, check_writable, interval
+from eomcheck.cli.options import Examples, Json, Kind, Links, Seed, check_writable, interval
 
 bench = typer.Typer(name="bench", help="Measure run times and tolerances.", no_args_is_help=True)
 
 
 @bench.command("rhs")
 def bench_rhs(
+    scene: Kind = "snake",
     links: Annotated[
         list[int] | None, typer.Option(help="Number of links; repeat for more.")
     ] = None,
@@ -22,13 +23,17 @@ def bench_rhs(
     repeats: Annotated[int, typer.Option(help="Timed runs; the median counts.")] = 15,
     json: Json = None,
 ) -> None:
-    """Time one right-hand side of each formulation over the number of links."""
+    """Time one right-hand side of each formulation, over the number of links where there is one."""
     check_writable(json)
+    from eomcheck.scenes.named import kinds_of
     from eomcheck.studies.rhs import measure_all
     from eomcheck.report.benchmarks import print_rhs, write_records  # isort: skip
 
-    records = measure_all(links, formulation, repeats)
-    print_rhs(records)
+    records = []
+    for kind in kinds_of(scene):
+        found = measure_all(kind, links, formulation, repeats)
+        print_rhs(found)
+        records += found
     if json is not None:
         write_records(json, "timings", records)
 

@@ -40,8 +40,7 @@ def band_text(name: str, size: int, stride: int) -> str:
     Entries of the rows and of x are `stride` doubles apart.
     """
     code = Code()
-    wide = Code(ROW)
-    wide.lines, wide.fresh = code.lines, code.fresh  # type: ignore[method-assign]
+    wide = code.wider(ROW)
     scaled = "%room"
     upper = code.at("%room", (size + 3) * ROW)
     forward = code.at(upper, (size + 8) * ROW)
@@ -122,8 +121,7 @@ def _folded(code: Code, wide: Code, x: str, how) -> str:
     """Return what the 8 entries of x make together, halves first."""
     width = ROW
     while width > 1:
-        half = Code(width // 2)
-        half.lines, half.fresh = code.lines, code.fresh  # type: ignore[method-assign]
+        half = code.wider(width // 2)
         real = f"<{width} x double>"
         parts = []
         for first in (0, width // 2):

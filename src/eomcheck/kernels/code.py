@@ -35,6 +35,12 @@ class Code:
         self.lines: list[str] = []
         self.block, self._names, self._constants = "entry", 0, {}
 
+    def wider(self, width: int) -> Code:
+        """Return code of another width that writes into the same function."""
+        other = Code(width)
+        other.lines, other.fresh, other.labels = self.lines, self.fresh, self.labels
+        return other
+
     # ---- Values ----------------------------------------------------------------------------------
 
     def fresh(self) -> str:

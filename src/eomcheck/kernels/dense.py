@@ -11,7 +11,7 @@ import ctypes
 from functools import cache
 
 from eomcheck.arithmetic.pivots import ABOVE_ONE, LARGEST_EXPONENT
-from eomcheck.kernels.code import LANES, Code, real_type
+from eomcheck.kernels.code import LANES, Code
 
 ONE, EXPONENT = 1023, 52
 """The exponent of 1 in the bits of a double, and where it stands."""
@@ -39,12 +39,69 @@ def scale_of(code: Code, largest: str) -> str:
     return code.choose(code.both(above, below), scale, code.constant(0.5))
 
 
+def inline(code: Code, A: list[list[str]]) -> Pair | Inline:
+    """Return a matrix (k, k) of values, factored in registers."""
+    return Pair(code, A) if len(A) == 2 else Inline(code, A)
+
+
+class Pair:
+    """A matrix (2, 2), eliminated from either row: the choice of the pivot need not be waited for.
+
+    Planar vehicles have two degrees of freedom. Rows are compared as scaled and used as they are,
+    which rounds alike.
+    """
+
+    def __init__(self, code: Code, A: list[list[str]]):
+        self.code = code
+        one, other = (self._scaled_size(row) for row in A)
+        self.second = code.let(f"icmp sgt {code.like('i64')} {other}, {one}")
+        self.ways = [self._factored(*A), self._factored(*reversed(A))]
+
+    def _scaled_size(self, row: list[str]) -> str:
+        """Return the bits of |row[0]| scaled: its exponent less that of the largest entry."""
+        code, kind = self.code, self.code.like("i64")
+        sizes = [code.call("fabs", x) for x in row]
+        moved = code.mul(code.call("maxnum", *sizes), code.constant(ABOVE_ONE))
+        largest, bits = (code.let(f"bitcast {code.real} {x} to {kind}") for x in (moved, sizes[0]))
+        mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
+        return code.let(f"sub {kind} {bits}, {code.let(f'and {kind} {largest}, {mask}')}")
+
+    def _factored(self, first: list[str], other: list[str]) -> tuple[str, str, str, str]:
+        code = self.code
+        factor = code.div(other[0], first[0])
+        pivot = code.sub(other[1], code.mul(factor, first[1]))
+        return first[0], first[1], factor, _usable(code, pivot)
+
+    def solve(self, b: list[str]) -> list[str]:
+        """Return x (2,) of values b (2,)."""
+        code, found = self.code, []
+        for (head, beside, factor, pivot), (c, d) in zip(self.ways, (b, b[::-1]), strict=True):
+            last = code.div(code.sub(d, code.mul(factor, c)), pivot)
+            found.append([code.div(code.sub(c, code.mul(beside, last)), head), last])
+        pairs = zip(*found, strict=True)
+        return [code.choose(self.second, other, one) for one, other in pairs]
+
+
+def _usable(code: Code, pivot: str) -> str:
+    """Return a pivot, NaN in the place of 0."""
+    there = code.compare("une", pivot, code.constant(0.0))
+    return code.choose(there, pivot, code.constant(float("nan")))
+
+
+def _row_scale(code: Code, row: list[str]) -> str:
+    largest = code.call("fabs", row[0])
+    for x in row[1:]:
+        # A NaN is passed over here, and found by the pivots.
+        largest = code.call("maxnum", largest, code.call("fabs", x))
+    return scale_of(code, largest)
+
+
 class Inline:
     """A matrix (k, k) of values, factored in registers."""
 
     def __init__(self, code: Code, A: list[list[str]]):
         self.code, self.size = code, len(A)
-        self.scales = [] if self.size == 1 else [self._row_scale(row) for row in A]
+        self.scales = [] if self.size == 1 else [_row_scale(code, row) for row in A]
         for row, scale in zip(A, self.scales, strict=False):
             row[:] = [code.mul(x, scale) for x in row]
         self.upper: list[list[str]] = []
@@ -53,14 +110,6 @@ class Inline:
         rows = A
         while rows:
             rows = self._eliminated(rows)
-
-    def _row_scale(self, row: list[str]) -> str:
-        sizes = [self.code.call("fabs", x) for x in row]
-        largest = sizes[0]
-        for size in sizes[1:]:
-            # A NaN is passed over here, and found by the pivots.
-            largest = self.code.call("maxnum", largest, size)
-        return scale_of(self.code, largest)
 
     def _eliminated(self, rows: list[list[str]]) -> list[list[str]]:
         """Choose a pivot among `rows`, keep its row, and return the others without its column."""
@@ -79,8 +128,7 @@ class Inline:
             marks.insert(0, taken)
         self.chosen.append(marks)
         pivot, *others = self._exchanged(rows)
-        usable = code.compare("une", pivot[0], code.constant(0.0))
-        pivot[0] = code.choose(usable, pivot[0], code.constant(float("nan")))
+        pivot[0] = _usable(code, pivot[0])
         self.upper.append(pivot)
         factors = [code.div(row[0], pivot[0]) for row in others]
         self.factors.append(factors)
@@ -179,19 +227,19 @@ def factor_text(name: str, size: int, stride: int) -> str:
             code.store(code.load("%from", code.integer("mul", turn.i, stride)), "%to", turn.i)
     source = "%to" if stride > 1 else "%from"
     for width, times, first in _placed(size):
-        wide = _Wide(code, width)
+        wide = code.wider(width)
         with code.loop(times) as row:
             at = code.integer("add", code.integer("mul", row.i, width), first)
             with code.loop(size, (wide.real, wide.constant(0.0))) as column:
-                entry = wide.load(
-                    source, code.integer("add", at, code.integer("mul", column.i, size))
-                )
+                place = code.integer("add", at, code.integer("mul", column.i, size))
+                entry = wide.load(code.at(source, place))
                 column.handed[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
-            scale = wide.scale(column.carried[0])
-            wide.store(scale, scales, at)
+            scale = scale_of(wide, column.carried[0])
+            wide.store(scale, code.at(scales, at))
             with code.loop(size) as column:
                 place = code.integer("add", at, code.integer("mul", column.i, size))
-                wide.store(wide.mul(wide.load(source, place), scale), "%to", place)
+                entry = wide.load(code.at(source, place))
+                wide.store(wide.mul(entry, scale), code.at("%to", place))
     _call(code, "lapack", "dgetrf", order, order, "%to", order, pivots, info)
     # A pivot of 0, or none that is a number, must not look like a solution.
     with code.loop(size, ("double", code.constant(0.0))) as turn:
@@ -212,30 +260,6 @@ def _placed(size: int) -> list[tuple[int, int, int]]:
         out.append((width, times, first))
         first += width * times
     return out
-
-
-class _Wide:
-    """Vectors of another width within the same function."""
-
-    def __init__(self, code: Code, width: int):
-        self._code = Code(width)
-        self._code.lines, self.real = code.lines, real_type(width)
-        self._code.fresh = code.fresh  # type: ignore[method-assign]
-
-    def __getattr__(self, name: str):
-        return getattr(self._code, name)
-
-    def load(self, pointer: str, place: str) -> str:
-        """Return the doubles from `place` on."""
-        return self._code.load(self._code.at(pointer, place, "double"))
-
-    def store(self, x: str, pointer: str, place: str) -> None:
-        """Write doubles from `place` on."""
-        self._code.store(x, self._code.at(pointer, place, "double"))
-
-    def scale(self, largest: str) -> str:
-        """Return the scales of rows."""
-        return scale_of(self._code, largest)
 
 
 def solve_text(name: str, size: int, columns: int, stride: int) -> str:

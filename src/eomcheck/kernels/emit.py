@@ -3,6 +3,9 @@
 The function (out, t, y, block) reads the state y and the time t and writes its outputs one after
 the other to `out`. All else stands in the block: parameters, results of groups, what loops leave
 for later, room to work. A number in memory is one double for each lane.
+
+With one lane it is what CyRK calls: t is a double, and in the place of the block stands the address
+of its address. Such a function counts its calls, and those in which an output is not finite.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.code import LANES, Code
 from eomcheck.kernels.program import Program, Tree
 
+CALLS, FAILED, FAILURE_TIME, TIME = range(4)
 HEADER = 4
 """Doubles of the block before all else: calls and failures (integers), time of the first failure,
 and the time given."""
@@ -41,10 +45,7 @@ class Layout(NamedTuple):
 def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
     """Return the layout for `parameters`, whose sizes are given by name."""
     sizes = {**parameters, **dict(program.arrays)}
-    counts = {}
-    for item in program.items:
-        if item[0] == "loop":
-            counts[len(counts)] = item[1]
+    counts = [item[1] for item in program.items if item[0] == "loop"]
     for loop, inner in sorted({(x[1], x[2]) for x in _reads(program.items) if x[0] == "l"}):
         sizes[f"l{loop}.{inner}"] = counts[loop]
     places, at = {}, 0
@@ -106,12 +107,15 @@ class _Emitter:
     ):
         self.name, self.program, self.layout, self.outputs = name, program, layout, outputs
         self.code = Code(width)
-        self.called: list[str] = [sincos.function(w) for w in sorted({1, width, LANES})]
+        self.called: list[str] = [sincos.function(w) for w in sorted({1, width, sincos.AT_ONCE})]
         self.values: list[str] = []
         self.parts: dict[str, list[str]] = {}
-        self.factored: dict[int, dense.Inline] = {}
+        self.factored: dict[int, dense.Pair | dense.Inline] = {}
         self.known: dict[Tree, str] = {}
         self.loops = 0
+        self.single = width == 1
+        # 0 x of outputs x: 0 unless one is not finite.
+        self.zeros: list[str] = [self.code.constant(0.0)]
         self.stepping = {
             x[1]
             for item in program.items
@@ -125,18 +129,41 @@ class _Emitter:
         code = self.code
         for room in ("%cos_room", "%sin_room"):
             code.do(f"{room} = alloca <{LANES} x double>, align 64")
+        if self.single:
+            code.do("%block = load ptr, ptr %arguments")
+            code.store("%t", code.at("%block", TIME, "double"))
         self.numbers = code.at("%block", HEADER, "double")
         self.room = code.at(self.numbers, self.layout.size)
-        self.bases = {"y": "%y", "t": "%t"}
+        time = code.at("%block", TIME, "double") if self.single else "%t"
+        self.bases = {"y": "%y", "t": time}
         for name, place in self.layout.places.items():
             self.bases[name] = code.at(self.numbers, place)
         for name, place in self.outputs.items():
             self.bases[f"out {name}"] = code.at("%out", place)
         for item in self.program.items:
             getattr(self, f"_{item[0]}")(*item[1:])
-        given = "ptr noalias %out, ptr noalias %t, ptr noalias %y, ptr noalias %block"
-        head = f"define void @{self.name}({given}) nounwind"
-        return [*self.called, code.function(head)]
+        time = "double" if self.single else "ptr noalias"
+        last = "ptr noalias %arguments" if self.single else "ptr noalias %block"
+        given = f"ptr noalias %out, {time} %t, ptr noalias %y, {last}"
+        if self.single:
+            self._count()
+        return [*self.called, code.function(f"define void @{self.name}({given}) nounwind")]
+
+    def _count(self) -> None:
+        """Count the call, and whether any output is not finite."""
+        code, sums = self.code, list(self.zeros)
+        while len(sums) > 1:
+            pairs = zip(sums[::2], sums[1::2], strict=False)
+            sums = [code.add(x, y) for x, y in pairs] + (sums[-1:] if len(sums) % 2 else [])
+        calls = code.let("load i64, ptr %block")
+        code.do(f"store i64 {code.integer('add', calls, 1)}, ptr %block")
+        with code.when(code.compare("une", sums[0], code.constant(0.0))):
+            place = code.at("%block", FAILED, "i64")
+            failed = code.let(f"load i64, ptr {place}")
+            when = code.at("%block", FAILURE_TIME, "double")
+            none = code.let(f"icmp eq i64 {failed}, 0")
+            code.store(code.choose(none, "%t", code.load(when)), when)
+            code.do(f"store i64 {code.integer('add', failed, 1)}, ptr {place}")
 
     # ---- Straight --------------------------------------------------------------------------------
 
@@ -160,16 +187,7 @@ class _Emitter:
         return self.bases[x[1] if x[0] == "i" else f"l{x[1]}.{x[2]}"]
 
     def _op(self, op: str, x: Tree, y: Tree | None) -> None:
-        self.values.append(self.operated(op, self.value(x), y and self.value(y)))
-
-    def operated(self, op: str, x: str, y: Any) -> str:
-        """Return x op y."""
-        code = self.code
-        if op == t.NEG:
-            return code.neg(x)
-        if op == t.SQRT:
-            return code.call("sqrt", x)
-        return {t.ADD: code.add, t.SUB: code.sub, t.MUL: code.mul, t.DIV: code.div}[op](x, y)
+        self.values.append(_operated(self.code, op, self.value(x), y and self.value(y)))
 
     def target(self, array: str) -> str:
         """Return the address of an array that is written."""
@@ -177,6 +195,8 @@ class _Emitter:
 
     def _put(self, x: Tree, array: str, place: int, step: int) -> None:
         self.code.store(self.value(x), self.target(array), place)
+        if self.single and array in self.outputs:
+            self.zeros.append(self.code.mul(self.value(x), self.code.constant(0.0)))
 
     # ---- Loops -----------------------------------------------------------------------------------
 
@@ -191,6 +211,10 @@ class _Emitter:
                 first.append((code.real, self.value(x[2])))
             elif x[0] in "sc" or (x[0] in "il" and x[-1] == 0):
                 self.value(x)
+        put = [item[2] for item in body if item[0] == "put" and item[2] in self.outputs]
+        watched = self.single and bool(put)
+        if watched:
+            first.append((code.real, code.constant(0.0)))
         with code.loop(count, *first) as turn:
             made: list[str] = []
             here: dict[Tree, str] = {}
@@ -211,13 +235,18 @@ class _Emitter:
                     _, x, array, place, step = item
                     code.store(read(x), self.target(array), code.along(turn.i, place, step))
                     made.append("")
+                    if watched and array in self.outputs:
+                        zero = code.mul(read(x), code.constant(0.0))
+                        turn.handed[-1] = code.add(turn.handed[-1], zero)
                     continue
                 _, op, x, y = item
-                made.append(self.operated(op, read(x), y and read(y)))
+                made.append(_operated(self.code, op, read(x), y and read(y)))
                 if (kept := f"l{number}.{inner}") in self.bases:
                     code.store(made[-1], self.bases[kept], turn.i)
             for x, place in carried.items():
                 turn.handed[place] = made[x[1]]
+        if watched:
+            self.zeros.append(turn.carried[-1])
 
     # ---- Groups ----------------------------------------------------------------------------------
 
@@ -228,7 +257,7 @@ class _Emitter:
             values = [self.value(x) for x in given]
             if kind == t.FACTORS:
                 rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
-                self.factored[number] = dense.Inline(self.code, rows)
+                self.factored[number] = dense.inline(self.code, rows)
                 return
             made = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
             self.parts[f"x{number}"] = made
@@ -255,7 +284,7 @@ class _Emitter:
     def _many_angles(self, number: int, shape: Tree, by: int, given: Tree) -> None:
         x = self.bases[f"r{number}"] if not given else self.code.at(self.bases[given[0]], given[1])
         cos = self.bases[f"x{number}"]
-        sincos.write(self.code, x, cos, self.code.at(cos, shape[0]), shape[0])
+        sincos.write(self.code, x, cos, self.code.at(cos, sincos.room(shape[0])), shape[0])
 
     def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
@@ -310,3 +339,12 @@ class _Emitter:
         text = dense.product_text(name, rows, inner, columns, self.code.width)
         arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], 1), (self.room, 0)
         self._lanes(name, text, *arrays)
+
+
+def _operated(code: Code, op: str, x: str, y: Any) -> str:
+    """Return x op y."""
+    if op == t.NEG:
+        return code.neg(x)
+    if op == t.SQRT:
+        return code.call("sqrt", x)
+    return {t.ADD: code.add, t.SUB: code.sub, t.MUL: code.mul, t.DIV: code.div}[op](x, y)

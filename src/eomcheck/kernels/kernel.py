@@ -7,19 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eomcheck.kernels.code import Code
-from eomcheck.kernels.emit import HEADER, Layout, function_texts, layout_of
+from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, layout_of
 from eomcheck.kernels.machine import Machine
 from eomcheck.kernels.program import Program
 from eomcheck.model import Array
-
-CALLS, FAILED = 0, 1
-"""Places in the header of a block, integers: calls, and those that were not finite."""
-
-FAILURE_TIME, TIME = 2, 3
-"""Places in the header of a block, doubles: the time of the first failure, and the time given."""
-
-SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
 
 
 class Kernel:
@@ -45,13 +36,11 @@ class Kernel:
         for name, size in outputs.items():
             places[name] = self.size
             self.size += size
-        texts = function_texts("kernel", program, self.layout, places, width)
-        if width == 1:
-            texts.append(_callback(self.size))
-        self.machine = Machine(texts)
+        self.machine = Machine(function_texts("kernel", program, self.layout, places, width))
         self.address = self.machine.address("kernel")
-        self.callback = self.machine.address("callback") if width == 1 else 0
-        self._call = SIGNATURE(self.address)
+        time = ctypes.c_double if width == 1 else ctypes.c_void_p
+        kinds = ctypes.c_void_p, time, ctypes.c_void_p, ctypes.c_void_p
+        self._call = ctypes.CFUNCTYPE(None, *kinds)(self.address)
 
     def block(self, parameters: Mapping[str, Array]) -> Array:
         """Return a block with these parameters, each (size,), or (size, lanes)."""
@@ -68,47 +57,13 @@ class Kernel:
         """Return the outputs, each (size,), or (size, lanes), of a state y and times t (lanes,)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
         out = np.empty((self.size, self.width) if self.width > 1 else self.size)
-        self._call(out.ctypes.data, t.ctypes.data, y.ctypes.data, block.ctypes.data)
+        if self.width == 1:
+            where = np.array([block.ctypes.data], np.uintp)
+            self._call(out.ctypes.data, t.flat[0], y.ctypes.data, where.ctypes.data)
+        else:
+            self._call(out.ctypes.data, t.ctypes.data, y.ctypes.data, block.ctypes.data)
         found, at = {}, 0
         for name, size in self.outputs.items():
             found[name] = out[at : at + size]
             at += size
         return found
-
-
-def _callback(size: int) -> str:
-    """Return what CyRK calls: (out, t, y, arguments), where arguments hold the block's address.
-
-    It counts calls, and those in which an output is not finite.
-    """
-    code = Code()
-    block = code.let("load ptr, ptr %arguments")
-    time = code.at(block, TIME, "double")
-    code.do(f"store double %t, ptr {time}")
-    code.do(f"call void @kernel(ptr %out, ptr {time}, ptr %y, ptr {block})")
-    calls = code.let(f"load i64, ptr {block}")
-    code.do(f"store i64 {code.integer('add', calls, 1)}, ptr {block}")
-    wide = Code(8)
-    wide.lines, wide.fresh = code.lines, code.fresh  # type: ignore[method-assign]
-    total = code.constant(0.0)
-    full, left = divmod(size, 8)
-    if full:
-        # 0 x is 0 unless x is not finite.
-        with code.loop(full, (wide.real, "zeroinitializer")) as turn:
-            x = wide.load(code.at("%out", code.integer("mul", turn.i, 8)))
-            turn.handed[0] = wide.add(turn.carried[0], wide.mul(x, wide.constant(0.0)))
-        for i in range(8):
-            total = code.add(total, wide.lane(turn.carried[0], i))
-    for i in range(left):
-        x = code.load("%out", full * 8 + i)
-        total = code.add(total, code.mul(x, code.constant(0.0)))
-    with code.when(code.compare("une", total, code.constant(0.0))):
-        place = code.at(block, FAILED, "i64")
-        failed = code.let(f"load i64, ptr {place}")
-        when = code.at(block, FAILURE_TIME, "double")
-        before = code.let(f"load double, ptr {when}")
-        none = code.let(f"icmp eq i64 {failed}, 0")
-        code.do(f"store double {code.choose(none, '%t', before)}, ptr {when}")
-        code.do(f"store i64 {code.integer('add', failed, 1)}, ptr {place}")
-    given = "ptr noalias %out, double %t, ptr noalias %y, ptr noalias %arguments"
-    return code.function(f"define void @callback({given}) nounwind")

@@ -27,18 +27,19 @@ import numpy as np
 from eomcheck.arithmetic import tape as t
 from eomcheck.arithmetic.tape import Tape, live
 from eomcheck.errors import EomcheckError
+from eomcheck.kernels.sincos import room
 
 INLINE = 9
 """Up to this order a matrix is eliminated in registers; larger ones are written to memory."""
 
-VECTORED = 4
-"""From so many on, angles are written to memory and their sines made several at a time."""
+FEW_ANGLES = 16
+"""Up to so many, sines and cosines stay in registers; more are written to memory."""
 
 FEWEST = 4
 """Iterations of a loop, at least."""
 
 SHORT = 2500
-"""A program with fewer operations stays straight: it is faster, and soon compiled."""
+"""A program with fewer operations stays straight: it is faster, and soon there."""
 
 LONGEST = 256
 """Operations in one iteration of a loop, at most."""
@@ -118,6 +119,9 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
         if op is t.INPUT:
             return lines.class_of(("i", x)), y
         if op is t.PART:
+            kind, _, (size, *_), _, _ = tape.groups[x]
+            if kind is t.ANGLES and y >= size > FEW_ANGLES:
+                y += room(size) - size
             return lines.class_of(("i", f"x{done[x]}")), y
         return 0, made[place]
 
@@ -136,10 +140,10 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
         mine = done[number] = len(done)
         factored = done.get(by, -1)
         order = shape[0]
-        inline = order < VECTORED if kind is t.ANGLES else False
+        inline = kind is t.ANGLES and order <= FEW_ANGLES
         if kind in (t.FACTORS, t.SOLVE):
             inline = order <= INLINE
-        size = 2 * order if kind is t.ANGLES else int(np.prod(shape))
+        size = 2 * room(order) if kind is t.ANGLES else int(np.prod(shape))
         arrays[f"x{mine}"] = order * (order + 2) if kind is t.FACTORS else size
         given: Tree = ()
         if inline:

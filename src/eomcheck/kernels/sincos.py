@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.code import LANES, Code, real_type
+from eomcheck.kernels.code import Code, real_type
 from eomcheck.kernels.machine import features, has_sincos
 
 REACH = 1e5
 """rad."""
+
+AT_ONCE = 4
+"""Angles of one state in a vector: wider ones cost more than they bring before they are full."""
 
 PARTS = 1.5707963267341256e00, 6.0771005063039655e-11, 2.0222662487959506e-21
 """π/2: its first 33 bits, the next 33, and the 53 after these."""
@@ -77,18 +80,15 @@ def _reduced(code: Code, x: str) -> tuple[str, str]:
 
     shifted = fma(x, code.constant(2 / math.pi), code.constant(TO_WHOLE))
     whole = code.let(f"bitcast {code.real} {shifted} to {code.like('i64')}")
-    turns = code.neg(code.sub(shifted, code.constant(TO_WHOLE)))
+    turns = code.sub(code.constant(TO_WHOLE), shifted)
     first = fma(turns, code.constant(PARTS[0]), x)
     step = code.mul(turns, code.constant(PARTS[1]))
     second = code.add(first, step)
-    # What the sum of two numbers loses (Knuth), whichever is the larger.
+    r = fma(turns, code.constant(PARTS[2]), second)
+    # What the sum lost, whichever of the two was larger (Knuth), and what the last part left.
     back = code.sub(second, first)
-    lost = code.add(
-        code.sub(first, code.sub(second, back)), code.sub(step, back)
-    )  # fmt: skip
-    rest = fma(turns, code.constant(PARTS[2]), lost)
-    r = code.add(second, rest)
-    y = code.sub(rest, code.sub(r, second))
+    lost = code.add(code.sub(first, code.sub(second, back)), code.sub(step, back))
+    y = code.add(fma(turns, code.constant(PARTS[2]), code.sub(second, r)), lost)
 
     z = code.mul(r, r)
     half = code.mul(code.constant(0.5), z)
@@ -122,14 +122,14 @@ def _by_library(code: Code, x: str, where: str | None = None) -> None:
         angle = code.lane(x, lane)
         cos, sin = code.at("%cos", lane, "double"), code.at("%sin", lane, "double")
         if where is None:
-            _library_call(code, angle, cos, sin)
+            library_call(code, angle, cos, sin)
             continue
         here = where if code.width == 1 else code.lane_of_condition(where, lane)
         with code.when(here):
-            _library_call(code, angle, cos, sin)
+            library_call(code, angle, cos, sin)
 
 
-def _library_call(code: Code, angle: str, cos: str, sin: str) -> None:
+def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
     if has_sincos():
         code.do(f"call void @sincos(double {angle}, ptr {sin}, ptr {cos})")
         return
@@ -138,21 +138,25 @@ def _library_call(code: Code, angle: str, cos: str, sin: str) -> None:
 
 
 def of_values(code: Code, x: list[str]) -> list[str]:
-    """Return the cosines, then the sines, of a few values; at most `LANES` of them."""
-    width = code.width if code.width > 1 or len(x) == 1 else LANES
-    kind, cos, sin = real_type(width), [], []
-    if width == code.width:
-        for angle in x:
-            given = f"{kind} {angle}, ptr %cos_room, ptr %sin_room"
-            code.do(f"call void @{name_of(width)}({given})")
-            cos.append(code.load("%cos_room"))
-            sin.append(code.load("%sin_room"))
-        return cos + sin
-    angles = "zeroinitializer"
-    for i, angle in enumerate(x):
-        angles = code.let(f"insertelement {kind} {angles}, double {angle}, i64 {i}")
-    code.do(f"call void @{name_of(width)}({kind} {angles}, ptr %cos_room, ptr %sin_room)")
-    return [code.load(room, i) for room in ("%cos_room", "%sin_room") for i in range(len(x))]
+    """Return the cosines, then the sines, of a few values."""
+    width = code.width if code.width > 1 or len(x) == 1 else AT_ONCE
+    kind, step, cos, sin = real_type(width), 1 if width == code.width else width, [], []
+    for first in range(0, len(x), step):
+        some = x[first : first + step]
+        angles = some[0]
+        if width > code.width:
+            angles = "zeroinitializer"
+            for i, angle in enumerate(some):
+                angles = code.let(f"insertelement {kind} {angles}, double {angle}, i64 {i}")
+        code.do(f"call void @{name_of(width)}({kind} {angles}, ptr %cos_room, ptr %sin_room)")
+        cos += [code.load("%cos_room", i) for i in range(len(some))]
+        sin += [code.load("%sin_room", i) for i in range(len(some))]
+    return cos + sin
+
+
+def room(count: int) -> int:
+    """Return how many numbers `write` writes for `count` angles: whole vectors."""
+    return -(-count // AT_ONCE) * AT_ONCE
 
 
 def write(code: Code, x: str, cos: str, sin: str, count: int) -> None:
@@ -163,28 +167,18 @@ def write(code: Code, x: str, cos: str, sin: str, count: int) -> None:
             places = f"ptr {code.at(cos, turn.i)}, ptr {code.at(sin, turn.i)}"
             code.do(f"call void @{name_of(code.width)}({code.real} {angle}, {places})")
         return
-    wide = real_type(LANES)
-    name = name_of(LANES)
-    full, left = divmod(count, LANES)
+    wide = code.wider(AT_ONCE)
+    full, left = divmod(count, AT_ONCE)
     if full:
         with code.loop(full) as turn:
-            at = code.integer("mul", turn.i, LANES)
-            angles = code.let(f"load {wide}, ptr {code.at(x, at)}, align 8")
+            at = code.integer("mul", turn.i, AT_ONCE)
             places = f"ptr {code.at(cos, at)}, ptr {code.at(sin, at)}"
-            code.do(f"call void @{name}({wide} {angles}, {places})")
+            angles = wide.load(code.at(x, at))
+            code.do(f"call void @{name_of(AT_ONCE)}({wide.real} {angles}, {places})")
     if left:
-        # The rest fills one more vector, from and to room of its own: nothing past the end is read.
-        first = full * LANES
-        inside = ", ".join(["i1 true"] * left + ["i1 false"] * (LANES - left))
-        mask, zero = f"<{LANES} x i1> <{inside}>", f"{wide} zeroinitializer"
-        angles = code.let(
-            f"call {wide} @llvm.masked.load.v{LANES}f64.p0(ptr {code.at(x, first)}, i32 8, "
-            f"{mask}, {zero})"
-        )
-        code.do(f"call void @{name}({wide} {angles}, ptr %cos_room, ptr %sin_room)")
-        for room, place in (("%cos_room", cos), ("%sin_room", sin)):
-            found = code.let(f"load {wide}, ptr {room}, align 8")
-            code.do(
-                f"call void @llvm.masked.store.v{LANES}f64.p0({wide} {found}, "
-                f"ptr {code.at(place, first)}, i32 8, {mask})"
-            )
+        first, angles = full * AT_ONCE, "zeroinitializer"
+        for i in range(left):  # nothing past the end is read
+            angle = code.load(x, first + i)
+            angles = code.let(f"insertelement {wide.real} {angles}, double {angle}, i64 {i}")
+        places = f"ptr {code.at(cos, first)}, ptr {code.at(sin, first)}"
+        code.do(f"call void @{name_of(AT_ONCE)}({wide.real} {angles}, {places})")

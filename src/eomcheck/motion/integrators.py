@@ -1,7 +1,7 @@
 """CyRK's integrators, driven by a C callback.
 
-CyRK's own entry from numba, `nbsolve2_ivp`, takes some ten seconds to compile in every process. It
-only hands its arguments to the C functions that CyRK exposes, and so does this file.
+CyRK's own entry in Python wants numba; it only hands its arguments to the C functions that
+`eomcheck.motion.cyrk` reaches, and so does this file.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from eomcheck.errors import InputError, named
 from eomcheck.model import Array
+from eomcheck.motion.cyrk import library
 
 MEMORY = 2000
 """Most memory for the steps of one run, MB."""
@@ -113,14 +114,12 @@ def integrate(
     Raises:
         UnknownNameError: no such integrator.
     """
-    from CyRK.cy.pyhelpers import find_ode_method_int
-    from CyRK.nb import numba_solver as cyrk
-
-    method = find_ode_method_int(integrator_of(integrator).key)
+    key, cyrk = integrator_of(integrator).key, library()
+    method = int(getattr(cyrk.methods, key.upper()))
     y0, arguments = (np.ascontiguousarray(x, np.float64) for x in (y0, arguments))
     times = np.empty(0) if output_times is None else np.ascontiguousarray(output_times, np.float64)
     tolerances = np.array([rtol]), np.array([atol])
-    result = cyrk.c_numba_cysolve_ivp(
+    result = cyrk.solve(
         address,
         t_start,
         t_end,
@@ -142,17 +141,17 @@ def integrate(
     if not result:
         raise InputError(f"{integrator} could not be started with rtol = {rtol}, atol = {atol}")
     try:
-        count = cyrk.c_get_size(result)
-        shape = (count, cyrk.c_get_num_dy(result))
+        count = cyrk.size(result)
+        shape = (count, cyrk.num_dy(result))
         if count == 0:
             t, y = np.empty(0), np.empty(shape)
         else:
-            t = np.ctypeslib.as_array(cyrk.c_get_t_ptr(result), (count,)).copy()
-            y = np.ctypeslib.as_array(cyrk.c_get_y_ptr(result), shape).copy()
+            t = np.ctypeslib.as_array(cyrk.t(result), (count,)).copy()
+            y = np.ctypeslib.as_array(cyrk.y(result), shape).copy()
         said = np.zeros(256, np.uint8)
-        cyrk.c_get_msg_buf(result, said.ctypes.data, said.size)
+        cyrk.message_buffer(result, said.ctypes.data, said.size)
         message = said.tobytes().partition(b"\0")[0].decode("utf-8", "replace")
-        success = bool(cyrk.c_get_success(result))
-        return Steps(t, y, int(cyrk.c_get_steps(result)), success, message)
+        success = bool(cyrk.success(result))
+        return Steps(t, y, int(cyrk.steps_taken(result)), success, message)
     finally:
-        cyrk.c_free(result)
+        cyrk.free(result)

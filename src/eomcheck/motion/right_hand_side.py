@@ -1,22 +1,47 @@
-"""One right-hand side, compiled end to end: sines and cosines, terms, formulation, solve.
+"""One right-hand side in machine code: sines and cosines, terms, formulation, solve.
 
-`right_hand_side(scene, formulation)` composes the generic functions of both into one compiled
-function of (parameters, q, speeds, t, partition) that returns (q̇, rate of the speeds). The speeds
-are v for the formulations that use Lagrange's terms, u for ML and Kane, x for a chain. A matrix
-that is singular gives NaN: compiled code must not raise.
+The generic functions of a scene and a formulation are run once on a tape, and what they left there
+becomes machine code (`eomcheck.kernels`). It serves all scenes of a kind with the same terms and
+sizes, whose parameters it reads from a block of memory. A matrix that is singular gives NaN:
+machine code does not raise.
+
+State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
+
+- "q, v, μ": velocities, and the integrals μ of the multipliers, μ̇ = λ
+- "q, v": velocities
+- "q, v2": the independent velocities of the partition
+- "q, u": generalized speeds
+- "q, x": quasi-velocities of a chain
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+import ctypes
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, NamedTuple
 
-from eomcheck.arithmetic.float64 import FLOAT64, compiled
+import numpy as np
+
+from eomcheck.arithmetic.differentiate import jacobian
+from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.generic import generic
+from eomcheck.arithmetic.tape import Tape
+from eomcheck.errors import InputError
 from eomcheck.formulations import Formulation
-from eomcheck.model import Scene, velocity
+from eomcheck.formulations.em import velocity_of_independent
+from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME
+from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
+from eomcheck.model import Array, Scene, velocity
 from eomcheck.motion.stabilization import fed_back, joints_fed_back
-from eomcheck.quantities import net_force
+from eomcheck.quantities import Quantities, net_force
+
+MANY_LINKS = 48
+"""A longer chain continues the programs of shorter ones."""
+
+SHORTER = 20, 4
+"""Their numbers of links: from 20 on, in steps of 4, for a pattern may take turns."""
 
 
 @generic
@@ -46,9 +71,7 @@ def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, pr
         v = velocity(u, W, offset)
     else:
         v = qdot(parameters, prepared, shared)
-    vp, wp, rv, rw, mass, inertia, gyroscopic, force = bodies(parameters, prepared, shared)
-    udot = solution(vp, wp, rv, rw, mass, inertia, gyroscopic, force)
-    return v, udot
+    return v, solution(*bodies(parameters, prepared, shared))
 
 
 @generic
@@ -60,66 +83,241 @@ def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x
     return chain_velocity(parameters, prepared, q, x), xdot
 
 
-def right_hand_side(scene: Scene, formulation: Formulation) -> Callable:
-    """Return the compiled right-hand side of `formulation` for scenes of this kind."""
-    return _right_hand_side(type(scene), formulation)
+def number_of_speeds(scene: Scene, formulation: Formulation) -> int:
+    """Return how many speeds a state vector holds beside q: v, v2, u or x."""
+    return {"q, v2": scene.p, "q, u": scene.p, "q, x": scene.s}.get(formulation.state, scene.n)
 
 
-@cache
-def _right_hand_side(scene: type[Scene], formulation: Formulation) -> Callable:
-    return compiled(_COMPOSERS[formulation.uses](scene, formulation.solution))
+def state_size(scene: Scene, formulation: Formulation) -> int:
+    """Return the number of entries of a state vector."""
+    integrals = scene.r if formulation.state == "q, v, μ" else 0
+    return scene.n + number_of_speeds(scene, formulation) + integrals
 
 
-def _from_terms(scene: type[Scene], solution: Callable) -> Callable:
-    prepare, terms = scene.prepare, scene.terms
+class Traced(NamedTuple):
+    """A tape, and its entries that are parameters, state and outputs.
 
-    def rate(parameters, q, v, t, partition):
-        prepared = prepare(FLOAT64, parameters, q, t)
-        qdot, vdot, _ = rates_from_terms(
-            terms, solution, parameters, prepared, q, v, partition, None
+    Attributes:
+        tape: the tape.
+        at: the scene at the state y.
+        y: the state vector.
+        outputs: places of the outputs, by name.
+    """
+
+    tape: Tape
+    at: Quantities
+    y: Array
+    outputs: dict[str, list[int]]
+
+
+def parameter_arrays(scene: Scene) -> dict[str, Array]:
+    """Return the parameters of `scene` as arrays of doubles, by name; absent ones are left out."""
+    record = scene.parameters(FLOAT64)
+    fields = zip(record._fields, record, strict=True)
+    return {name: np.asarray(x, np.float64) for name, x in fields if x is not None}
+
+
+def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
+    """Return the scene on a tape; its parameters and the time are inputs."""
+    at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
+    given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
+    record = scene.parameters(FLOAT64)
+    at.parameters = type(record)(*(given.get(name) for name in record._fields))
+    return at
+
+
+FEEDBACK = "rate of feedback"
+"""Name of the parameter that a stabilized right-hand side has besides those of the scene, 1/s."""
+
+
+def rates_on(
+    scene: Scene, formulation: Formulation, stabilized: bool = False, exact: bool = False
+) -> Traced:
+    """Run a right-hand side on a tape; its outputs are `rates`, those of the state vector.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        stabilized: with Baumgarte's feedback, whose rate is a parameter.
+        exact: with `jacobian`, the derivatives of the rates by the state, row by row.
+    """
+    tape, n = Tape(), scene.n
+    y = tape.inputs("y", (state_size(scene, formulation),))
+    q, speeds = y[:n], y[n : n + number_of_speeds(scene, formulation)]
+    at = quantities_on(tape, scene, q)
+    here = at.parameters, at.prepared
+    feedback = tape.inputs(FEEDBACK, (1,))[0] if stabilized else None
+    solution, integrals = formulation.solution, ()
+    if formulation.uses == "chain":
+        functions = scene.chain, scene.chain_velocity, solution
+        rates = rates_from_chain(*functions, *here, q, speeds, feedback)
+    elif formulation.uses == "terms":
+        independent = formulation.state == "q, v2"
+        v = speeds
+        if independent:
+            a, b = scene.constraints(*here, q)
+            v = velocity_of_independent(a, b, speeds, at.partition)
+        qdot, vdot, multipliers = rates_from_terms(
+            scene.terms, solution, *here, q, v, at.partition, feedback
         )
-        return qdot, vdot
-
-    return rate
-
-
-def _from_speeds(scene: type[Scene], solution: Callable) -> Callable:
-    prepare, terms = scene.prepare, scene.terms
-    kinematics, speeds = scene.kinematics, scene.speeds
-
-    def rate(parameters, q, u, t, partition):
-        prepared = prepare(FLOAT64, parameters, q, t)
-        return rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared, q, u)
-
-    return rate
-
-
-def _from_bodies(scene: type[Scene], solution: Callable) -> Callable:
-    prepare = scene.prepare
-    kinematics, speeds, qdot, bodies = scene.kinematics, scene.speeds, scene.qdot, scene.bodies
-
-    def rate(parameters, q, u, t, partition):
-        prepared = prepare(FLOAT64, parameters, q, t)
-        return rates_from_bodies(
-            kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u
-        )
-
-    return rate
+        rates = qdot, vdot[at.partition.independent] if independent else vdot
+        if formulation.state == "q, v, μ" and multipliers is not None:
+            integrals = multipliers
+    else:
+        functions = scene.kinematics, scene.speeds
+        if formulation.uses == "speeds":
+            rates = rates_from_speeds(scene.terms, *functions, solution, *here, q, speeds)
+        else:
+            functions = *functions, scene.qdot, scene.bodies, solution
+            rates = rates_from_bodies(*functions, *here, q, speeds)
+    found = [tape.number(x).place for x in (*rates[0], *rates[1], *integrals)]
+    outputs = {"rates": found}
+    if exact:
+        outputs["jacobian"] = jacobian(tape, found, [x.place for x in y])
+    return Traced(tape, at, y, outputs)
 
 
-def _from_chain(scene: type[Scene], solution: Callable) -> Callable:
-    prepare, chain, chain_velocity = scene.prepare, scene.chain, scene.chain_velocity
-
-    def rate(parameters, q, x, t, partition):
-        prepared = prepare(FLOAT64, parameters, q, t)
-        return rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x, None)
-
-    return rate
+_kernels: dict[Any, Kernel] = {}
 
 
-_COMPOSERS = {
-    "terms": _from_terms,
-    "speeds": _from_speeds,
-    "bodies": _from_bodies,
-    "chain": _from_chain,
-}
+def kernel_of(
+    scene: Scene,
+    formulation: Formulation,
+    *,
+    stabilized: bool = False,
+    exact: bool = False,
+    width: int = 1,
+) -> Kernel:
+    """Return the kernel of a right-hand side, made once for scenes of this kind, terms and sizes.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        stabilized: whether it reads a rate of feedback.
+        exact: whether it gives the Jacobian as well.
+        width: lanes.
+
+    Raises:
+        NotRationalError: a function of the scene branches on a value.
+    """
+    sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
+    size = state_size(scene, formulation)
+    key = type(scene), formulation, tuple(sizes.items()), size, stabilized, exact, width
+    if key not in _kernels:
+        program, outputs = _program(scene, formulation, stabilized, exact)
+        parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
+        if stabilized:
+            parameters[FEEDBACK] = 1
+        _kernels[key] = Kernel(program, parameters, outputs, width)
+    return _kernels[key]
+
+
+def _program(
+    scene: Scene, formulation: Formulation, stabilized: bool, exact: bool
+) -> tuple[Program, dict[str, int]]:
+    size = state_size(scene, formulation)
+    outputs = {"rates": size} | ({"jacobian": size * size} if exact else {})
+    links = getattr(scene, "links", 0)
+    if scene.has_links and formulation.linear and links > MANY_LINKS and not exact:
+        first, step = SHORTER
+        first += (links - first) % step
+
+        def shorter(count: int) -> Program:
+            traced = rates_on(_alike(scene, count), formulation, stabilized)
+            return program_of(traced.tape, traced.outputs, short=0)
+
+        try:
+            return continued(shorter, links, first, step), outputs
+        except NotRegularError:
+            pass  # what follows no pattern is traced as it is
+    traced = rates_on(scene, formulation, stabilized, exact)
+    return program_of(traced.tape, traced.outputs), outputs
+
+
+def _alike(scene: Scene, links: int) -> Scene:
+    """Return a scene of this kind, with the same terms, of so many links.
+
+    Raises:
+        NotRegularError: the kind has none.
+    """
+    names = parameter_arrays(scene).keys()
+    for other in type(scene).structures(links):
+        if parameter_arrays(other).keys() == names:
+            return other
+    raise NotRegularError(f"no {scene.key} of {links} links has the terms of {scene.structure}")
+
+
+class RightHandSide:
+    """The right-hand side of one scene: a kernel, and the block of memory with its parameters.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        feedback: rate of Baumgarte's feedback, 1/s, or None without.
+
+    Attributes:
+        address: of the C function (derivatives, t, state, arguments).
+        arguments: what it is to be given: the address of the block, as a double.
+    """
+
+    def __init__(self, scene: Scene, formulation: Formulation, feedback: float | None = None):
+        self.kernel = kernel_of(scene, formulation, stabilized=feedback is not None)
+        given: Mapping[str, Array] = parameter_arrays(scene)
+        if feedback is not None:
+            given = {**given, FEEDBACK: np.array([feedback])}
+        self.block = self.kernel.block({name: np.ravel(x) for name, x in given.items()})
+        self.address = self.kernel.address
+        self.arguments = np.array([self.block.ctypes.data], np.int64).view(np.float64)
+        self._counts = self.block[:2].view(np.int64)
+
+    @property
+    def calls(self) -> int:
+        """Right-hand sides evaluated."""
+        return int(self._counts[CALLS])
+
+    @property
+    def failed(self) -> int:
+        """How many of them were not finite."""
+        return int(self._counts[FAILED])
+
+    @property
+    def failure_time(self) -> float:
+        """When the first of these was evaluated, s; NaN without any."""
+        return float(self.block[FAILURE_TIME])
+
+    def reset(self) -> None:
+        """Set the counts to zero."""
+        self._counts[:] = 0
+        self.block[FAILURE_TIME] = np.nan
+
+    @cached_property
+    def _function(self) -> Any:
+        kinds = ctypes.c_size_t, ctypes.c_double, ctypes.c_size_t, ctypes.c_size_t
+        return ctypes.CFUNCTYPE(None, *kinds)(self.address)
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return the derivatives at time t, s, of a state vector y (size,)."""
+        y, ydot = np.ascontiguousarray(y, float), np.empty(self.kernel.size)
+        self._function(ydot.ctypes.data, t, y.ctypes.data, self.arguments.ctypes.data)
+        return ydot
+
+
+def exact_jacobian(scene: Scene, formulation: Formulation) -> Any:
+    """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
+
+    For implicit integrators that take one (SciPy's).
+
+    Raises:
+        InputError: the Jacobian cannot be written out, for a product of matrices is too large.
+    """
+    kernel = kernel_of(scene, formulation, exact=True)
+    block = kernel.block({name: np.ravel(x) for name, x in parameter_arrays(scene).items()})
+    size = state_size(scene, formulation)
+
+    def at(t: float, y: Array) -> Array:
+        return kernel(block, np.array([t]), y)["jacobian"].reshape(size, size)
+
+    return at
+
+
+__all__ = ["InputError", "RightHandSide", "exact_jacobian", "kernel_of", "rates_on"]

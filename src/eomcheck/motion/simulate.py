@@ -1,22 +1,20 @@
-"""`simulate`: a trajectory by one formulation and one integrator, compiled end to end."""
+"""`simulate`: a trajectory by one formulation and one integrator, in machine code end to end."""
 
 from __future__ import annotations
 
 import math
 import time
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
-from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, checked_scene, finite_array
-from eomcheck.motion.callback import CALLS, FAILED, Table, callback
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
+from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.states import check_consistent, velocity
 from eomcheck.tolerance import allowed_error, largest
@@ -81,7 +79,7 @@ LOOKED_AT = 200
 
 
 class Motion:
-    """A formulation of a scene, compiled, with the state vector that it integrates.
+    """A formulation of a scene in machine code, with the state vector that it integrates.
 
     Args:
         scene: the scene.
@@ -119,10 +117,7 @@ class Motion:
         integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
         self.y0 = np.concatenate((at.q, speeds, integrals))
         self.speeds = speeds.size
-        parameters = scene.parameters(FLOAT64)
-        sizes = scene.n, speeds.size, self.y0.size
-        self.table = Table(parameters, self.partition, *sizes, baumgarte)
-        self.callback = callback(scene, formulation, parameters, baumgarte is not None)
+        self.rates = RightHandSide(scene, formulation, baumgarte)
 
     def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
         """Return `integrate`'s result for this motion; counts are set anew.
@@ -132,8 +127,8 @@ class Motion:
             projection: interval at which the velocity is projected onto the constraints, s.
             options: of `integrate`.
         """
-        self.table.reset()
-        call = self.callback.address, self.table.arguments
+        self.rates.reset()
+        call = self.rates.address, self.rates.arguments
         if projection is None:
             return integrate(*call, self.y0, t_end, **options)
         first, times = options.pop("first_step", 0.0), options.pop("output_times", None)
@@ -192,23 +187,6 @@ class Motion:
         if self.formulation.state == "q, u":
             at.u = y[self.scene.n : self.scene.n + self.speeds]
         return at
-
-    @cached_property
-    def function(self):
-        """The very same right-hand side as a Python function of (t, y), for other integrators."""
-        import ctypes
-
-        call = ctypes.CFUNCTYPE(
-            None, ctypes.c_size_t, ctypes.c_double, ctypes.c_size_t, ctypes.c_size_t
-        )(self.callback.address)
-        arguments = self.table.arguments.ctypes.data
-
-        def rate(t: float, y: Array) -> Array:
-            y, ydot = np.ascontiguousarray(y), np.empty(y.size)
-            call(ydot.ctypes.data, t, y.ctypes.data, arguments)
-            return ydot
-
-        return rate
 
 
 def simulate(
@@ -300,7 +278,7 @@ def trajectory(
     motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
 ) -> Trajectory:
     """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
-    scene, formulation, counts = motion.scene, motion.formulation, motion.table.counts
+    scene, formulation = motion.scene, motion.formulation
     course = _Course(motion, found)
     reason, refusal = course.refused or ("", None)
     if not (reason or (found.success and course.whole)):
@@ -318,7 +296,7 @@ def trajectory(
         course.rows(course.multipliers) if formulation.multipliers else None,
         np.array(course.energy),
         course.rows(course.residual),
-        int(counts[CALLS]),
+        motion.rates.calls,
         found.steps,
         "failed" if reason else "finished",
         reason,
@@ -424,9 +402,9 @@ class _Course:
 
 def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
     """Say why an integration did not reach its end."""
-    if motion.table.counts[FAILED] == 0:
+    if motion.rates.failed == 0:
         return found.message or "the energy overflows", None
-    when = motion.table.failure_time[0]
+    when = motion.rates.failure_time
     y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
     why, refusal = "it overflows, or a matrix is singular there", None
     try:

@@ -35,7 +35,7 @@ def print_rhs(records: list[Timing]) -> None:
     table = Table(header_style="bold", show_lines=True)
     table.add_column("right-hand side", no_wrap=True)
     for n in links:
-        table.add_column(f"N = {n}", justify="right")
+        table.add_column(f"N = {n}" if n else records[0].scene, justify="right")
     table.add_column("slope, N >= 100", justify="right")
     table.add_column("compiling", justify="right")
     for what in dict.fromkeys(record.what for record in records):

@@ -85,15 +85,16 @@ def kinematics(parameters, angles, q, u):
         spin = before * omega_before * omega_before
         turning = s_before * omega_before
         along_axle = s * omega - turning * cos_delta - spin * sin_psi - offset * omega * omega
-        rate = ww_s * s_rest[k - 1, 0] + ww_w * omega_rest[k - 1, 0] + along_axle / lever
+        # What comes from the link before is added last: nothing else waits for it.
+        rate = along_axle / lever + ww_s * s_rest[k - 1, 0] + ww_w * omega_rest[k - 1, 0]
         omega_rest[k, 0] = rate
         s_rest[k, 0] = (
-            cos_delta * s_rest[k - 1, 0]
-            + before * sin_psi * omega_rest[k - 1, 0]
-            + offset * rate
-            + turning * sin_delta
+            turning * sin_delta
             - spin * cos_psi
             - lever * omega * omega
+            + cos_delta * s_rest[k - 1, 0]
+            + before * sin_psi * omega_rest[k - 1, 0]
+            + offset * rate
         )
     return Rolling(s_u, omega_u, s_rest, omega_rest, u, v)
 

@@ -216,5 +216,5 @@ def _times(
 ) -> tuple[float, float]:
     state = _moving(both[0])
     jobs = ((scene.name, 0, rate_call(Evaluation(scene, *state), formulation)) for scene in both)
-    absent, zeros = time_calls(jobs, repeats)
+    absent, zeros = time_calls(both[0].key, jobs, repeats)
     return absent.seconds, zeros.seconds

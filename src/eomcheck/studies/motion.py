@@ -1,6 +1,6 @@
-"""Time of a whole motion: the paper's robot for 1 s, compiled throughout and through Python.
+"""Time of a whole motion: the paper's robot for 1 s, in machine code and through Python.
 
-Both integrators are DOP853 with the very same compiled right-hand side: CyRK calls it from C, SciPy
+Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from C, SciPy
 from Python.
 """
 
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.motion.callback import CALLS
 from eomcheck.motion.simulate import Motion
 from eomcheck.scenes import Snake
 from eomcheck.studies.run_time import run_time
@@ -73,7 +72,7 @@ def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
 
 def _measure(motion: Motion) -> MotionTime:
     compiled = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
-    calls = int(motion.table.counts[CALLS])
+    calls = motion.rates.calls
     python = run_time(lambda: _by_scipy(motion), runs=IN_PYTHON)
     return MotionTime(motion.formulation.key, compiled.seconds, calls, python.seconds)
 
@@ -82,4 +81,4 @@ def _by_scipy(motion: Motion) -> None:
     from scipy.integrate import solve_ivp
 
     options = {"method": "DOP853", "rtol": TOLERANCE, "atol": TOLERANCE}
-    solve_ivp(motion.function, (0.0, END), motion.y0, **options)
+    solve_ivp(motion.rates, (0.0, END), motion.y0, **options)

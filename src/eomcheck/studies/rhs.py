@@ -1,31 +1,41 @@
 """The cost of one right-hand side: every formulation, over the number of links.
 
-All in one run and one process: the compiled right-hand sides, called in a compiled loop; the sines
-and cosines of the link angles alone; and Pinocchio's `computeAllTerms` and `forwardDynamics` on the
-same chain, called from Python as its users do. Medians of warm runs; compile time apart.
+All in one run and one process: the right-hand sides as integrators call them, in a loop of machine
+code; the sines and cosines of the angles alone, by the C library; the same source for Kane's method
+as C code that CasADi writes, compiled by `gcc -O2` where there is a compiler; and Pinocchio's
+`computeAllTerms` and `forwardDynamics` on the same chain, called from Python as its users do.
+Medians of warm runs; what making them ready takes stands apart.
 """
 
 from __future__ import annotations
 
+import ctypes
+import shutil
+import subprocess
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from statistics import median, quantiles
+from tempfile import TemporaryDirectory
 
-import numba
 import numpy as np
 
-from eomcheck.arithmetic.float64 import angles, compiled
+from eomcheck import strategies
+from eomcheck.arithmetic.float64 import FLOAT64
+from eomcheck.arithmetic.symbolic import Symbols
 from eomcheck.console import progress
 from eomcheck.engines.base import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import Formulation, formulations_for
-from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
+from eomcheck.kernels.repeat import repeated, sines
+from eomcheck.model import Array, Scene
+from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays
+from eomcheck.quantities import Quantities
 from eomcheck.scenes import Snake
-from eomcheck.states import velocity
+from eomcheck.states import speeds_of, velocity
+from eomcheck.studies.draws import draw
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200
@@ -34,6 +44,7 @@ BATCH_SECONDS = 0.02
 """A timed batch repeats the call until it takes about this long."""
 
 TRIGONOMETRY = "sin, cos"
+CASADI = "casadi, C"
 PINOCCHIO = PinocchioEngine.key
 
 
@@ -42,9 +53,10 @@ class Timing:
     """Seconds of one call: `what` at N = `links`.
 
     `seconds` is the median over batches, `quartiles` the lower and the upper one. `compile_seconds`
-    is what the first call took more, in this process, with what the disk cache held.
+    is what making it ready took.
     """
 
+    scene: str
     what: str
     links: int
     seconds: float
@@ -52,42 +64,55 @@ class Timing:
     compile_seconds: float
 
 
-def bench_snake(links: int) -> tuple[Snake, np.ndarray, np.ndarray]:
-    """Return a gently curved snake with springs in motion, whose W does not grow: (scene, q, u)."""
-    one = np.ones(links)
-    scene = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(np.arange(links)))
-    theta = 0.3 * np.sin(0.7 * np.arange(links))
-    return scene, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
+def bench_state(kind: type[Scene], links: int | None) -> tuple[Scene, Array, Array]:
+    """Return a scene in motion, (scene, q, u).
+
+    Snakes are gently curved, with springs, so that W does not grow, and their angles go all around.
+    """
+    if kind is not Snake:
+        scene = kind.example() if links is None else next(kind.structures(links))
+        ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+        return scene, state.q, speeds_of(scene, state.q, state.v)
+    assert links is not None
+    one, k = np.ones(links), np.arange(links)
+    snake = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(k))
+    theta = np.radians(44.0) + 0.3 * np.sin(0.7 * k) + 0.02 * k
+    return snake, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
 
 
-Job = tuple[str, int, Callable[[int], object]]
+Call = Callable[[int], object]
+"""What does something so many times."""
+
+Job = tuple[str, int, Call]
 """What is timed, at how many links, and a function call(k) that does it k times."""
 
 
 def time_calls(
-    jobs: Iterable[Job], repeats: int, advance: Callable[[], None] = lambda: None
+    scene: str, jobs: Iterable[Job], repeats: int, advance: Callable[[], None] = lambda: None
 ) -> list[Timing]:
     """Time jobs in turn, one batch of each, so often: a slow second is one of all of them.
 
     Args:
-        jobs: what is timed; each is compiled when its turn to be made comes.
+        scene: key of the scene.
+        jobs: what is timed; each is made when its turn comes.
         repeats: batches of each, of which the median counts.
-        advance: called after each job is compiled, and after each batch.
+        advance: called after each job is made, and after each batch.
     """
-    ready = []
+    ready, began = [], time.perf_counter()
     for what, links, call in jobs:
-        first, count = _seconds(call, 1), 1
+        first, count = time.perf_counter() - began, 1
         for _ in range(3):  # one call is mostly the way into compiled code
             count = max(1, round(BATCH_SECONDS * count / max(_seconds(call, count), 1e-7)))
         ready.append((what, links, call, count, first))
         advance()
+        began = time.perf_counter()
     batches: list[list[float]] = [[] for _ in ready]
     for _ in range(repeats):
         for (_, _, call, count, _), seconds in zip(ready, batches, strict=True):
             seconds.append(_seconds(call, count) / count)
             advance()
     return [
-        _timing(what, links, seconds, first)
+        _timing(scene, what, links, seconds, first)
         for (what, links, _, _, first), seconds in zip(ready, batches, strict=True)
     ]
 
@@ -98,31 +123,13 @@ def _seconds(call: Callable[[int], object], count: int) -> float:
     return time.perf_counter() - start
 
 
-def _timing(what: str, links: int, seconds: list[float], first: float) -> Timing:
+def _timing(scene: str, what: str, links: int, seconds: list[float], first: float) -> Timing:
     low, _, high = quantiles(seconds, n=4) if len(seconds) > 1 else [seconds[0]] * 3
     middle = median(seconds)
-    return Timing(what, links, middle, (low, high), max(first - middle, 0.0))
+    return Timing(scene, what, links, middle, (low, high), first)
 
 
-@numba.njit
-def _repeat(rate, parameters, q, speeds, t, partition, count):
-    total = 0.0
-    for _ in range(count):
-        total += rate(parameters, q, speeds, t, partition)[1][0]
-    return total
-
-
-@numba.njit
-def _repeat_angles(trigonometry, theta, count):
-    total = 0.0
-    for _ in range(count):
-        prepared = trigonometry(theta)
-        total += prepared.cos[0] + prepared.sin[-1]
-    return total
-
-
-def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], object]:
-    scene, q, u = bench_snake(links)
+def _formulation_call(formulation: Formulation, scene: Scene, q: Array, u: Array) -> Call:
     at = Evaluation(scene, q, np.zeros(scene.n))
     at.u = u
     # Not `velocity`, which looks at the full constraint Jacobian.
@@ -130,21 +137,63 @@ def _formulation_call(formulation: Formulation, links: int) -> Callable[[int], o
     return rate_call(at, formulation)
 
 
-def rate_call(at: Evaluation, formulation: Formulation) -> Callable[[int], object]:
-    """Return what calls the compiled right-hand side at a state so many times."""
-    rate = right_hand_side(at.scene, formulation)
-    arguments = (at.parameters, at.q, at.speeds_read(formulation), at.t, at.partition)
-    return lambda count: _repeat(rate, *arguments, count)
+def rate_call(at: Evaluation, formulation: Formulation) -> Call:
+    """Return what calls the right-hand side, as an integrator does, so many times at a state."""
+    speeds = at.speeds_read(formulation)
+    if formulation.state == "q, v2":
+        speeds = speeds[at.partition.independent]
+    rates = RightHandSide(at.scene, formulation)
+    y = np.zeros(rates.kernel.size)
+    y[: at.scene.n + speeds.size] = np.concatenate((at.q, speeds))
+    out = np.empty_like(y)
+    pointers = (x.ctypes.data for x in (out, y, rates.arguments))
+    call = repeated(rates.address, *pointers)
+    alive = out, y, rates
+    return lambda count: (call(count), alive)[0]
 
 
-def _trigonometry_call(links: int) -> Callable[[int], object]:
-    theta = bench_snake(links)[1][2:]
-    return lambda count: _repeat_angles(compiled(angles), theta, count)
+def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
+    """Return Kane's right-hand side in C as CasADi writes it, by the compiler; None without one."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        return None
+    symbols, names = Symbols(), parameter_arrays(scene)
+    columns, given = [], {}
+    for name, x in names.items():
+        column, entries = symbols.variables(name, x.size)
+        columns.append(column)
+        given[name] = entries.reshape(x.shape)
+    column, y = symbols.variables("y", scene.n + scene.p)
+    time_now = symbols.casadi.SX.sym("t")
+    at = Quantities(scene, symbols, y[: scene.n], time_now)
+    record = scene.parameters(FLOAT64)
+    at.parameters = type(record)(*(given.get(name) for name in record._fields))
+    at.u = y[scene.n :]
+    rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS["kane"].solution(*at.bodies))
+    function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
+    folder = TemporaryDirectory()
+    generator = symbols.casadi.CodeGenerator("kane.c")
+    generator.add(function)
+    generator.generate(f"{folder.name}/")
+    source, made = f"{folder.name}/kane.c", f"{folder.name}/kane.so"
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", source, "-o", made, "-lm"], check=True)
+    library = ctypes.CDLL(made)
+    inputs = [np.concatenate((q, u)), np.zeros(1), *(np.ravel(x).copy() for x in names.values())]
+    work = np.empty(function.sz_w() + 1)
+    whole = np.zeros(function.sz_iw() + 1, np.int64)
+    out = np.empty(scene.n + scene.p)
+    outputs = np.array([out.ctypes.data] + [0] * function.sz_res(), np.uintp)
+    arguments = np.array([x.ctypes.data for x in inputs] + [0] * function.sz_arg(), np.uintp)
+    address = ctypes.cast(library.kane, ctypes.c_void_p).value
+    assert address is not None
+    pointers = (x.ctypes.data for x in (arguments, outputs, whole, work))
+    call = repeated(address, *pointers)
+    alive = library, inputs, work, whole, out, outputs, arguments, folder
+    return lambda count: (call(count), alive)[0]
 
 
-def _pinocchio_call(links: int) -> Callable[[int], object]:
+def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
     pin = required(PINOCCHIO)
-    scene, q, u = bench_snake(links)
     at = Evaluation(scene, q, velocity(scene, q, u))
     engine = PinocchioEngine(scene)
     T = engine.coordinates
@@ -163,36 +212,46 @@ def _pinocchio_call(links: int) -> Callable[[int], object]:
 
 
 def measure_all(
-    links: Iterable[int] | None = None, keys: Iterable[str] | None = None, repeats: int = 15
+    kind: type[Scene] = Snake,
+    links: Iterable[int] | None = None,
+    keys: Iterable[str] | None = None,
+    repeats: int = 15,
 ) -> list[Timing]:
     """Time everything and return the Records.
 
     Args:
-        links: numbers of links, by default `LINKS`.
+        kind: kind of scene.
+        links: numbers of links, for a kind that has them; by default `LINKS` for snakes.
         keys: formulations, all by default; those named are timed beyond `DENSE_LIMIT` too.
         repeats: timed batches per median.
 
     Raises:
-        InputError: a number of links or of repeats below 1.
+        InputError: a number of links or of repeats below 1, or links of a kind without.
         UnknownNameError: no such formulation.
     """
-    formulations = formulations_for(Snake, keys)
-    chosen = LINKS if links is None else tuple(links)
+    formulations = formulations_for(kind, keys)
+    given = None if links is None else tuple(links)
+    if given is not None and not kind.has_links:
+        raise InputError(f"links = {list(given)}: {kind.key} has no number of links to choose")
+    chosen = given or ((LINKS if kind is Snake else (3,)) if kind.has_links else (None,))
     for name, values in (("links", chosen), ("repeats", (repeats,))):
         for value in values:
-            if value < 1:
+            if value is not None and value < 1:
                 raise InputError(f"{name} = {value}, expected at least 1")
 
-    jobs: list[tuple[str, int, Callable[[int], Callable[[int], object]]]] = []
-    for n in chosen:
-        jobs.append((TRIGONOMETRY, n, _trigonometry_call))
-        jobs += [
-            (f.key, n, partial(_formulation_call, f))
-            for f in formulations
-            if f.linear or keys is not None or n <= DENSE_LIMIT
-        ]
-        if n <= DENSE_LIMIT:
-            jobs.append((PINOCCHIO, n, _pinocchio_call))
-    with progress("compiling and timing", (1 + repeats) * len(jobs)) as advance:
-        made = ((what, n, prepare(n)) for what, n, prepare in jobs)
-        return time_calls(made, repeats, advance)
+    def jobs() -> Iterator[tuple[str, int, Call]]:
+        for n in chosen:
+            scene, q, u = bench_state(kind, n)
+            size = n or 0
+            yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
+            for f in formulations:
+                if f.linear or keys is not None or size <= DENSE_LIMIT:
+                    yield f.key, size, _formulation_call(f, scene, q, u)
+            if size <= DENSE_LIMIT and (call := _casadi_call(scene, q, u)) is not None:
+                yield CASADI, size, call
+            if size <= DENSE_LIMIT and PinocchioEngine.represents(scene) and scene.r:
+                yield PINOCCHIO, size, _pinocchio_call(scene, q, u)
+
+    count = len(chosen) * (len(formulations) + 3)
+    with progress("making code and timing", (1 + repeats) * count) as advance:
+        return time_calls(kind.key, jobs(), repeats, advance)

@@ -33,7 +33,7 @@ from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.model import Array
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.jacobian import exact_jacobian
+from eomcheck.motion.right_hand_side import exact_jacobian
 from eomcheck.motion.simulate import Motion
 from eomcheck.motion.stored import load_reference
 from eomcheck.scenes import Snake
@@ -232,7 +232,7 @@ class _Worker:
         truth = self._truth(problem, k)
         solve = _compiled if settings["jacobian"] is None else _in_scipy
         found = solve(motion, end_of(problem, k), settings)
-        counts = {"right-hand sides": int(motion.table.counts[0]), **found.counts}
+        counts = {"right-hand sides": motion.rates.calls, **found.counts}
         if found.state is None:
             return Record(STUDY, settings, "failed", found.reason, counts=counts)
         q, v = motion.split(found.state)
@@ -272,12 +272,12 @@ def _compiled(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
 
 def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
     """Integrate by SciPy, whose right-hand side is the compiled one as well."""
-    motion.table.reset()
+    motion.rates.reset()
     exact = settings["jacobian"] == "exact"
     # Its differences for the Jacobian try larger and larger changes of what does not matter.
     with np.errstate(over="ignore"):
         found = solve_ivp(
-            motion.function,
+            motion.rates,
             (0.0, end),
             motion.y0,
             settings["integrator"],
