@@ -28,12 +28,14 @@ def eliminating(vanishes: Callable[[Any], bool]) -> Solver:
             for row in range(column + 1, size):
                 factor = A[row, column] / A[column, column]
                 # No row below needs the entries under the diagonal.
-                A[row, column + 1 :] = A[row, column + 1 :] - factor * A[column, column + 1 :]
-                x[row] = x[row] - factor * x[column]
+                for part, first in ((A, column + 1), (x, 0)):
+                    for k in range(first, part.shape[1]):
+                        part[row, k] = part[row, k] - factor * part[column, k]
         for row in range(size - 1, -1, -1):
-            for column in range(row + 1, size):
-                x[row] = x[row] - A[row, column] * x[column]
-            x[row] = x[row] / A[row, row]
+            for k in range(x.shape[1]):
+                for column in range(row + 1, size):
+                    x[row, k] = x[row, k] - A[row, column] * x[column, k]
+                x[row, k] = x[row, k] / A[row, row]
         return x.reshape(b.shape)
 
     return solve

@@ -47,24 +47,14 @@ def inline(code: Code, A: list[list[str]]) -> Pair | Inline:
 class Pair:
     """A matrix (2, 2), eliminated from either row: the choice of the pivot need not be waited for.
 
-    Planar vehicles have two degrees of freedom. Rows are compared as scaled and used as they are,
-    which rounds alike.
+    Planar vehicles have two degrees of freedom.
     """
 
     def __init__(self, code: Code, A: list[list[str]]):
         self.code = code
-        one, other = (self._scaled_size(row) for row in A)
-        self.second = code.let(f"icmp sgt {code.like('i64')} {other}, {one}")
+        one, other = (_scaled(code, row[0], _exponent(code, row)) for row in A)
+        self.second = _larger(code, other, one)
         self.ways = [self._factored(*A), self._factored(*reversed(A))]
-
-    def _scaled_size(self, row: list[str]) -> str:
-        """Return the bits of |row[0]| scaled: its exponent less that of the largest entry."""
-        code, kind = self.code, self.code.like("i64")
-        sizes = [code.call("fabs", x) for x in row]
-        moved = code.mul(code.call("maxnum", *sizes), code.constant(ABOVE_ONE))
-        largest, bits = (code.let(f"bitcast {code.real} {x} to {kind}") for x in (moved, sizes[0]))
-        mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
-        return code.let(f"sub {kind} {bits}, {code.let(f'and {kind} {largest}, {mask}')}")
 
     def _factored(self, first: list[str], other: list[str]) -> tuple[str, str, str, str]:
         code = self.code
@@ -88,22 +78,39 @@ def _usable(code: Code, pivot: str) -> str:
     return code.choose(there, pivot, code.constant(float("nan")))
 
 
-def _row_scale(code: Code, row: list[str]) -> str:
+def _exponent(code: Code, row: list[str]) -> str:
+    """Return the bits of the power of two that is nearest below the largest entry of a row."""
     largest = code.call("fabs", row[0])
     for x in row[1:]:
         # A NaN is passed over here, and found by the pivots.
         largest = code.call("maxnum", largest, code.call("fabs", x))
-    return scale_of(code, largest)
+    bits = _bits(code, code.mul(largest, code.constant(ABOVE_ONE)))
+    mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
+    return code.let(f"and {code.like('i64')} {bits}, {mask}")
+
+
+def _bits(code: Code, x: str) -> str:
+    return code.let(f"bitcast {code.real} {x} to {code.like('i64')}")
+
+
+def _scaled(code: Code, x: str, exponent: str) -> str:
+    """Return the bits of |x| in a row scaled: they are larger where the number is."""
+    return code.let(f"sub {code.like('i64')} {_bits(code, code.call('fabs', x))}, {exponent}")
+
+
+def _larger(code: Code, one: str, other: str) -> str:
+    return code.let(f"icmp sgt {code.like('i64')} {one}, {other}")
 
 
 class Inline:
-    """A matrix (k, k) of values, factored in registers."""
+    """A matrix (k, k) of values, factored in registers.
+
+    Rows are compared as scaled, and used as they are: powers of two round nothing.
+    """
 
     def __init__(self, code: Code, A: list[list[str]]):
-        self.code, self.size = code, len(A)
-        self.scales = [] if self.size == 1 else [_row_scale(code, row) for row in A]
-        for row, scale in zip(A, self.scales, strict=False):
-            row[:] = [code.mul(x, scale) for x in row]
+        self.code = code
+        self.exponents = [] if len(A) == 1 else [_exponent(code, row) for row in A]
         self.upper: list[list[str]] = []
         self.factors: list[list[str]] = []
         self.chosen: list[list[str]] = []
@@ -114,11 +121,11 @@ class Inline:
     def _eliminated(self, rows: list[list[str]]) -> list[list[str]]:
         """Choose a pivot among `rows`, keep its row, and return the others without its column."""
         code = self.code
-        best, where = code.call("fabs", rows[0][0]), []
-        for row in rows[1:]:
-            size = code.call("fabs", row[0])
-            where.append(code.compare("ogt", size, best))
-            best = code.choose(where[-1], size, best)
+        pairs = zip(rows, self.exponents, strict=False)
+        sizes, where = [_scaled(code, row[0], exponent) for row, exponent in pairs], []
+        for size in sizes[1:]:
+            where.append(_larger(code, size, sizes[0]))
+            sizes[0] = self._whole(where[-1], size, sizes[0])
         # Of several that are larger than all before, the last one is the pivot.
         marks: list[str] = []
         later = None
@@ -128,6 +135,10 @@ class Inline:
             marks.insert(0, taken)
         self.chosen.append(marks)
         pivot, *others = self._exchanged(rows)
+        if self.exponents:
+            first, *rest = self.exponents
+            pairs = zip(marks, rest, strict=True)
+            self.exponents = [self._whole(mark, first, x) for mark, x in pairs]
         pivot[0] = _usable(code, pivot[0])
         self.upper.append(pivot)
         factors = [code.div(row[0], pivot[0]) for row in others]
@@ -136,6 +147,10 @@ class Inline:
             [code.sub(x, code.mul(f, y)) for x, y in zip(row[1:], pivot[1:], strict=True)]
             for row, f in zip(others, factors, strict=True)
         ]
+
+    def _whole(self, where: str, x: str, y: str) -> str:
+        kind = self.code.like("i64")
+        return self.code.let(f"select {self.code.like('i1')} {where}, {kind} {x}, {kind} {y}")
 
     def _not(self, where: str) -> str:
         kind = self.code.like("i1")
@@ -154,8 +169,7 @@ class Inline:
     def solve(self, b: list[str]) -> list[str]:
         """Return x (k,) of values b (k,)."""
         code = self.code
-        left = [code.mul(x, s) for x, s in zip(b, self.scales, strict=True)] if self.scales else b
-        done = []
+        left, done = b, []
         for marks, factors in zip(self.chosen, self.factors, strict=True):
             first, pivot, others = left[0], left[0], []
             for x, mark in zip(left[1:], marks, strict=True):
