@@ -152,49 +152,55 @@ def _eliminate(
         order = [*range(3 - i, 7), *[8] * (3 - i), 7]
         row = wide.load(code.at(scaled, i * ROW))
         kept.append(_shifted(wide, row, f"<{', '.join(f'i32 {j}' for j in order)}>"))
-    with code.loop(size, *((V, row) for row in kept), ("i1", "true")) as turn:
+    kind, all_true = wide.like("i1"), f"<{', '.join(['i1 true'] * ROW)}>"
+
+    def opposite(where: str) -> str:
+        return wide.let(f"xor {kind} {where}, {all_true}")
+
+    def everywhere(row: str) -> str:
+        """Return a row's entry in the column, in all places: choices are made without a branch."""
+        return wide.let(f"shufflevector {V} {row}, {V} poison, <8 x i32> zeroinitializer")
+
+    with code.loop(size, *((V, row) for row in kept), (V, "zeroinitializer")) as turn:
         new = wide.load(code.at(scaled, code.integer("mul", code.integer("add", turn.i, 3), ROW)))
-        rows, regular = [*turn.carried[:3], new], turn.carried[3]
-        heads = [wide.lane(row, 0) for row in rows]
-        sizes = [code.call("fabs", head) for head in heads]
-        second = code.compare("ogt", sizes[1], sizes[0])
-        fourth = code.compare("ogt", sizes[3], sizes[2])
-        front = code.choose(second, sizes[1], sizes[0])
-        back = code.choose(fourth, sizes[3], sizes[2])
-        behind = code.compare("ogt", back, front)
+        rows = [*turn.carried[:3], new]
+        heads = [everywhere(row) for row in rows]
+        sizes = [wide.call("fabs", head) for head in heads]
+        second = wide.compare("ogt", sizes[1], sizes[0])
+        fourth = wide.compare("ogt", sizes[3], sizes[2])
+        front = wide.choose(second, sizes[1], sizes[0])
+        back = wide.choose(fourth, sizes[3], sizes[2])
+        behind = wide.compare("ogt", back, front)
 
-        def among(choose, x: list[str]) -> str:
-            return choose(behind, choose(fourth, x[3], x[2]), choose(second, x[1], x[0]))
+        def among(x: list[str]) -> str:
+            ahead, after = wide.choose(second, x[1], x[0]), wide.choose(fourth, x[3], x[2])
+            return wide.choose(behind, after, ahead)
 
-        def row_chosen(where: str, x: str, y: str) -> str:
-            return code.let(f"select i1 {where}, {V} {x}, {V} {y}")
-
-        pivot, head = among(row_chosen, rows), among(code.choose, heads)
-        usable = code.compare("one", head, code.constant(0.0))
-        turn.handed[3] = code.both(regular, usable)
-        reciprocal = code.div(code.constant(1.0), head)
-        ahead = code.let(f"xor i1 {behind}, true")
-        in_front = [code.both(ahead, code.let(f"xor i1 {second}, true")), code.both(ahead, second)]
-        taken = [*in_front, code.both(behind, code.let(f"xor i1 {fourth}, true"))]
-        factors = []
+        pivot, head = among(rows), among(heads)
+        # 0 while every pivot is a number other than 0.
+        wrong = wide.compare("ueq", head, wide.constant(0.0))
+        turn.handed[3] = wide.choose(wrong, wide.constant(1.0), turn.carried[3])
+        single = wide.lane(head, 0)
+        ahead = opposite(behind)
+        taken = [wide.both(ahead, opposite(second)), wide.both(ahead, second)]
+        taken.append(wide.both(behind, opposite(fourth)))
+        at = code.integer("mul", turn.i, FORWARD)
+        which = wide.constant(3.0)
         for place in range(3):
-            row = row_chosen(taken[place], new, rows[place])
-            first = code.choose(taken[place], heads[3], heads[place])
-            factor = code.mul(first, reciprocal)
-            factors.append(factor)
+            row = wide.choose(taken[place], new, rows[place])
+            first = wide.lane(wide.choose(taken[place], heads[3], heads[place]), 0)
+            factor = code.div(first, single)
             step = wide.mul(wide.packed([factor]), pivot)
             turn.handed[place] = _shifted(wide, wide.sub(row, step), NEXT)
+            code.store(factor, forward, code.integer("add", at, place) if place else at)
+            which = wide.choose(taken[place], wide.constant(float(place)), which)
+        reciprocal = code.div(code.constant(1.0), single)
         kept_row = wide.let(f"insertelement {V} {pivot}, double {reciprocal}, i64 0")
         wide.store(kept_row, code.at(upper, code.integer("mul", turn.i, ROW)))
         code.store(wide.lane(pivot, 7), right, turn.i)
-        at = code.integer("mul", turn.i, FORWARD)
-        for place, factor in enumerate(factors):
-            code.store(factor, forward, code.integer("add", at, place) if place else at)
-        which = code.constant(3.0)
-        for place in range(3):
-            which = code.choose(taken[place], code.constant(float(place)), which)
-        code.store(which, forward, code.integer("add", at, 3))
-    return turn.carried[3]
+        code.store(wide.lane(which, 0), forward, code.integer("add", at, 3))
+    wrong = wide.lane(turn.carried[3], 0)
+    return code.compare("oeq", wrong, code.constant(0.0))
 
 
 def _forward(code: Code, size: int, forward: str, residual: str, right: str) -> None:
