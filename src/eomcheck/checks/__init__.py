@@ -5,7 +5,7 @@ from __future__ import annotations
 # In the order in which a failure is closest to its cause: single terms, then identities between
 # them, then whole accelerations.
 from eomcheck.checks import terms, identities, chain  # isort: skip
-from eomcheck.checks import equivalence, physics, truth, refusals  # isort: skip
+from eomcheck.checks import equivalence, machine_code, physics, truth, refusals  # isort: skip
 from eomcheck.checks.claim import CLAIMS, Case, Claim
 from eomcheck.checks.finding import Finding, Proof, State
 
@@ -19,6 +19,7 @@ __all__ = [
     "chain",
     "equivalence",
     "identities",
+    "machine_code",
     "physics",
     "refusals",
     "terms",

@@ -17,7 +17,7 @@ State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from eomcheck.arithmetic.differentiate import jacobian
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.tape import Tape
-from eomcheck.errors import InputError
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME
@@ -35,7 +35,7 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.model import Array, Scene, velocity
 from eomcheck.motion.stabilization import fed_back, joints_fed_back
-from eomcheck.quantities import Quantities, net_force
+from eomcheck.quantities import Quantities, net_force, rate_of_velocity
 
 MANY_LINKS = 48
 """A longer chain continues the programs of shorter ones."""
@@ -126,12 +126,17 @@ def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
     return at
 
 
-FEEDBACK = "rate of feedback"
+FEEDBACK = "rate_of_feedback"
 """Name of the parameter that a stabilized right-hand side has besides those of the scene, 1/s."""
 
 
+JACOBIAN, VDOT = "jacobian", "vdot"
+"""What a right-hand side gives besides, if asked: the derivatives of its rates by the state, row by
+row, and the whole v̇."""
+
+
 def rates_on(
-    scene: Scene, formulation: Formulation, stabilized: bool = False, exact: bool = False
+    scene: Scene, formulation: Formulation, stabilized: bool = False, also: str = ""
 ) -> Traced:
     """Run a right-hand side on a tape; its outputs are `rates`, those of the state vector.
 
@@ -139,7 +144,7 @@ def rates_on(
         scene: the scene.
         formulation: the formulation.
         stabilized: with Baumgarte's feedback, whose rate is a parameter.
-        exact: with `jacobian`, the derivatives of the rates by the state, row by row.
+        also: one further output, `JACOBIAN` or `VDOT`.
     """
     tape, n = Tape(), scene.n
     y = tape.inputs("y", (state_size(scene, formulation),))
@@ -151,6 +156,7 @@ def rates_on(
     if formulation.uses == "chain":
         functions = scene.chain, scene.chain_velocity, solution
         rates = rates_from_chain(*functions, *here, q, speeds, feedback)
+        vdot = scene.chain_acceleration(*here, speeds, rates[1])
     elif formulation.uses == "terms":
         independent = formulation.state == "q, v2"
         v = speeds
@@ -164,16 +170,20 @@ def rates_on(
         if formulation.state == "q, v, μ" and multipliers is not None:
             integrals = multipliers
     else:
+        at.u = speeds
         functions = scene.kinematics, scene.speeds
         if formulation.uses == "speeds":
             rates = rates_from_speeds(scene.terms, *functions, solution, *here, q, speeds)
         else:
             functions = *functions, scene.qdot, scene.bodies, solution
             rates = rates_from_bodies(*functions, *here, q, speeds)
+        vdot = rate_of_velocity(rates[1], at.speeds.W, at.speeds.rest)
     found = [tape.number(x).place for x in (*rates[0], *rates[1], *integrals)]
     outputs = {"rates": found}
-    if exact:
-        outputs["jacobian"] = jacobian(tape, found, [x.place for x in y])
+    if also == JACOBIAN:
+        outputs[JACOBIAN] = jacobian(tape, found, [x.place for x in y])
+    elif also == VDOT:
+        outputs[VDOT] = [tape.number(x).place for x in vdot]
     return Traced(tape, at, y, outputs)
 
 
@@ -185,7 +195,7 @@ def kernel_of(
     formulation: Formulation,
     *,
     stabilized: bool = False,
-    exact: bool = False,
+    also: str = "",
     width: int = 1,
 ) -> Kernel:
     """Return the kernel of a right-hand side, made once for scenes of this kind, terms and sizes.
@@ -194,7 +204,7 @@ def kernel_of(
         scene: the scene.
         formulation: the formulation.
         stabilized: whether it reads a rate of feedback.
-        exact: whether it gives the Jacobian as well.
+        also: a further output, as for `rates_on`.
         width: lanes.
 
     Raises:
@@ -202,9 +212,9 @@ def kernel_of(
     """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
     size = state_size(scene, formulation)
-    key = type(scene), formulation, tuple(sizes.items()), size, stabilized, exact, width
+    key = type(scene), formulation, tuple(sizes.items()), size, stabilized, also, width
     if key not in _kernels:
-        program, outputs = _program(scene, formulation, stabilized, exact)
+        program, outputs = _program(scene, formulation, stabilized, also)
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
         if stabilized:
             parameters[FEEDBACK] = 1
@@ -213,12 +223,14 @@ def kernel_of(
 
 
 def _program(
-    scene: Scene, formulation: Formulation, stabilized: bool, exact: bool
+    scene: Scene, formulation: Formulation, stabilized: bool, also: str
 ) -> tuple[Program, dict[str, int]]:
     size = state_size(scene, formulation)
-    outputs = {"rates": size} | ({"jacobian": size * size} if exact else {})
+    outputs = {"rates": size} | {
+        name: count for name, count in ((JACOBIAN, size * size), (VDOT, scene.n)) if name == also
+    }
     links = getattr(scene, "links", 0)
-    if scene.has_links and formulation.linear and links > MANY_LINKS and not exact:
+    if scene.has_links and formulation.linear and links > MANY_LINKS and not also:
         first, step = SHORTER
         first += (links - first) % step
 
@@ -230,7 +242,7 @@ def _program(
             return continued(shorter, links, first, step), outputs
         except NotRegularError:
             pass  # what follows no pattern is traced as it is
-    traced = rates_on(scene, formulation, stabilized, exact)
+    traced = rates_on(scene, formulation, stabilized, also)
     return program_of(traced.tape, traced.outputs), outputs
 
 
@@ -262,10 +274,8 @@ class RightHandSide:
 
     def __init__(self, scene: Scene, formulation: Formulation, feedback: float | None = None):
         self.kernel = kernel_of(scene, formulation, stabilized=feedback is not None)
-        given: Mapping[str, Array] = parameter_arrays(scene)
-        if feedback is not None:
-            given = {**given, FEEDBACK: np.array([feedback])}
-        self.block = self.kernel.block({name: np.ravel(x) for name, x in given.items()})
+        more = {} if feedback is None else {FEEDBACK: feedback}
+        self.block = block_of(self.kernel, scene, **more)
         self.address = self.kernel.address
         self.arguments = np.array([self.block.ctypes.data], np.int64).view(np.float64)
         self._counts = self.block[:2].view(np.int64)
@@ -302,22 +312,32 @@ class RightHandSide:
         return ydot
 
 
-def exact_jacobian(scene: Scene, formulation: Formulation) -> Any:
+def acceleration_in_machine_code(at: Evaluation, formulation: Formulation) -> Array:
+    """Return v̇ (n,) by machine code at the state of `at`; NaN where a matrix is singular."""
+    kernel = kernel_of(at.scene, formulation, also=VDOT)
+    return kernel(block_of(kernel, at.scene), np.array([at.t]), state_of(at, formulation))[VDOT]
+
+
+def state_of(at: Evaluation, formulation: Formulation) -> Array:
+    """Return the state vector that `formulation` integrates, with integrals of 0."""
+    speeds = at.speeds_read(formulation)
+    if formulation.state == "q, v2":
+        speeds = speeds[at.partition.independent]
+    integrals = np.zeros(at.scene.r if formulation.state == "q, v, μ" else 0)
+    return np.concatenate((at.q, speeds, integrals))
+
+
+def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
+    """Return the block of a kernel with the parameters of `scene`, and more by name."""
+    given = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
+    return kernel.block({**given, **{name: np.array([x]) for name, x in more.items()}})
+
+
+def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, Array], Array]:
     """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
 
     For implicit integrators that take one (SciPy's).
-
-    Raises:
-        InputError: the Jacobian cannot be written out, for a product of matrices is too large.
     """
-    kernel = kernel_of(scene, formulation, exact=True)
-    block = kernel.block({name: np.ravel(x) for name, x in parameter_arrays(scene).items()})
-    size = state_size(scene, formulation)
-
-    def at(t: float, y: Array) -> Array:
-        return kernel(block, np.array([t]), y)["jacobian"].reshape(size, size)
-
-    return at
-
-
-__all__ = ["InputError", "RightHandSide", "exact_jacobian", "kernel_of", "rates_on"]
+    kernel = kernel_of(scene, formulation, also=JACOBIAN)
+    block, size = block_of(kernel, scene), state_size(scene, formulation)
+    return lambda t, y: kernel(block, np.array([t]), y)[JACOBIAN].reshape(size, size)

@@ -14,7 +14,7 @@ from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
-from eomcheck.motion.right_hand_side import RightHandSide
+from eomcheck.motion.right_hand_side import RightHandSide, number_of_speeds, state_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.states import check_consistent, velocity
 from eomcheck.tolerance import allowed_error, largest
@@ -111,12 +111,8 @@ class Motion:
         self.partition = at.partition
         if formulation.state == "q, u" and u0 is not None:
             at.u = u0
-        speeds = at.speeds_read(formulation)
-        if formulation.state == "q, v2":
-            speeds = speeds[at.partition.independent]
-        integrals = np.zeros(scene.r if formulation.state == "q, v, μ" else 0)
-        self.y0 = np.concatenate((at.q, speeds, integrals))
-        self.speeds = speeds.size
+        self.y0 = state_of(at, formulation)
+        self.speeds = number_of_speeds(scene, formulation)
         self.rates = RightHandSide(scene, formulation, baumgarte)
 
     def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:

@@ -31,7 +31,7 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.model import Array, Scene
-from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays
+from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays, state_of
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import Snake
 from eomcheck.states import speeds_of, velocity
@@ -139,12 +139,7 @@ def _formulation_call(formulation: Formulation, scene: Scene, q: Array, u: Array
 
 def rate_call(at: Evaluation, formulation: Formulation) -> Call:
     """Return what calls the right-hand side, as an integrator does, so many times at a state."""
-    speeds = at.speeds_read(formulation)
-    if formulation.state == "q, v2":
-        speeds = speeds[at.partition.independent]
-    rates = RightHandSide(at.scene, formulation)
-    y = np.zeros(rates.kernel.size)
-    y[: at.scene.n + speeds.size] = np.concatenate((at.q, speeds))
+    rates, y = RightHandSide(at.scene, formulation), state_of(at, formulation)
     out = np.empty_like(y)
     pointers = (x.ctypes.data for x in (out, y, rates.arguments))
     call = repeated(rates.address, *pointers)
