@@ -23,7 +23,7 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.model import Arithmetic, Array, Scene, Terms, checked_scene
 from eomcheck.quantities import Quantities
 from eomcheck.scenes.assembled import Assembled
-from eomcheck.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 
 LOST = 2.0**-12
 """A change by this share of the quantity, at so small a noise, asks whether it is lost."""
@@ -243,7 +243,9 @@ class Evaluation(Quantities):
         *changes, stretched = changes
         if np.isinf(stretched):
             return stretched
-        if can_be_lost and changes[0] > LOST * size and stretched < STRETCH / 2 * changes[0]:
+        # What underflows moves in steps of its own, whatever the noise.
+        seen = can_be_lost and changes[0] > max(LOST * size, UNDERFLOW)
+        if seen and stretched < STRETCH / 2 * changes[0]:
             return float("inf")
         return size + max(changes) / STEP
 
