@@ -274,7 +274,8 @@ import sys
 import numpy as np
 from eomcheck.arithmetic.float64 import compiled
 from eomcheck.model import Angles
-from eomcheck.scenes.snake import speeds_of, Parameters
+from eomcheck.scenes.snake import Parameters
+from eomcheck.scenes.snake_speeds import speeds_of
 one = np.ones(2)
 snake = Parameters(one, one, one, None, None, one, 0 * one)
 if sys.argv[1] == "mine":

@@ -229,6 +229,22 @@ class CompiledFree(Free):
     speeds_of = staticmethod(free_speeds_of)
 
 
+def test_functions_are_taken_by_name_and_those_of_the_class_body_stay():
+    def own(parameters, prepared, q, v):
+        return None
+
+    named = {"terms": free_terms, "bodies": free_bodies, "tree": own, "no_function": own}
+
+    class Named(Free, functions=named):
+        terms = staticmethod(own)
+
+    assert Named.terms is own
+    assert Named.bodies is free_bodies
+    assert Named.speeds is Free.speeds
+    assert Named.tree is Free.tree
+    assert not hasattr(Named, "no_function")
+
+
 @pytest.mark.parametrize("key", applicable(CompiledFree))
 def test_a_compiled_scene_without_constraints_moves_freely(key):
     scene, formulation = CompiledFree(), FORMULATIONS[key]

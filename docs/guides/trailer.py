@@ -60,14 +60,11 @@ def constraint(parameters, angle, q, v):  # the second derivation of a v
     return c
 
 
-class Trailer(Assembled):
+class Trailer(Assembled, functions=globals()):
     """A trailer of 300 kg on two wheels."""
 
     key, conserves_energy, angle_coordinates = "trailer", True, slice(0, 1)
     coordinate_names, constraint_names = ("θ", "x", "y"), ("axle",)
-    prepare, jacobians = staticmethod(prepare), staticmethod(jacobians)
-    constraints, drift = staticmethod(constraints), staticmethod(drift)
-    velocities, constraint = staticmethod(velocities), staticmethod(constraint)
 
     def parameters(self, arithmetic):
         values = np.array([300.0]), np.array([[[200.0]]]), np.array([2.5, 2.8])

@@ -27,7 +27,8 @@ Numbered, so that an error or a note can point at a rule.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from inspect import get_annotations
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -217,9 +218,10 @@ def nothing(arithmetic, parameters, q, t):
 class Scene(ABC):
     """A mechanical system: parameters that check themselves, and its equations (rules 1-10).
 
-    The equations are generic functions held as static attributes. All take first `parameters`, a
-    NamedTuple made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the
-    bodies that `velocities` lists, and `prepared`, which the first of them makes:
+    The equations are generic functions held as static attributes; `functions=globals()` behind the
+    base class takes those of these names from the module. All take first `parameters`, a NamedTuple
+    made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the bodies that
+    `velocities` lists, and `prepared`, which the first of them makes:
 
     - `prepare(arithmetic, parameters, q, t)`: what is not rational in q and t, by the methods
       `angles` and `root` of the arithmetic; None by default
@@ -288,6 +290,19 @@ class Scene(ABC):
     chain_velocity: ClassVar[Callable[..., Any]]
     chain_acceleration: ClassVar[Callable[..., Any]]
     chain_multipliers: ClassVar[Callable[..., Any]]
+
+    def __init_subclass__(cls, functions: Mapping[str, Any] | None = None, **options):
+        """Take the functions of the scene from a namespace, such as `globals()`, by their names.
+
+        Args:
+            functions: the namespace; other names in it do not count, and what the body of the class
+                gives itself stays.
+            options: for other classes that it derives from.
+        """
+        super().__init_subclass__(**options)
+        for name in _names_of_functions(cls):
+            if functions is not None and name in functions and name not in vars(cls):
+                setattr(cls, name, staticmethod(functions[name]))
 
     @property
     def n(self) -> int:
@@ -407,6 +422,12 @@ class Scene(ABC):
         """
         finite_array("t", t, ())
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
+
+
+def _names_of_functions(kind: type) -> Iterator[str]:
+    """Yield the names under which scenes of this kind hold functions."""
+    for base in kind.__mro__:
+        yield from (x for x, of in get_annotations(base).items() if "ClassVar[Callable" in str(of))
 
 
 def checked_scene(scene: Any) -> Scene:

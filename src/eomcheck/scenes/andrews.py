@@ -282,7 +282,7 @@ def position_residual(parameters, prepared, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Andrews(Assembled):
+class Andrews(Assembled, functions=globals()):
     """Andrews' squeezing mechanism, by default that of the test set, starting from rest.
 
     Bodies are K1 .. K7 in that order. Points of a body are given from its joint, along axes that
@@ -344,16 +344,6 @@ class Andrews(Assembled):
     key = "andrews"
     conserves_energy = True
     angle_coordinates = slice(0, None)
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    constraints = staticmethod(constraints)
-    drift = staticmethod(drift)
-    velocities = staticmethod(velocities)
-    potential = staticmethod(potential)
-    constraint = staticmethod(constraint)
-    position_residual = staticmethod(position_residual)
 
     def __post_init__(self):
         set_array(self, "mass", (7,), "positive")

@@ -33,7 +33,7 @@ import numpy as np
 from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.model import Arithmetic, Array, Range, Symmetry
-from eomcheck.scenes import plane
+from eomcheck.scenes import bicycle_axes, bicycle_energies, bicycle_jacobians, plane
 from eomcheck.scenes.assembled import Assembled
 from eomcheck.scenes.bicycle_axes import (
     FORK,
@@ -45,10 +45,7 @@ from eomcheck.scenes.bicycle_axes import (
     PITCH,
     REAR_SPIN,
     WHEEL,
-    prepare,
 )
-from eomcheck.scenes.bicycle_energies import constraint, position_residual, potential, velocities
-from eomcheck.scenes.bicycle_jacobians import constraints, drift, forces, jacobians
 from eomcheck.scenes.fields import as_code, set_array
 
 
@@ -75,8 +72,11 @@ class Parameters(NamedTuple):
     """g (1,), m/s²."""
 
 
+FUNCTIONS = vars(bicycle_axes) | vars(bicycle_jacobians) | vars(bicycle_energies)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Bicycle(Assembled):
+class Bicycle(Assembled, functions=FUNCTIONS):
     """A bicycle without hands, by default the benchmark, rolling upright and pushed to lean.
 
     As published, points and moments of inertia refer to axes ahead, right and down from where the
@@ -118,16 +118,6 @@ class Bicycle(Assembled):
     conserves_energy = True
     angle_coordinates = slice(HEADING, None)
     holonomic = slice(2, 5, 2)
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    constraints = staticmethod(constraints)
-    drift = staticmethod(drift)
-    velocities = staticmethod(velocities)
-    potential = staticmethod(potential)
-    constraint = staticmethod(constraint)
-    position_residual = staticmethod(position_residual)
 
     def __post_init__(self):
         set_array(self, "wheelbase", (), "positive")

@@ -308,7 +308,7 @@ def position_residual(parameters, angles, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Bricard(Assembled):
+class Bricard(Assembled, functions=globals()):
     """Bricard's mechanism, by default slender rods of 1 m and 1 kg, released along a cube's edges.
 
     Args:
@@ -338,16 +338,6 @@ class Bricard(Assembled):
     conserves_energy = True
     angle_coordinates = slice(0, None)
     usually_absent = frozenset({"redundant"})
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    constraints = staticmethod(constraints)
-    drift = staticmethod(drift)
-    velocities = staticmethod(velocities)
-    potential = staticmethod(potential)
-    constraint = staticmethod(constraint)
-    position_residual = staticmethod(position_residual)
 
     def __post_init__(self):
         set_array(self, "mass", (RODS,), "positive")

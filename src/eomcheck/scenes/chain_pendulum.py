@@ -117,7 +117,7 @@ def potential(parameters, angles, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChainPendulum(Assembled):
+class ChainPendulum(Assembled, functions=globals()):
     """An N-link planar chain that hangs on a pin, N >= 1, without any constraint.
 
     Args:
@@ -142,12 +142,6 @@ class ChainPendulum(Assembled):
     conserves_energy = True
     has_links = True
     angle_coordinates = slice(0, None)
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    velocities = staticmethod(velocities)
-    potential = staticmethod(potential)
 
     def __post_init__(self):
         links = np.size(self.mass)

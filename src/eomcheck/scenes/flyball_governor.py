@@ -235,7 +235,7 @@ def dissipation(parameters, prepared, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlyballGovernor(Assembled):
+class FlyballGovernor(Assembled, functions=globals()):
     """A flyball governor with springs for couplers, by default that of the benchmark.
 
     Args:
@@ -280,13 +280,6 @@ class FlyballGovernor(Assembled):
     key = "flyball-governor"
     conserves_energy = True
     angle_coordinates = slice(1, None)
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    velocities = staticmethod(velocities)
-    potential = staticmethod(potential)
-    dissipation = staticmethod(dissipation)
 
     def __post_init__(self):
         for name in ("slider", "arm", "center", "hinge", "attachment"):

@@ -234,7 +234,7 @@ def potential(parameters, angles, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FourBarChain(Assembled):
+class FourBarChain(Assembled, functions=globals()):
     """N four-bar linkages side by side, N >= 1: closed loops through singular poses.
 
     Args:
@@ -265,16 +265,6 @@ class FourBarChain(Assembled):
     conserves_energy = True
     has_links = True
     angle_coordinates = slice(0, None)
-
-    prepare = staticmethod(prepare)
-    jacobians = staticmethod(jacobians)
-    forces = staticmethod(forces)
-    constraints = staticmethod(constraints)
-    drift = staticmethod(drift)
-    position_residual = staticmethod(position_residual)
-    velocities = staticmethod(velocities)
-    constraint = staticmethod(constraint)
-    potential = staticmethod(potential)
 
     def __post_init__(self):
         bodies = np.size(self.mass)

@@ -216,7 +216,7 @@ def constraint(parameters, angles, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RollingDisk(Scene):
+class RollingDisk(Scene, functions=globals()):
     """A disk that leans and rolls on the plane without slipping, in three dimensions.
 
     Args:
@@ -243,18 +243,6 @@ class RollingDisk(Scene):
     key = "rolling-disk"
     conserves_energy = True
     angle_coordinates = slice(2, None)
-
-    prepare = staticmethod(prepare)
-    terms = staticmethod(terms)
-    constraints = staticmethod(constraints)
-    kinematics = staticmethod(kinematics)
-    speeds = staticmethod(speeds)
-    qdot = staticmethod(qdot)
-    bodies = staticmethod(bodies)
-    speeds_of = staticmethod(speeds_of)
-    velocities = staticmethod(velocities)
-    energies = staticmethod(energies)
-    constraint = staticmethod(constraint)
 
     def __post_init__(self):
         set_array(self, "mass", (), "positive")

@@ -164,7 +164,7 @@ def constraint(parameters, angle, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sleigh(Scene):
+class Sleigh(Scene, functions=globals()):
     """Chaplygin's sleigh, turning on the spot at t = 0.
 
     Args:
@@ -185,18 +185,6 @@ class Sleigh(Scene):
     key = "sleigh"
     conserves_energy = True
     angle_coordinates = slice(2, None)
-
-    prepare = staticmethod(prepare)
-    terms = staticmethod(terms)
-    constraints = staticmethod(constraints)
-    kinematics = staticmethod(kinematics)
-    speeds = staticmethod(speeds)
-    qdot = staticmethod(qdot)
-    bodies = staticmethod(bodies)
-    speeds_of = staticmethod(speeds_of)
-    velocities = staticmethod(velocities)
-    energies = staticmethod(energies)
-    constraint = staticmethod(constraint)
 
     def __post_init__(self):
         set_array(self, "mass", (), "positive")

@@ -22,18 +22,8 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry, Tree
-from eomcheck.scenes import plane
+from eomcheck.scenes import plane, snake_chain, snake_energies, snake_speeds, snake_terms
 from eomcheck.scenes.fields import set_array, whole_links
-from eomcheck.scenes.snake_chain import (
-    chain,
-    chain_acceleration,
-    chain_multipliers,
-    chain_velocity,
-    quasi_velocities,
-)
-from eomcheck.scenes.snake_energies import constraint, dissipation, energies, velocities
-from eomcheck.scenes.snake_speeds import bodies, kinematics, qdot, speeds, speeds_of
-from eomcheck.scenes.snake_terms import constraints, terms
 
 
 class Parameters(NamedTuple):
@@ -65,8 +55,12 @@ OF_JOINTS = ("stiffness", "damping")
 """The parameters of which every joint has one."""
 
 
+PARTS = snake_terms, snake_speeds, snake_chain, snake_energies
+FUNCTIONS = {"prepare": prepare} | {name: x for part in PARTS for name, x in vars(part).items()}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Snake(Scene):
+class Snake(Scene, functions=FUNCTIONS):
     """An N-link wheeled snake, N >= 1.
 
     Args:
@@ -97,24 +91,6 @@ class Snake(Scene):
     has_links = True
     usually_absent = frozenset({"damping"})
     angle_coordinates = slice(2, None)
-
-    prepare = staticmethod(prepare)
-    terms = staticmethod(terms)
-    constraints = staticmethod(constraints)
-    kinematics = staticmethod(kinematics)
-    speeds = staticmethod(speeds)
-    qdot = staticmethod(qdot)
-    bodies = staticmethod(bodies)
-    speeds_of = staticmethod(speeds_of)
-    velocities = staticmethod(velocities)
-    energies = staticmethod(energies)
-    dissipation = staticmethod(dissipation)
-    constraint = staticmethod(constraint)
-    quasi_velocities = staticmethod(quasi_velocities)
-    chain = staticmethod(chain)
-    chain_velocity = staticmethod(chain_velocity)
-    chain_acceleration = staticmethod(chain_acceleration)
-    chain_multipliers = staticmethod(chain_multipliers)
 
     def __post_init__(self):
         try:

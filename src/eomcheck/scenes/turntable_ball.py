@@ -244,7 +244,7 @@ def constraint(parameters, prepared, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TurntableBall(Scene):
+class TurntableBall(Scene, functions=globals()):
     """A homogeneous ball that rolls on a turntable, whose spin may swing.
 
     Args:
@@ -278,18 +278,6 @@ class TurntableBall(Scene):
     why_not_conserved = "the table is driven"
     depends_on_time = True
     angle_coordinates = slice(2, None)
-
-    prepare = staticmethod(prepare)
-    terms = staticmethod(terms)
-    constraints = staticmethod(constraints)
-    kinematics = staticmethod(kinematics)
-    speeds = staticmethod(speeds)
-    qdot = staticmethod(qdot)
-    bodies = staticmethod(bodies)
-    speeds_of = staticmethod(speeds_of)
-    velocities = staticmethod(velocities)
-    energies = staticmethod(energies)
-    constraint = staticmethod(constraint)
 
     def __post_init__(self):
         set_array(self, "mass", (), "positive")

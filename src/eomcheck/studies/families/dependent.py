@@ -15,7 +15,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import RefusedError
 from eomcheck.model import Arithmetic, Array, Scene, Speeds
-from eomcheck.scenes import Snake, snake
+from eomcheck.scenes import Snake
 from eomcheck.studies.families.base import Family, Posed, decades
 
 LINKS = 5
@@ -53,15 +53,15 @@ def _with_row(x, row):
 @generic
 def constraints(parameters, angles, q):
     """Return (a (N+1, N+2), None)."""
-    a, b = snake.constraints(parameters.snake, angles, q)
-    return _with_row(a, snake.constraints(_second(parameters), angles, q)[0][0]), b
+    a, b = Snake.constraints(parameters.snake, angles, q)
+    return _with_row(a, Snake.constraints(_second(parameters), angles, q)[0][0]), b
 
 
 @generic
 def terms(parameters, angles, q, v):
     """Return the `Terms` of the snake with one constraint more."""
-    found = snake.terms(parameters.snake, angles, q, v)
-    other = snake.terms(_second(parameters), angles, q, v)
+    found = Snake.terms(parameters.snake, angles, q, v)
+    other = Snake.terms(_second(parameters), angles, q, v)
     return found._replace(
         a=_with_row(found.a, other.a[0]), gamma=_with_row(found.gamma, other.gamma[0])
     )
@@ -72,20 +72,20 @@ def kinematics(parameters, angles, q, u):
     """Return the `Rolling` of the snake at u = (s_1, ω_1), where s_1 sin(second) = 0."""
     both = np.zeros(2, u.dtype)
     both[0], both[1] = 0 * u[0] / parameters.sin_second[0], u[0]
-    return snake.kinematics(parameters.snake, angles, q, both)
+    return Snake.kinematics(parameters.snake, angles, q, both)
 
 
 @generic
 def speeds(parameters, angles, rolling):
     """Return the `Speeds` of the only motion left."""
-    W, rest, offset = snake.speeds(parameters.snake, angles, rolling)
+    W, rest, offset = Snake.speeds(parameters.snake, angles, rolling)
     return Speeds(W[:, 1:], rest, offset)
 
 
 @generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies`, with one partial velocity each."""
-    found = snake.bodies(parameters.snake, angles, rolling)
+    found = Snake.bodies(parameters.snake, angles, rolling)
     return found._replace(
         partial_velocity=found.partial_velocity[:, :, 1:],
         partial_angular_velocity=found.partial_angular_velocity[:, :, 1:],
@@ -102,23 +102,23 @@ def speeds_of(parameters, angles, q, v):
 @generic
 def constraint(parameters, angles, q, v):
     """Return the velocities of the N+1 wheels along their axles."""
-    c = snake.constraint(parameters.snake, angles, q, v)
-    return _with_row(c, snake.constraint(_second(parameters), angles, q, v)[0])
+    c = Snake.constraint(parameters.snake, angles, q, v)
+    return _with_row(c, Snake.constraint(_second(parameters), angles, q, v)[0])
 
 
 @generic
 def velocities(parameters, angles, q, v):
     """Return the velocities of the links."""
-    return snake.velocities(parameters.snake, angles, q, v)
+    return Snake.velocities(parameters.snake, angles, q, v)
 
 
 @generic
 def energies(parameters, angles, q, v):
     """Return (T, U), J."""
-    return snake.energies(parameters.snake, angles, q, v)
+    return Snake.energies(parameters.snake, angles, q, v)
 
 
-class TwoWheels(Scene):
+class TwoWheels(Scene, functions=globals()):
     """A snake with a second wheel on its first link.
 
     Args:
@@ -131,16 +131,7 @@ class TwoWheels(Scene):
     conserves_energy = True
     angle_coordinates = Snake.angle_coordinates
 
-    prepare = staticmethod(snake.prepare)
-    terms = staticmethod(terms)
-    constraints = staticmethod(constraints)
-    kinematics = staticmethod(kinematics)
-    speeds = staticmethod(speeds)
-    bodies = staticmethod(bodies)
-    speeds_of = staticmethod(speeds_of)
-    velocities = staticmethod(velocities)
-    energies = staticmethod(energies)
-    constraint = staticmethod(constraint)
+    prepare = staticmethod(Snake.prepare)
 
     def __init__(self, first: Snake, second: float):
         self.first, self.second = first, second
