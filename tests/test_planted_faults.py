@@ -23,6 +23,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import Scene
 from eomcheck.scenes import SCENES, ChainPendulum, Snake
 from eomcheck.scenes.assembled import _made
+from eomcheck.scenes.fields import Parametric
 
 PACKAGE = Path(eomcheck.__file__).parent
 KINDS = {
@@ -93,7 +94,7 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
             for name, value in vars(ChainPendulum).items()
             if not name.startswith("__dict") and getattr(value, "__func__", None) not in _made
         }
-        scene = type("ChainPendulum", (module.Assembled,), written)
+        scene = type("ChainPendulum", (Parametric, module.Assembled), written)
     scene.compiled = False
     return scene
 

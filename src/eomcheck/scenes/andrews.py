@@ -25,7 +25,7 @@ import numpy as np
 from eomcheck.arithmetic.generic import generic
 from eomcheck.model import Arithmetic, Array, Range, Tree
 from eomcheck.scenes.assembled import Assembled, Jacobians
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 JOINT = 6, 0, 1, 2, 3, 4, 5
 """Body -> coordinate that turns it against what it is pinned to."""
@@ -282,7 +282,7 @@ def position_residual(parameters, prepared, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Andrews(Assembled, functions=globals()):
+class Andrews(Parametric, Assembled, functions=globals()):
     """Andrews' squeezing mechanism, by default that of the test set, starting from rest.
 
     Bodies are K1 .. K7 in that order. Points of a body are given from its joint, along axes that
@@ -305,82 +305,71 @@ class Andrews(Assembled, functions=globals()):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    mass: Any = (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498)
-    inertia: Any = (2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5)
-    center: Any = (
-        (0.00092, 0.0),
-        (-0.0115, 0.0),
-        (0.01043, -0.01874),
-        (0.0, -0.00579),
-        (0.02308, 0.00916),
-        (0.00579, 0.0),
-        (-0.00449, -0.01228),
+    mass: Any = parameter(
+        (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498),
+        "positive",
+        (7,),
+        drawn=Range(0.001, 0.1),
     )
-    tip: Any = (
-        (0.007, 0.0),
-        (-0.028, 0.0),
-        (0.0, -0.035),
-        (0.0, -0.02),
-        (0.04, 0.0),
-        (0.02, 0.0),
-        (0.0, -0.04),
+    inertia: Any = parameter(
+        (2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5),
+        "not negative",
+        (7,),
+        drawn=Range(1e-7, 1e-4),
     )
-    pins: Any = ((0.0, 0.0), (-0.03635, 0.03273), (-0.06934, -0.00227))
-    hook: Any = (0.02, -0.018)
-    anchor: Any = (0.014, 0.072)
-    stiffness: Any = 4530.0
-    rest_length: Any = 0.07785
-    torque: Any = 0.033
-    pose: Any = (
-        0.0,
-        0.455279819163070380255912382449,
-        0.222668390165885884674473185609,
-        0.487364979543842550225598953530,
-        -0.222668390165885884674473185609,
-        1.23054744454982119249735015568,
-        -0.0617138900142764496358948458001,
+    center: Any = parameter(
+        (
+            (0.00092, 0.0),
+            (-0.0115, 0.0),
+            (0.01043, -0.01874),
+            (0.0, -0.00579),
+            (0.02308, 0.00916),
+            (0.00579, 0.0),
+            (-0.00449, -0.01228),
+        ),
+        shape=(7, 2),
+    )
+    tip: Any = parameter(
+        (
+            (0.007, 0.0),
+            (-0.028, 0.0),
+            (0.0, -0.035),
+            (0.0, -0.02),
+            (0.04, 0.0),
+            (0.02, 0.0),
+            (0.0, -0.04),
+        ),
+        shape=(7, 2),
+    )
+    pins: Any = parameter(((0.0, 0.0), (-0.03635, 0.03273), (-0.06934, -0.00227)), shape=(3, 2))
+    hook: Any = parameter((0.02, -0.018), shape=(2,))
+    anchor: Any = parameter((0.014, 0.072), shape=(2,))
+    stiffness: Any = parameter(4530.0, "not negative", drawn=Range(0.0, 5000.0))
+    rest_length: Any = parameter(0.07785, "not negative", drawn=Range(0.0, 0.1))
+    torque: Any = parameter(0.033, drawn=Range(-0.1, 0.1))
+    pose: Any = parameter(
+        (
+            0.0,
+            0.455279819163070380255912382449,
+            0.222668390165885884674473185609,
+            0.487364979543842550225598953530,
+            -0.222668390165885884674473185609,
+            1.23054744454982119249735015568,
+            -0.0617138900142764496358948458001,
+        ),
+        shape=(7,),
     )
 
     key = "andrews"
+    named_coordinates = "θ", "γ", "φ", "δ", "Ω", "ε", "β"
     conserves_energy = True
     angle_coordinates = slice(0, None)
-
-    def __post_init__(self):
-        set_array(self, "mass", (7,), "positive")
-        set_array(self, "inertia", (7,), "not negative")
-        for name, shape in (("center", (7, 2)), ("tip", (7, 2)), ("pins", (3, 2))):
-            set_array(self, name, shape)
-        set_array(self, "hook", (2,))
-        set_array(self, "anchor", (2,))
-        set_array(self, "stiffness", (), "not negative")
-        set_array(self, "rest_length", (), "not negative")
-        set_array(self, "torque", ())
-        set_array(self, "pose", (7,))
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary mechanisms are drawn from: the geometry is that of the test set."""
-        return {
-            "mass": Range(0.001, 0.1, (7,)),
-            "inertia": Range(1e-7, 1e-4, (7,)),
-            "stiffness": Range(0.0, 5000.0),
-            "rest_length": Range(0.0, 0.1),
-            "torque": Range(-0.1, 0.1),
-        }
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return where closed positions are looked for: crank and coupler turned up to 1 rad."""
         turned = Range(-1.0, 1.0)
         others = ((0.0, 0.5), (-0.5, 0.2), (0.48, 0.53), (-0.2, 0.5), (1.04, 1.24))
         return turned, *(Range(low, high) for low, high in others), turned
-
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """θ, γ, φ, δ, Ω, ε, β."""
-        return "θ", "γ", "φ", "δ", "Ω", "ε", "β"
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
@@ -389,19 +378,8 @@ class Andrews(Assembled, functions=globals()):
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
-        return Parameters(
-            number(self.mass),
-            number(self.inertia.reshape(7, 1, 1)),
-            number(self.center),
-            number(self.tip),
-            number(self.pins),
-            number(self.hook),
-            number(self.anchor),
-            number(self.stiffness.reshape(1)),
-            number(self.rest_length.reshape(1)),
-            number(self.torque.reshape(1)),
-        )
+        inertia = arithmetic.numbers(self.inertia.reshape(7, 1, 1))
+        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`."""

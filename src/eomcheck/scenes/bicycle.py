@@ -46,7 +46,7 @@ from eomcheck.scenes.bicycle_axes import (
     REAR_SPIN,
     WHEEL,
 )
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 
 class Parameters(NamedTuple):
@@ -76,7 +76,7 @@ FUNCTIONS = vars(bicycle_axes) | vars(bicycle_jacobians) | vars(bicycle_energies
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Bicycle(Assembled, functions=FUNCTIONS):
+class Bicycle(Parametric, Assembled, functions=FUNCTIONS):
     """A bicycle without hands, by default the benchmark, rolling upright and pushed to lean.
 
     As published, points and moments of inertia refer to axes ahead, right and down from where the
@@ -102,57 +102,38 @@ class Bicycle(Assembled, functions=FUNCTIONS):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    wheelbase: Any = 1.02
-    trail: Any = 0.08
-    tilt: Any = np.pi / 10
-    radius: Any = (0.3, 0.35)
-    mass: Any = (2.0, 85.0, 4.0, 3.0)
-    center: Any = ((0.3, -0.9), (0.9, -0.7))
-    wheels: Any = ((0.0603, 0.12), (0.1405, 0.28))
-    frames: Any = ((9.2, 11.0, 2.8, 2.4), (0.05892, 0.06, 0.00708, -0.00756))
-    gravity: Any = 9.81
-    speed: Any = 4.6
-    lean_rate: Any = 0.5
+    wheelbase: Any = parameter(1.02, "positive", drawn=Range(0.8, 1.5))
+    trail: Any = parameter(0.08, drawn=Range(-0.1, 0.2))
+    tilt: Any = parameter(np.pi / 10, drawn=Range(-0.2, 0.5))
+    radius: Any = parameter((0.3, 0.35), "positive", (2,), drawn=Range(0.2, 0.5))
+    mass: Any = parameter((2.0, 85.0, 4.0, 3.0), "positive", (4,), drawn=Range(1.0, 100.0))
+    center: Any = parameter(((0.3, -0.9), (0.9, -0.7)), shape=(2, 2), drawn=Range(-1.0, 1.0))
+    wheels: Any = parameter(
+        ((0.0603, 0.12), (0.1405, 0.28)), "positive", (2, 2), drawn=Range(0.01, 1.0)
+    )
+    frames: Any = parameter(
+        ((9.2, 11.0, 2.8, 2.4), (0.05892, 0.06, 0.00708, -0.00756)), shape=(2, 4)
+    )
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
+    speed: Any = parameter(4.6)
+    lean_rate: Any = parameter(0.5)
 
     key = "bicycle"
+    named_coordinates = "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
     conserves_energy = True
     angle_coordinates = slice(HEADING, None)
     holonomic = slice(2, 5, 2)
 
     def __post_init__(self):
-        set_array(self, "wheelbase", (), "positive")
-        set_array(self, "trail", ())
-        set_array(self, "tilt", ())
+        self.check_fields()
         if abs(self.tilt) >= np.pi / 2:
             raise InputError(f"tilt = {self.tilt}, expected less than π/2 to either side")
-        set_array(self, "radius", (2,), "positive")
-        set_array(self, "mass", (4,), "positive")
-        set_array(self, "center", (2, 2))
-        set_array(self, "wheels", (2, 2), "positive")
-        set_array(self, "frames", (2, 4))
         for i, (ahead, right, down, product) in enumerate(self.frames):
             if min(ahead, right, down) <= 0 or ahead * down <= product**2:
                 raise InputError(
                     f"frames[{i}] = {self.frames[i].tolist()}, expected positive moments of "
                     "inertia and a product of inertia below the root of theirs"
                 )
-        set_array(self, "gravity", (), "not negative")
-        set_array(self, "speed", ())
-        set_array(self, "lean_rate", ())
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary bicycles are drawn from."""
-        return {
-            "wheelbase": Range(0.8, 1.5),
-            "trail": Range(-0.1, 0.2),
-            "tilt": Range(-0.2, 0.5),
-            "radius": Range(0.2, 0.5, (2,)),
-            "mass": Range(1.0, 100.0, (4,)),
-            "center": Range(-1.0, 1.0, (2, 2)),
-            "wheels": Range(0.01, 1.0, (2, 2)),
-            "gravity": Range(0.0, 20.0),
-        }
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return up to 10 m, any heading and spins, 0.8 rad of lean and of steering."""
@@ -164,14 +145,6 @@ class Bicycle(Assembled, functions=FUNCTIONS):
             *(any_angle, lean, Range(-0.8, 0.8), any_angle),
         )
 
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """x, y, z, θ, φ, β_f, ψ, ψ_f, β_r."""
-        return "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
-
     @property
     def constraint_names(self) -> tuple[str, ...]:
         """Rear wheel along h, across it, up, front wheel across, up, along."""
@@ -182,16 +155,9 @@ class Bicycle(Assembled, functions=FUNCTIONS):
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
         number = arithmetic.numbers
-        wheelbase, trail, radius = (
-            number(self.wheelbase.reshape(1)),
-            number(self.trail.reshape(1)),
-            number(self.radius),
-        )
-        center, wheels, frames = (
-            number(self.center),
-            number(self.wheels),
-            number(self.frames),
-        )
+        wheelbase, trail = number(np.array([self.wheelbase, self.trail]))
+        radius, center = number(self.radius), number(self.center)
+        wheels, frames = number(self.wheels), number(self.frames)
         inertia = np.zeros((4, 3, 3), center.dtype)
         for wheel, body in enumerate(WHEEL):
             inertia[body, 0, 0] = inertia[body, 1, 1] = wheels[wheel, 0]
@@ -202,12 +168,11 @@ class Bicycle(Assembled, functions=FUNCTIONS):
             inertia[body, 0, 1] = inertia[body, 1, 0] = frames[frame, 3]
         rider, pivot, fork, hub = np.zeros((4, 2), center.dtype)
         rider[0], rider[1] = center[0, 0], center[0, 1] + radius[0]
-        pivot[0], pivot[1] = wheelbase[0] + trail[0], radius[0]
+        pivot[0], pivot[1] = wheelbase + trail, radius[0]
         fork[0], fork[1] = center[1, 0] - pivot[0], center[1, 1]
-        hub[0], hub[1] = -trail[0], -radius[1]
-        tilt, gravity = number(self.tilt.reshape(1)), number(self.gravity.reshape(1))
-        mass = number(self.mass)
-        return Parameters(mass, inertia, radius, tilt, rider, pivot, fork, hub, gravity)
+        hub[0], hub[1] = -trail, -radius[1]
+        made = {"inertia": inertia, "rider": rider, "pivot": pivot, "fork": fork, "hub": hub}
+        return self.in_numbers(arithmetic, Parameters, **made)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the bicycle upright, heading along -x: it rolls, and tilts about its track."""

@@ -29,7 +29,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Range, Symmetry
 from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 from eomcheck.scenes.space import along, cross, plane_of, rotated, swing, turn
 
 RODS = 5
@@ -308,7 +308,7 @@ def position_residual(parameters, angles, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Bricard(Assembled, functions=globals()):
+class Bricard(Parametric, Assembled, functions=globals()):
     """Bricard's mechanism, by default slender rods of 1 m and 1 kg, released along a cube's edges.
 
     Args:
@@ -326,51 +326,28 @@ class Bricard(Assembled, functions=globals()):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    mass: Any = (1.0,) * RODS
-    across: Any = (1.0 / 12.0,) * RODS
-    length: Any = 1.0
-    gravity: Any = 9.81
-    angle: Any = 0.0
-    rate: Any = 0.0
-    redundant: Any = None
+    mass: Any = parameter((1.0,) * RODS, "positive", (RODS,), drawn=Range(0.1, 10.0))
+    across: Any = parameter((1.0 / 12.0,) * RODS, "positive", (RODS,), drawn=Range(0.01, 10.0))
+    length: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
+    angle: Any = parameter(0.0)
+    rate: Any = parameter(0.0)
+    redundant: Any = parameter(None, optional=True)
 
     key = "bricard"
+    named_coordinates = "θ_2", "θ_3", "θ_4", "θ_5", "θ_1"
     conserves_energy = True
     angle_coordinates = slice(0, None)
     usually_absent = frozenset({"redundant"})
 
     def __post_init__(self):
-        set_array(self, "mass", (RODS,), "positive")
-        set_array(self, "across", (RODS,), "positive")
-        set_array(self, "length", (), "positive")
-        set_array(self, "gravity", (), "not negative")
-        set_array(self, "angle", ())
+        self.check_fields()
         if np.sin(self.angle) <= -0.5:
             raise InputError(f"angle = {self.angle}, expected a sine above -1/2: the ring is open")
-        set_array(self, "rate", ())
-        set_array(self, "redundant", (), optional=True)
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary mechanisms are drawn from."""
-        return {
-            "mass": Range(0.1, 10.0, (RODS,)),
-            "across": Range(0.01, 10.0, (RODS,)),
-            "length": Range(0.1, 10.0),
-            "gravity": Range(0.0, 20.0),
-        }
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return poses around the cube, where closed ones are looked for."""
         return (Range(-0.2, 0.4),) * RODS
-
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """θ_2 .. θ_5, θ_1."""
-        return "θ_2", "θ_3", "θ_4", "θ_5", "θ_1"
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
@@ -380,19 +357,12 @@ class Bricard(Assembled, functions=globals()):
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
-        across = number(self.across)
+        across = arithmetic.numbers(self.across)
         inertia = np.zeros((RODS, 3, 3), across.dtype)
         for k in range(RODS):
             for i in (FIRST[k], AXIS[k]):
                 inertia[k, i, i] = across[k]
-        return Parameters(
-            number(self.mass),
-            inertia,
-            number(self.length.reshape(1)),
-            number(self.gravity.reshape(1)),
-            None if self.redundant is None else number(self.redundant.reshape(1)),
-        )
+        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
 
     def closed(self, angle: float, rate: float) -> tuple[Array, Array]:
         """Return (q, v) where θ_1 = θ_3 = θ_5 are `angle` and turn at `rate`.

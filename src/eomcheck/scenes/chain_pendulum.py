@@ -17,7 +17,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Range, Tree
 from eomcheck.scenes.assembled import Assembled, Jacobians
-from eomcheck.scenes.fields import as_code, set_array, whole_links
+from eomcheck.scenes.fields import Parametric, of_links, parameter, whole_links
 from eomcheck.scenes.snake_terms import carried
 
 
@@ -117,7 +117,7 @@ def potential(parameters, angles, q):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChainPendulum(Assembled, functions=globals()):
+class ChainPendulum(Parametric, Assembled, functions=globals()):
     """An N-link planar chain that hangs on a pin, N >= 1, without any constraint.
 
     Args:
@@ -132,11 +132,11 @@ class ChainPendulum(Assembled, functions=globals()):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    mass: Any
-    length: Any
-    inertia: Any
-    gravity: Any = 9.81
-    pose: Any = None
+    mass: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
+    length: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
+    inertia: Any = parameter(sign="not negative", shape=of_links, drawn=Range(0.01, 10.0))
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0, optional=True))
+    pose: Any = parameter(None, shape=of_links, otherwise=lambda chain: np.zeros(chain.links))
 
     key = "chain-pendulum"
     conserves_energy = True
@@ -147,13 +147,7 @@ class ChainPendulum(Assembled, functions=globals()):
         links = np.size(self.mass)
         if np.ndim(self.mass) != 1 or links < 1:
             raise InputError(f"mass = {self.mass!r}: a chain has at least 1 link, one mass each")
-        if self.pose is None:
-            object.__setattr__(self, "pose", np.zeros(links))
-        set_array(self, "mass", (links,), "positive")
-        set_array(self, "length", (links,), "positive")
-        set_array(self, "inertia", (links,), "not negative")
-        set_array(self, "gravity", (), "not negative", optional=True)
-        set_array(self, "pose", (links,))
+        self.check_fields(links)
 
     @classmethod
     def rods(cls, links: int) -> ChainPendulum:
@@ -168,20 +162,6 @@ class ChainPendulum(Assembled, functions=globals()):
         yield rods
         yield replace(rods, gravity=None)
 
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary chains are drawn from."""
-        links = whole_links(links)
-        return {
-            "mass": Range(0.1, 10.0, (links,)),
-            "length": Range(0.1, 10.0, (links,)),
-            "inertia": Range(0.01, 10.0, (links,)),
-            "gravity": Range(0.0, 20.0, optional=True),
-        }
-
-    def __repr__(self) -> str:
-        return as_code(self)
-
     @property
     def links(self) -> int:
         """N."""
@@ -193,11 +173,6 @@ class ChainPendulum(Assembled, functions=globals()):
         return self.links
 
     @property
-    def r(self) -> int:
-        """No constraint."""
-        return 0
-
-    @property
     def name(self) -> str:
         """chain-pendulum[N]."""
         return f"{self.key}[{self.links}]"
@@ -207,20 +182,10 @@ class ChainPendulum(Assembled, functions=globals()):
         """θ_1 .. θ_N."""
         return tuple(f"θ_{i + 1}" for i in range(self.links))
 
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
-        return Parameters(
-            number(self.mass),
-            number(self.length),
-            number(self.inertia.reshape(-1, 1, 1)),
-            None if self.gravity is None else number(self.gravity.reshape(1)),
-        )
+        inertia = arithmetic.numbers(self.inertia.reshape(-1, 1, 1))
+        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`."""

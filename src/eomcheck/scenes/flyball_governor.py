@@ -24,7 +24,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry
 from eomcheck.scenes import plane
 from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 ROD, BALL = 0.3, 5.0
 """Of the benchmark's arms, kg; the rod is 1 m long."""
@@ -235,7 +235,7 @@ def dissipation(parameters, prepared, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlyballGovernor(Assembled, functions=globals()):
+class FlyballGovernor(Parametric, Assembled, functions=globals()):
     """A flyball governor with springs for couplers, by default that of the benchmark.
 
     Args:
@@ -260,35 +260,30 @@ class FlyballGovernor(Assembled, functions=globals()):
         InputError: not finite, or out of the range given above.
     """
 
-    slider: Any = SLIDER
-    spinning: Any = SPINNING
-    arm: Any = ARM
-    center: Any = CENTER
-    along: Any = ALONG
-    across: Any = ACROSS
-    hinge: Any = 0.05
-    top: Any = 1.0
-    attachment: Any = 0.5
-    stiffness: Any = 8e5
-    rest_length: Any = 0.5
-    damping: Any = 4e4
-    gravity: Any = 9.81
-    height: Any = 0.5
-    angle: Any = float(np.pi / 6)
-    rate: Any = float(2 * np.pi)
+    slider: Any = parameter(SLIDER, "positive", drawn=Range(0.1, 10.0))
+    spinning: Any = parameter(SPINNING, "not negative", drawn=Range(0.01, 1.0))
+    arm: Any = parameter(ARM, "positive", drawn=Range(0.1, 10.0))
+    center: Any = parameter(CENTER, "positive", drawn=Range(0.1, 1.0))
+    along: Any = parameter(ALONG, "not negative", drawn=Range(0.01, 1.0))
+    across: Any = parameter(ACROSS, "not negative", drawn=Range(0.01, 1.0))
+    hinge: Any = parameter(0.05, "positive", drawn=Range(0.01, 0.2))
+    top: Any = parameter(1.0)
+    attachment: Any = parameter(0.5, "positive", drawn=Range(0.3, 0.6))
+    stiffness: Any = parameter(8e5, "not negative", drawn=Range(0.0, 1e4))
+    rest_length: Any = parameter(0.5, "not negative", drawn=Range(0.0, 1.0))
+    damping: Any = parameter(4e4, "not negative", drawn=Range(0.0, 100.0, optional=True))
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
+    height: Any = parameter(0.5)
+    angle: Any = parameter(float(np.pi / 6))
+    rate: Any = parameter(float(2 * np.pi))
 
     key = "flyball-governor"
+    named_coordinates = "s", "ψ", "θ_1", "θ_2"
     conserves_energy = True
     angle_coordinates = slice(1, None)
 
     def __post_init__(self):
-        for name in ("slider", "arm", "center", "hinge", "attachment"):
-            set_array(self, name, (), "positive")
-        for name in ("spinning", "along", "across", "stiffness", "rest_length", "gravity"):
-            set_array(self, name, (), "not negative")
-        set_array(self, "damping", (), "not negative", optional=True)
-        for name in ("top", "height", "angle", "rate"):
-            set_array(self, name, ())
+        self.check_fields()
         if self.damping is not None:
             object.__setattr__(self, "conserves_energy", False)
             object.__setattr__(self, "why_not_conserved", "dampers take it")
@@ -300,41 +295,10 @@ class FlyballGovernor(Assembled, functions=globals()):
         yield governor
         yield cls(damping=None)
 
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary governors are drawn from."""
-        return {
-            "slider": Range(0.1, 10.0),
-            "spinning": Range(0.01, 1.0),
-            "arm": Range(0.1, 10.0),
-            "center": Range(0.1, 1.0),
-            "along": Range(0.01, 1.0),
-            "across": Range(0.01, 1.0),
-            "hinge": Range(0.01, 0.2),
-            "attachment": Range(0.3, 0.6),
-            "stiffness": Range(0.0, 1e4),
-            "rest_length": Range(0.0, 1.0),
-            "damping": Range(0.0, 100.0, optional=True),
-            "gravity": Range(0.0, 20.0),
-        }
-
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return heights below the hinges, any turn, and arms up to 1.2 rad from the horizontal."""
         arm = Range(-1.2, 1.2)
         return Range(0.0, 0.6), Range(-np.pi, np.pi), arm, arm
-
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """s, ψ, θ_1, θ_2."""
-        return "s", "ψ", "θ_1", "θ_2"
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """None."""
-        return ()
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
@@ -345,17 +309,12 @@ class FlyballGovernor(Assembled, functions=globals()):
         for k in (1, 2):
             inertia[k, 0, 0] = moments[1]
             inertia[k, 1, 1] = inertia[k, 2, 2] = moments[2]
-        arm = number(self.arm.reshape(1))
-        return Parameters(
-            np.concatenate((number(self.slider.reshape(1)), arm, arm)),
-            inertia,
-            number(self.center.reshape(1)),
-            number(np.array([self.hinge, self.top])),
-            number(self.attachment.reshape(1)),
-            number(self.stiffness.reshape(1)),
-            number(self.rest_length.reshape(1)),
-            None if self.damping is None else number(self.damping.reshape(1)),
-            number(self.gravity.reshape(1)),
+        return self.in_numbers(
+            arithmetic,
+            Parameters,
+            mass=number(np.array([self.slider, self.arm]))[[0, 1, 1]],
+            inertia=inertia,
+            hinge=number(np.array([self.hinge, self.top])),
         )
 
     def initial_state(self) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Range, Symmetry, Tree
 from eomcheck.scenes.assembled import Assembled, Jacobians
-from eomcheck.scenes.fields import as_code, set_array, whole_links
+from eomcheck.scenes.fields import Parametric, parameter, whole_links
 
 
 class Parameters(NamedTuple):
@@ -233,8 +233,13 @@ def potential(parameters, angles, q):
 # ---- The scene -----------------------------------------------------------------------------------
 
 
+def of_bodies(windows: int) -> tuple[int, ...]:
+    """Return the shape of what every rod and every coupler has one of."""
+    return (2 * windows + 1,)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class FourBarChain(Assembled, functions=globals()):
+class FourBarChain(Parametric, Assembled, functions=globals()):
     """N four-bar linkages side by side, N >= 1: closed loops through singular poses.
 
     Args:
@@ -252,14 +257,14 @@ class FourBarChain(Assembled, functions=globals()):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    mass: Any
-    inertia: Any
-    length: Any = 1.0
-    span: Any = 1.0
-    gravity: Any = 9.81
-    angle: Any = np.pi / 2
-    rate: Any = -1.0
-    repeated: Any = None
+    mass: Any = parameter(sign="positive", shape=of_bodies, drawn=Range(0.1, 10.0))
+    inertia: Any = parameter(sign="not negative", shape=of_bodies, drawn=Range(0.01, 10.0))
+    length: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    span: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0, optional=True))
+    angle: Any = parameter(np.pi / 2)
+    rate: Any = parameter(-1.0)
+    repeated: Any = parameter(None, optional=True)
 
     key = "four-bar-chain"
     conserves_energy = True
@@ -270,14 +275,7 @@ class FourBarChain(Assembled, functions=globals()):
         bodies = np.size(self.mass)
         if np.ndim(self.mass) != 1 or bodies < 3 or bodies % 2 == 0:
             raise InputError(f"mass = {self.mass!r}: N >= 1 windows have 2N+1 links, one mass each")
-        set_array(self, "mass", (bodies,), "positive")
-        set_array(self, "inertia", (bodies,), "not negative")
-        set_array(self, "length", (), "positive")
-        set_array(self, "span", (), "positive")
-        set_array(self, "gravity", (), "not negative", optional=True)
-        set_array(self, "angle", ())
-        set_array(self, "rate", ())
-        set_array(self, "repeated", (), optional=True)
+        self.check_fields(bodies // 2)
 
     @classmethod
     def rods(cls, windows: int) -> FourBarChain:
@@ -292,25 +290,10 @@ class FourBarChain(Assembled, functions=globals()):
         yield rods
         yield replace(rods, gravity=None)
 
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary chains of `links` windows are drawn from."""
-        bodies = 2 * whole_links(links) + 1
-        return {
-            "mass": Range(0.1, 10.0, (bodies,)),
-            "inertia": Range(0.01, 10.0, (bodies,)),
-            "length": Range(0.1, 10.0),
-            "span": Range(0.1, 10.0),
-            "gravity": Range(0.0, 20.0, optional=True),
-        }
-
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return rods within 0.5 rad of upright and couplers within 0.1 rad of horizontal."""
         rod, coupler = Range(1.1, 2.1), Range(-0.1, 0.1)
         return (*[rod] * self.windows, *[coupler] * self.windows, rod)
-
-    def __repr__(self) -> str:
-        return as_code(self)
 
     @property
     def links(self) -> int:
@@ -345,14 +328,11 @@ class FourBarChain(Assembled, functions=globals()):
         number = arithmetic.numbers
         length, span = number(self.length.reshape(1)), number(self.span.reshape(1))
         rods, couplers = [length] * self.windows, [span] * self.windows
-        return Parameters(
-            number(self.mass),
-            number(self.inertia.reshape(-1, 1, 1)),
-            np.concatenate((*rods, *couplers, length)),
-            *(
-                None if value is None else number(value.reshape(1))
-                for value in (self.gravity, self.repeated)
-            ),
+        return self.in_numbers(
+            arithmetic,
+            Parameters,
+            inertia=number(self.inertia.reshape(-1, 1, 1)),
+            length=np.concatenate((*rods, *couplers, length)),
         )
 
     def initial_state(self) -> tuple[Array, Array]:

@@ -21,9 +21,9 @@ import numpy as np
 
 from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
-from eomcheck.model import Arithmetic, Array, Bodies, Range, Scene, Speeds, Symmetry, Terms
+from eomcheck.model import Arithmetic, Array, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.scenes import plane
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 
 class Parameters(NamedTuple):
@@ -216,7 +216,7 @@ def constraint(parameters, angles, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RollingDisk(Scene, functions=globals()):
+class RollingDisk(Parametric, functions=globals()):
     """A disk that leans and rolls on the plane without slipping, in three dimensions.
 
     Args:
@@ -232,70 +232,47 @@ class RollingDisk(Scene, functions=globals()):
         InputError: not finite, or out of the range given above.
     """
 
-    mass: Any = 1.0
-    radius: Any = 0.5
-    axial: Any = None
-    across: Any = None
-    gravity: Any = 9.81
-    lean: Any = 0.3
-    roll: Any = -8.0
+    mass: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    radius: Any = parameter(0.5, "positive", drawn=Range(0.1, 10.0))
+    axial: Any = parameter(
+        None,
+        "positive",
+        drawn=Range(0.01, 10.0),
+        otherwise=lambda disk: disk.mass * disk.radius**2 / 2.0,
+    )
+    across: Any = parameter(
+        None,
+        "positive",
+        drawn=Range(0.01, 10.0),
+        otherwise=lambda disk: disk.mass * disk.radius**2 / 4.0,
+    )
+    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
+    lean: Any = parameter(0.3)
+    roll: Any = parameter(-8.0)
 
     key = "rolling-disk"
+    named_coordinates = "x", "y", "ψ", "θ", "φ"
+    named_constraints = "along", "across"
     conserves_energy = True
     angle_coordinates = slice(2, None)
 
     def __post_init__(self):
-        set_array(self, "mass", (), "positive")
-        set_array(self, "radius", (), "positive")
-        for name, share in (("axial", 2.0), ("across", 4.0)):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, self.mass * self.radius**2 / share)
-            set_array(self, name, (), "positive")
-        set_array(self, "gravity", (), "not negative")
-        set_array(self, "lean", ())
+        self.check_fields()
         if abs(self.lean) >= np.pi / 2:
             raise InputError(f"lean = {self.lean}, expected less than π/2 to either side")
-        set_array(self, "roll", ())
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary disks are drawn from."""
-        return {
-            "mass": Range(0.1, 10.0),
-            "radius": Range(0.1, 10.0),
-            "axial": Range(0.01, 10.0),
-            "across": Range(0.01, 10.0),
-            "gravity": Range(0.0, 20.0),
-        }
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return up to 10 m, any heading and spin, and a lean of up to 1.2 rad."""
         anywhere, any_angle = Range(-10.0, 10.0), Range(-np.pi, np.pi)
         return anywhere, anywhere, any_angle, Range(-1.2, 1.2), any_angle
 
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """x, y, ψ, θ, φ."""
-        return "x", "y", "ψ", "θ", "φ"
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Along the heading and across it."""
-        return "along", "across"
-
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        mass, across, axial, radius, gravity = (
-            arithmetic.numbers(value.reshape(1))
-            for value in (self.mass, self.across, self.axial, self.radius, self.gravity)
-        )
-        inertia = np.zeros((1, 3, 3), mass.dtype)
-        inertia[0, 0, 0] = inertia[0, 2, 2] = across[0]
-        inertia[0, 1, 1] = axial[0]
-        return Parameters(mass, inertia, radius, gravity)
+        moments = arithmetic.numbers(np.array([self.across, self.axial]))
+        inertia = np.zeros((1, 3, 3), moments.dtype)
+        inertia[0, 0, 0] = inertia[0, 2, 2] = moments[0]
+        inertia[0, 1, 1] = moments[1]
+        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
 
     def steady_turn(self) -> float:
         """Return ψ̇, rad/s, with which the disk keeps its lean and its roll, the slower of two.

@@ -20,14 +20,13 @@ from eomcheck.model import (
     Array,
     Bodies,
     Range,
-    Scene,
     Speeds,
     Symmetry,
     Terms,
     Tree,
 )
 from eomcheck.scenes import plane
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 
 class Parameters(NamedTuple):
@@ -164,7 +163,7 @@ def constraint(parameters, angle, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sleigh(Scene, functions=globals()):
+class Sleigh(Parametric, functions=globals()):
     """Chaplygin's sleigh, turning on the spot at t = 0.
 
     Args:
@@ -177,47 +176,20 @@ class Sleigh(Scene, functions=globals()):
         InputError: not finite, or out of the range given above.
     """
 
-    mass: Any = 1.0
-    inertia: Any = 0.25
-    offset: Any = 0.5
-    rate: Any = 1.0
+    mass: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    inertia: Any = parameter(0.25, "not negative", drawn=Range(0.01, 10.0))
+    offset: Any = parameter(0.5, drawn=Range(-5.0, 5.0))
+    rate: Any = parameter(1.0)
 
     key = "sleigh"
+    named_coordinates = "x", "y", "θ"
+    named_constraints = ("edge",)
     conserves_energy = True
     angle_coordinates = slice(2, None)
 
-    def __post_init__(self):
-        set_array(self, "mass", (), "positive")
-        set_array(self, "inertia", (), "not negative")
-        set_array(self, "offset", ())
-        set_array(self, "rate", ())
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary sleighs are drawn from."""
-        return {
-            "mass": Range(0.1, 10.0),
-            "inertia": Range(0.01, 10.0),
-            "offset": Range(-5.0, 5.0),
-        }
-
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """x, y, θ."""
-        return "x", "y", "θ"
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """The edge."""
-        return ("edge",)
-
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        values = self.mass, self.inertia, self.offset
-        return Parameters(*(arithmetic.numbers(value.reshape(1)) for value in values))
+        return self.in_numbers(arithmetic, Parameters)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the edge at the origin along x, turning."""

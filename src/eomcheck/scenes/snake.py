@@ -21,9 +21,9 @@ import numpy as np
 from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry, Tree
+from eomcheck.model import Arithmetic, Array, Range, Symmetry, Tree
 from eomcheck.scenes import plane, snake_chain, snake_energies, snake_speeds, snake_terms
-from eomcheck.scenes.fields import set_array, whole_links
+from eomcheck.scenes.fields import Parametric, of_joints, of_links, parameter, whole_links
 
 
 class Parameters(NamedTuple):
@@ -60,7 +60,7 @@ FUNCTIONS = {"prepare": prepare} | {name: x for part in PARTS for name, x in var
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Snake(Scene, functions=FUNCTIONS):
+class Snake(Parametric, functions=FUNCTIONS):
     """An N-link wheeled snake, N >= 1.
 
     Args:
@@ -78,13 +78,15 @@ class Snake(Scene, functions=FUNCTIONS):
         InputError: wrong shape, not finite, or out of the range given above.
     """
 
-    mass: Any
-    length: Any
-    inertia: Any
-    stiffness: Any
-    wheel_angle: Any
-    pose: Any = None
-    damping: Any = None
+    mass: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
+    length: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
+    inertia: Any = parameter(sign="not negative", shape=of_links, drawn=Range(0.01, 10.0))
+    stiffness: Any = parameter(shape=of_joints, drawn=Range(0.0, 1e4, optional=True))
+    wheel_angle: Any = parameter(shape=of_links, drawn=Range(-1.0, 1.0))
+    pose: Any = parameter(None, shape=of_links, otherwise=lambda snake: np.zeros(snake.links))
+    damping: Any = parameter(
+        None, "not negative", of_joints, drawn=Range(0.0, 100.0, optional=True)
+    )
 
     key = "snake"
     conserves_energy = True
@@ -99,18 +101,10 @@ class Snake(Scene, functions=FUNCTIONS):
             links = 0
         if links < 1:
             raise InputError(f"mass = {self.mass!r}: a snake has at least 1 link, one mass each")
-        if self.pose is None:
-            object.__setattr__(self, "pose", np.zeros(links))
         for name in OF_JOINTS:
             if links == 1 and np.size(getattr(self, name)) == 0:
                 object.__setattr__(self, name, None)
-        set_array(self, "mass", (links,), "positive")
-        set_array(self, "length", (links,), "positive")
-        set_array(self, "inertia", (links,), "not negative")
-        set_array(self, "stiffness", (links - 1,), optional=True)
-        set_array(self, "damping", (links - 1,), "not negative", optional=True)
-        set_array(self, "wheel_angle", (links,))
-        set_array(self, "pose", (links,))
+        self.check_fields(links)
         if self.damping is not None:
             object.__setattr__(self, "conserves_energy", False)
             object.__setattr__(self, "why_not_conserved", "dampers in the joints take it")
@@ -158,19 +152,6 @@ class Snake(Scene, functions=FUNCTIONS):
             yield replace(coil, stiffness=None)
             yield replace(coil, damping=np.ones(coil.links - 1))
             yield replace(coil, stiffness=None, damping=np.ones(coil.links - 1))
-
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary snakes are drawn from."""
-        links = whole_links(links)
-        return {
-            "mass": Range(0.1, 10.0, (links,)),
-            "length": Range(0.1, 10.0, (links,)),
-            "inertia": Range(0.01, 10.0, (links,)),
-            "stiffness": Range(0.0, 1e4, (links - 1,), optional=True),
-            "damping": Range(0.0, 100.0, (links - 1,), optional=True),
-            "wheel_angle": Range(-1.0, 1.0, (links,)),
-        }
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
@@ -222,17 +203,8 @@ class Snake(Scene, functions=FUNCTIONS):
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
         wheel = arithmetic.angles(self.wheel_angle)
-        return Parameters(
-            number(self.mass),
-            number(self.length),
-            number(self.inertia),
-            None if self.stiffness is None else number(self.stiffness),
-            None if self.damping is None else number(self.damping),
-            wheel.cos,
-            wheel.sin,
-        )
+        return self.in_numbers(arithmetic, Parameters, cos_alpha=wheel.cos, sin_alpha=wheel.sin)
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos α_i| <= 4 eps for i >= 2: the recursion divides by it.

@@ -21,7 +21,7 @@ from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
 from eomcheck.model import Arithmetic, Array, Bodies, Range, Scene, Speeds, Symmetry, Terms
 from eomcheck.scenes import plane
-from eomcheck.scenes.fields import as_code, set_array
+from eomcheck.scenes.fields import Parametric, parameter
 
 
 class Parameters(NamedTuple):
@@ -244,7 +244,7 @@ def constraint(parameters, prepared, q, v):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TurntableBall(Scene, functions=globals()):
+class TurntableBall(Parametric, functions=globals()):
     """A homogeneous ball that rolls on a turntable, whose spin may swing.
 
     Args:
@@ -263,36 +263,35 @@ class TurntableBall(Scene, functions=globals()):
         InputError: not finite, or out of the range given above.
     """
 
-    mass: Any = 1.0
-    radius: Any = 0.25
-    inertia: Any = None
-    rate: Any = 2.0
-    swing: Any = None
-    frequency: Any = None
-    start: Any = (0.4, 0.0)
-    speed: Any = (0.0, 0.3)
-    spin: Any = 20.0
+    mass: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
+    radius: Any = parameter(0.25, "positive", drawn=Range(0.1, 10.0))
+    inertia: Any = parameter(
+        None,
+        "positive",
+        drawn=Range(0.01, 10.0),
+        otherwise=lambda ball: 0.4 * ball.mass * ball.radius**2,
+    )
+    rate: Any = parameter(2.0, drawn=Range(-5.0, 5.0))
+    swing: Any = parameter(None, drawn=Range(-5.0, 5.0), optional=True)
+    frequency: Any = parameter(None, drawn=Range(0.1, 5.0), optional=True)
+    start: Any = parameter((0.4, 0.0), shape=(2,))
+    speed: Any = parameter((0.0, 0.3), shape=(2,))
+    spin: Any = parameter(20.0)
 
     key = "turntable-ball"
+    named_coordinates = "x", "y", "ψ", "θ", "φ"
+    named_constraints = "along x", "along y"
     conserves_energy = False
     why_not_conserved = "the table is driven"
     depends_on_time = True
     angle_coordinates = slice(2, None)
 
     def __post_init__(self):
-        set_array(self, "mass", (), "positive")
-        set_array(self, "radius", (), "positive")
-        if self.inertia is None:
-            object.__setattr__(self, "inertia", 0.4 * self.mass * self.radius**2)
-        set_array(self, "inertia", (), "positive")
         if (self.swing is None) != (self.frequency is None):
             raise InputError(
                 f"swing = {self.swing!r}, frequency = {self.frequency!r}, expected both or none"
             )
-        set_array(self, "swing", (), optional=True)
-        set_array(self, "frequency", (), optional=True)
-        for name, shape in (("rate", ()), ("start", (2,)), ("speed", (2,)), ("spin", ())):
-            set_array(self, name, shape)
+        self.check_fields()
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
@@ -301,53 +300,17 @@ class TurntableBall(Scene, functions=globals()):
         yield cls(swing=1.0, frequency=3.0)
         yield steady
 
-    @classmethod
-    def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary balls and tables that swing are drawn from."""
-        return {
-            "mass": Range(0.1, 10.0),
-            "radius": Range(0.1, 10.0),
-            "inertia": Range(0.01, 10.0),
-            "rate": Range(-5.0, 5.0),
-            "swing": Range(-5.0, 5.0),
-            "frequency": Range(0.1, 5.0),
-        }
-
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return up to 10 m from the axis and any angles, θ up to 1.2 rad."""
         anywhere, any_angle = Range(-10.0, 10.0), Range(-np.pi, np.pi)
         return anywhere, anywhere, any_angle, Range(-1.2, 1.2), any_angle
 
-    def __repr__(self) -> str:
-        return as_code(self)
-
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """x, y, ψ, θ, φ."""
-        return "x", "y", "ψ", "θ", "φ"
-
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Along x and along y."""
-        return "along x", "along y"
-
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
         """Return the parameters in the numbers of `arithmetic`."""
-        mass, one, radius, rate, swing, frequency = (
-            None if value is None else arithmetic.numbers(value.reshape(1))
-            for value in (
-                self.mass,
-                self.inertia,
-                self.radius,
-                self.rate,
-                self.swing,
-                self.frequency,
-            )
-        )
-        assert one is not None
+        one = arithmetic.numbers(self.inertia.reshape(1))
         inertia = np.zeros((1, 3, 3), one.dtype)
         inertia[0, 0, 0] = inertia[0, 1, 1] = inertia[0, 2, 2] = one[0]
-        return Parameters(mass, inertia, radius, rate, swing, frequency)
+        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the ball at `start`, its angles 0, spinning so that it rolls."""
