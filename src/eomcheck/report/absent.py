@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -10,8 +9,8 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from eomcheck import __version__
 from eomcheck.console import console
+from eomcheck.report.layout import numbers, table, words, write_json
 from eomcheck.report.operations import grouped
 from eomcheck.studies.absent import Saving
 
@@ -31,20 +30,17 @@ def print_savings(savings: Iterable[Saving]) -> None:
 
 
 def _table(found: list[Saving]) -> Table:
-    timed = found[0].seconds is not None
-    table = Table(header_style="bold")
-    table.add_column("formulation")
-    for name in ("left out", "zeros", "saved", *(("left out, µs", "zeros, µs") if timed else ())):
-        table.add_column(name, justify="right")
+    timed = ("left out, µs", "zeros, µs") if found[0].seconds is not None else ()
+    rows = []
     for saving in found:
         absent, zeros = saving.operations
         times = [f"{1e6 * x:.3g}" for x in saving.seconds or ()]
         counts = map(grouped, (absent, zeros, zeros - absent))
-        table.add_row(saving.formulation, *counts, *times)
-    return table
+        rows.append((saving.formulation, *counts, *times))
+    counted = numbers("left out", "zeros", "saved", *timed)
+    return table([*words("formulation", no_wrap=False), *counted], rows)
 
 
 def write_savings(path: Path, savings: Iterable[Saving]) -> None:
     """Write the Records to `path` as JSON."""
-    document = {"eomcheck": __version__, "savings": [asdict(saving) for saving in savings]}
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, {"savings": [asdict(saving) for saving in savings]})

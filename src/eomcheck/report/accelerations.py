@@ -6,12 +6,12 @@ from collections.abc import Iterable
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.errors import RefusedError, distinct
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.model import Scene
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.states import acceleration, velocity
 from eomcheck.tolerance import largest
 
@@ -32,11 +32,8 @@ def print_accelerations(scene: Scene, u, keys: Iterable[str] | None = None) -> i
     q, v = scene.initial_state()
     if np.any(u):
         v = velocity(scene, q, u)
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
-    for name in ("largest |q̈|", "error bound", "smallest rcond"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("of", no_wrap=True)
+    said = numbers("largest |q̈|", "error bound", "smallest rcond", no_wrap=True)
+    found_by = table([*words("formulation"), *said, *words("of")])
     refusals = []
     for key in chosen:
         try:
@@ -45,14 +42,14 @@ def print_accelerations(scene: Scene, u, keys: Iterable[str] | None = None) -> i
             refusals.append(f"{key} refuses: {refusal}")
             continue
         matrix = min(found.rcond, key=found.rcond.__getitem__)
-        table.add_row(
+        found_by.add_row(
             key,
             f"{largest(found.vdot):.10g}",
             f"{found.error_bound:.2g}",
             f"{found.rcond[matrix]:.2g}",
             escape(matrix),
         )
-    console.print(table)
+    console.print(found_by)
     for refusal in refusals:
         console.print(escape(refusal), soft_wrap=True)
     return len(refusals)

@@ -9,38 +9,27 @@ from statistics import median
 from rich.table import Table
 
 from eomcheck.console import console
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.accuracy import Delivered
 from eomcheck.tolerance import C
 
 
 def digits_table(digits: dict[str, list[float]]) -> Table:
     """Return fewest and median certified digits of v̇ per formulation."""
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
-    for name in ("states solved", "certified digits: fewest", "median"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for key, values in digits.items():
-        table.add_row(key, str(len(values)), f"{min(values):.1f}", f"{median(values):.1f}")
-    return table
+    said = numbers("states solved", "certified digits: fewest", "median", no_wrap=True)
+    rows = [
+        (key, str(len(values)), f"{min(values):.1f}", f"{median(values):.1f}")
+        for key, values in digits.items()
+    ]
+    return table([*words("formulation"), *said], rows)
 
 
 def print_accuracy(records: Iterable[Delivered]) -> None:
     """Print, per formulation, what doubles delivered, and what the constant C rests on."""
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
-    for name in (
-        "solved",
-        "refused",
-        "κ infinite",
-        "certified digits: fewest",
-        "median",
-        "ulps: median",
-        "condition: median",
-        "largest",
-        "error / (κ ε scale): median",
-        "largest",
-    ):
-        table.add_column(name, justify="right")
+    counts = numbers("solved", "refused", "κ infinite")
+    digits = numbers("certified digits: fewest", "median", "ulps: median")
+    ratios = numbers("condition: median", "largest", "error / (κ ε scale): median", "largest")
+    shown = table([*words("formulation"), *counts, *digits, *ratios])
     top = 0.0
     records = list(records)
     moving = [r for r in records if r.refused is not None or r.relative != 0.0]
@@ -50,11 +39,11 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
         mine = [r for r in moving if r.key == key]
         solved = [r for r in mine if r.refused is None]
         if not solved:
-            table.add_row(key, "0", str(len(mine)))
+            shown.add_row(key, "0", str(len(mine)))
             continue
         foreseen = [r.ratio for r in solved if not math.isnan(r.ratio)]
         top = max(top, *foreseen) if foreseen else top
-        table.add_row(
+        shown.add_row(
             key,
             str(len(solved)),
             str(len(mine) - len(solved)),
@@ -68,7 +57,7 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
             f"{max(foreseen):.2g}" if foreseen else "",
         )
     states = len(records) // max(len(keys), 1)
-    console.print(table)
+    console.print(shown)
     console.print(
         f"{states} states; errors against the enclosed truth. {exact} results that are "
         "exact, as at rest without forces, are left out; where κ is infinite no error is foreseen. "

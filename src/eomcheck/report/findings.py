@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -16,6 +15,8 @@ from eomcheck.checks import CLAIMS, Finding
 from eomcheck.checks.validate import Run, Selection
 from eomcheck.console import console
 from eomcheck.report.accuracy import digits_table
+from eomcheck.report.layout import numbers, table, words
+from eomcheck.report.layout import write_json as write_document
 
 
 class Found(Protocol):
@@ -72,25 +73,22 @@ def _evidence(findings: list[Finding]) -> str:
 def findings_table(run: Run, selection: Selection) -> Table:
     """Return claims × formulations and engines; a cell is the worst observed / allowed."""
     columns = [f.key for f in selection.formulations] + [e.key for e in selection.engines]
-    table = Table(title=None, header_style="bold", expand=False, pad_edge=False)
-    table.add_column("claim", no_wrap=True)
-    for name in ("all", *columns):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("evidence, findings", no_wrap=True)
-    table.add_column("time", justify="right", no_wrap=True)
+    cells = numbers("all", *columns, no_wrap=True)
+    rest = *words("evidence, findings"), *numbers("time", no_wrap=True)
+    made = table([*words("claim"), *cells, *rest], pad_edge=False)
     by_claim = group(run.findings, lambda f: f.claim)
     for id in CLAIMS:
         found = by_claim.get(id, [])
         if not found:
             continue
-        table.add_row(
+        made.add_row(
             id,
             _cell(found),
             *(_cell([f for f in found if name in parties(f)]) for name in columns),
             _evidence(found),
             f"{run.seconds.get(id, 0.0):.1f} s",
         )
-    return table
+    return made
 
 
 def group(findings: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
@@ -109,15 +107,12 @@ CELLS = (
 
 def scenes_table(runs: Mapping[str, Run]) -> Table:
     """Return claims × scenes; a cell is the worst observed / allowed."""
-    table = Table(header_style="bold", expand=False, pad_edge=False)
-    table.add_column("claim", no_wrap=True)
-    for key in runs:
-        table.add_column(key, justify="right")
+    made = table([*words("claim"), *numbers(*runs)], pad_edge=False)
     columns = [group(run.findings, lambda f: f.claim) for run in runs.values()]
     for id in CLAIMS:
         if any(id in found for found in columns):
-            table.add_row(id, *(_cell(found.get(id, [])) for found in columns))
-    table.add_section()
+            made.add_row(id, *(_cell(found.get(id, [])) for found in columns))
+    made.add_section()
     for what, count in (
         ("states", lambda run: run.cases),
         ("findings", lambda run: len(run.findings)),
@@ -125,8 +120,8 @@ def scenes_table(runs: Mapping[str, Run]) -> Table:
         ("refused by some", lambda run: sum(bool(one.refused) for one in run.drawn)),
         ("time", lambda run: f"{sum(run.seconds.values()):.0f} s"),
     ):
-        table.add_row(what, *(str(count(run)) for run in runs.values()))
-    return table
+        made.add_row(what, *(str(count(run)) for run in runs.values()))
+    return made
 
 
 def print_scenes(runs: Mapping[str, Run], selection: Selection) -> None:
@@ -202,7 +197,6 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
             cases.append(case)
         rows.append(row | {"case": index[state]})
     document = {
-        "eomcheck": __version__,
         "engines": [engine.version() for engine in selection.engines],
         "formulations": [formulation.key for formulation in selection.formulations],
         "claims": {
@@ -213,4 +207,4 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
         "findings": rows,
         "minimal": minimal[0] if minimal else None,
     }
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_document(path, document)

@@ -8,11 +8,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from rich.markup import escape
-from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report.figures import COLORS, FLOOR, MARKERS
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.long_run import FEEDBACK, INTERVAL, REMEDIES
 from eomcheck.studies.records import Record
 
@@ -26,14 +26,8 @@ ERRORS = {"constraint": "‖c‖ / (m/s)", "energy": "|E - E₀| / E₀"}
 
 def print_long_run(records: Sequence[Record]) -> None:
     """Print the growth law and the end of both errors of every run, then why runs failed."""
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
-    table.add_column("remedy", no_wrap=True)
-    for name in ERRORS:
-        for column in (f"{name} at the end", "exponent", "rate per s"):
-            table.add_column(column, justify="right")
-    for column in ("right-hand sides", "CPU s"):
-        table.add_column(column, justify="right")
+    laws = (x for name in ERRORS for x in (f"{name} at the end", "exponent", "rate per s"))
+    shown = table([*words("formulation", "remedy"), *numbers(*laws, "right-hand sides", "CPU s")])
     for r in records:
         cells = []
         for name in ERRORS:
@@ -44,8 +38,8 @@ def print_long_run(records: Sequence[Record]) -> None:
             ]
         cpu = "" if r.cpu_seconds is None else f"{r.cpu_seconds:.3g}"
         where = r.settings["formulation"], r.settings["remedy"]
-        table.add_row(*where, *cells, f"{r.counts['right-hand sides']:,}", cpu)
-    console.print(table)
+        shown.add_row(*where, *cells, f"{r.counts['right-hand sides']:,}", cpu)
+    console.print(shown)
     for r in records:
         if r.status != "done":
             where = "{formulation}, {remedy}".format(**r.settings)

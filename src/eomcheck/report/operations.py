@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
 from flint import fmpq_poly
-from rich.table import Table
 
-from eomcheck import __version__
 from eomcheck.console import console
 from eomcheck.formulations import formulation_of
+from eomcheck.report.layout import numbers, table, words, write_json
 from eomcheck.studies.operations import (
     KINDS,
     MAX_DEGREE,
@@ -151,13 +149,11 @@ def _print_springs(springs: list[Springs]) -> None:
 
 
 def _print(title: str, columns: tuple[str, ...], rows: list[list[str]]) -> None:
-    table = Table(header_style="bold")
+    made = []
     for column in columns:
         left = column in ("formulation", "matrix", "order in Table I")
-        table.add_column(column, justify="left" if left else "right")
-    for row in rows:
-        table.add_row(*row)
-    console.print(f"[bold]{title}[/]", table, "", sep="\n")
+        made += words(column, no_wrap=False) if left else numbers(column)
+    console.print(f"[bold]{title}[/]", table(made, rows), "", sep="\n")
 
 
 def write_operations(
@@ -165,7 +161,6 @@ def write_operations(
 ) -> None:
     """Write counts, polynomials and systems to `path` as JSON; coefficients are exact, as text."""
     document = {
-        "eomcheck": __version__,
         "operations": [
             asdict(record) | {"solves": [system._asdict() for system in record.solves]}
             for record in records
@@ -189,7 +184,7 @@ def write_operations(
             for s in systems
         ],
     }
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, document)
 
 
 def _coefficients(polynomial: fmpq_poly | None) -> list[str] | None:

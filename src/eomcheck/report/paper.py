@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column
 
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.report.benchmarks import seconds_text
+from eomcheck.report.layout import table, write_markdown_table
 from eomcheck.report.operations import signed_sum
 from eomcheck.studies.operations import fit_order
 from eomcheck.studies.paper import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
@@ -54,12 +55,13 @@ def print_paper(records: Iterable[Record]) -> None:
     """Print every table, and what could not be measured."""
     records = list(records)
     for sheet in sheets(records):
-        table = Table(header_style="bold", show_lines=bool(sheet.widths), expand=bool(sheet.widths))
-        for column, width in zip_longest(sheet.columns, sheet.widths):
-            table.add_column(column, no_wrap=width is None and len(column) < 12, ratio=width)
-        for row in sheet.rows:
-            table.add_row(*map(escape, row))
-        console.print(f"\n[bold]{escape(sheet.title)}[/]", table, sep="\n")
+        columns = [
+            Column(column, no_wrap=width is None and len(column) < 12, ratio=width)
+            for column, width in zip_longest(sheet.columns, sheet.widths)
+        ]
+        wide, rows = bool(sheet.widths), [map(escape, row) for row in sheet.rows]
+        shown = table(columns, rows, show_lines=wide, expand=wide)
+        console.print(f"\n[bold]{escape(sheet.title)}[/]", shown, sep="\n")
     for machine in dict.fromkeys(_machine(record) for record in records):
         console.print(f"Measured on {machine}.", highlight=False)
     for record in Found(records).unfinished:
@@ -87,10 +89,8 @@ def write_sheets(records: Iterable[Record], folder: Path) -> list[Path]:
     """Write every table as Markdown, one file each, and return the files."""
     written = []
     for sheet in sheets(records):
-        lines = [sheet.columns, ("---",) * len(sheet.columns), *sheet.rows]
-        text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
         written.append(folder / f"{sheet.name}.md")
-        written[-1].write_text(text, encoding="utf-8")
+        write_markdown_table(written[-1], [sheet.columns, *sheet.rows])
     return written
 
 

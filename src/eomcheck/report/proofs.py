@@ -9,6 +9,7 @@ from rich.table import Table
 
 from eomcheck.checks import CLAIMS
 from eomcheck.console import console
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.proofs import Proofs
 
 
@@ -53,24 +54,15 @@ def print_proofs(proofs: Proofs) -> None:
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:
-    table = Table(header_style="bold")
-    table.add_column("claim", no_wrap=True)
-    table.add_column("statement")
-    for name in (
-        "proved",
-        "disproved",
-        "not looked at",
-        "degree ≤",
-        "height ≤",
-        "failure probability <",
-    ):
-        table.add_column(name, justify="right", no_wrap=True)
+    counts = numbers("proved", "disproved", "not looked at", no_wrap=True)
+    bounds = numbers("degree ≤", "height ≤", "failure probability <", no_wrap=True)
+    made = table([*words("claim"), *words("statement", no_wrap=False), *counts, *bounds])
     for id in CLAIMS:
         found = [row for row in rows if row["claim"] == id]
         if not found:
             continue
         proved = [row["proof"] for row in found if "proof" in row]
-        table.add_row(
+        made.add_row(
             id,
             CLAIMS[id].statement,
             str(len(proved)),
@@ -80,7 +72,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
             f"{max(p['height'] for p in proved):.0f} bits" if proved else "",
             f"{max(p['failure_probability'] for p in proved):.1e}" if proved else "",
         )
-    return table
+    return made
 
 
 def _count(rows: list[dict[str, Any]], verdict: str) -> str:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rich.table import Table
-
 from eomcheck.console import console
 from eomcheck.motion.stored import Reference
+from eomcheck.report.layout import numbers, table, words
 
 COLUMNS = (
     "reference",
@@ -37,10 +36,5 @@ def row(reference: Reference) -> tuple[str, ...]:
 
 def print_references(references: Iterable[Reference]) -> None:
     """Print how well each reference is known, and what it took."""
-    table = Table(header_style="bold")
-    for name in COLUMNS:
-        first = name == COLUMNS[0]
-        table.add_column(name, justify="left" if first else "right", no_wrap=first)
-    for reference in references:
-        table.add_row(*row(reference))
-    console.print(table)
+    first, *others = COLUMNS
+    console.print(table([*words(first), *numbers(*others)], map(row, references)))

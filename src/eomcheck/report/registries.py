@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from eomcheck.console import console
+from eomcheck.report.layout import table, words
 
 if TYPE_CHECKING:
     from eomcheck.model import Scene
@@ -20,11 +21,11 @@ def _yes(flag: bool | None) -> str:
 def _formulations() -> Table:
     from eomcheck.formulations import FORMULATIONS
 
-    table = _table(
+    shown = _table(
         "key", "name", "equations", "order", "constraints at", "λ in paper", "λ here", "limits"
     )
     for f in FORMULATIONS.values():
-        table.add_row(
+        shown.add_row(
             f.key,
             f.name,
             f.equations or "not there",
@@ -34,7 +35,7 @@ def _formulations() -> Table:
             _yes(f.multipliers),
             f.limits,
         )
-    return table
+    return shown
 
 
 def _scenes() -> Table:
@@ -43,11 +44,11 @@ def _scenes() -> Table:
     from eomcheck.scenes import SCENES
     from eomcheck.studies.operations import outline
 
-    table = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
+    shown = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
     for kind in SCENES.values():
         scene = kind.example()
         at = outline(scene, Counting())
-        table.add_row(
+        shown.add_row(
             kind.key,
             f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
             _terms(at),
@@ -56,7 +57,7 @@ def _scenes() -> Table:
             ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
             _invariants(scene),
         )
-    return table
+    return shown
 
 
 def _terms(at: Quantities) -> str:
@@ -90,25 +91,25 @@ def _engines() -> Table:
     from eomcheck.engines import ENGINES, DerivingEngine
     from eomcheck.errors import EngineError
 
-    table = _table("key", "library", "own constraints", "what it is")
+    shown = _table("key", "library", "own constraints", "what it is")
     for engine in ENGINES.values():
         try:
             library = engine.version()
         except EngineError:
             library = "not installed"
-        table.add_row(
+        shown.add_row(
             engine.key, library, _yes(issubclass(engine, DerivingEngine)), _first_line(engine)
         )
-    return table
+    return shown
 
 
 def _claims() -> Table:
     from eomcheck.checks import CLAIMS
 
-    table = _table("id", "statement", "equations")
+    shown = _table("id", "statement", "equations")
     for claim in CLAIMS.values():
-        table.add_row(claim.id, claim.statement, claim.equations)
-    return table
+        shown.add_row(claim.id, claim.statement, claim.equations)
+    return shown
 
 
 def _first_line(thing: type) -> str:
@@ -116,10 +117,8 @@ def _first_line(thing: type) -> str:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(header_style="bold", show_lines="limits" in columns)
-    for column in columns:
-        table.add_column(column, no_wrap=column in ("key", "id", "order"))
-    return table
+    made = [one for x in columns for one in words(x, no_wrap=x in ("key", "id", "order"))]
+    return table(made, show_lines="limits" in columns)
 
 
 _TABLES = {

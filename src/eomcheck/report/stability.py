@@ -11,11 +11,11 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from rich.markup import escape
-from rich.table import Table
 
 from eomcheck.certified import DIGITS_OF_DOUBLES
 from eomcheck.console import console
 from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.report.layout import table, words, write_markdown_table
 from eomcheck.scenes import Snake
 from eomcheck.studies.families import FAMILIES
 from eomcheck.studies.records import Record
@@ -81,9 +81,7 @@ def write_breaks(records: Sequence[Record], path: Path) -> None:
         lines.append([f"`{method.key}`{', pivoted' if method.pivoted else ''}", *breaks])
     if len(scenes_of(records)) > 1:
         lines = [list(column) for column in zip(*lines, strict=True)]
-    lines.insert(1, ["---"] * len(lines[0]))
-    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    path.write_text(text, encoding="utf-8")
+    write_markdown_table(path, lines)
 
 
 def print_stability(records: Sequence[Record]) -> None:
@@ -91,15 +89,14 @@ def print_stability(records: Sequence[Record]) -> None:
     methods = methods_of_records(records)
     for family in families_of(records):
         facts = FAMILIES[family]
-        table = Table(header_style="bold")
-        for name in ("method", "breaks at", "", "digits lost before", "why"):
-            table.add_column(name, no_wrap=name != "why")
-        for method in methods:
-            mine = steps(records, family, method)
-            if mine:
-                table.add_row(method.name, *_row(mine, records, family, method))
+        found = words("method", "breaks at", "", "digits lost before")
+        rows = [
+            (method.name, *_row(mine, records, family, method))
+            for method in methods
+            if (mine := steps(records, family, method))
+        ]
         console.print(f"\n[bold]{facts.title}[/]: {facts.severity}")
-        console.print(table)
+        console.print(table([*found, *words("why", no_wrap=False)], rows))
     counts = {one: sum(outcome(record) is one for record in records) for one in Outcome}
     console.print(
         f"{len(records)} cells: {counts[Outcome.GOOD]} good (true relative error at most "

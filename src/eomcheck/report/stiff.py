@@ -14,6 +14,7 @@ from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.report.figures import COLORS
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.records import Record
 from eomcheck.studies.stiff import (
     COMPILED,
@@ -60,20 +61,18 @@ def _values(records: Sequence[Record], name: str) -> list[Any]:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(header_style="bold")
-    for column in columns:
-        table.add_column(column, justify="left" if column in ("", "integrator") else "right")
-    return table
+    left = columns[:1] if columns[0] in ("", "integrator") else ()
+    return table([*words(*left, no_wrap=False), *numbers(*columns[len(left) :])])
 
 
 def _print_truths(records: Sequence[Record]) -> None:
     console.print("[bold]How well the damped motions are known[/], relative:")
-    table = _table("k / (N m/rad)", "uncertainty")
+    shown = _table("k / (N m/rad)", "uncertainty")
     for r in records:
         if r.study == TRUTH:
             said = f"{r.errors['uncertainty']:.1e}" if r.status == "done" else escape(r.reason)
-            table.add_row(f"{r.settings['stiffness']:.0e}", said)
-    console.print(table)
+            shown.add_row(f"{r.settings['stiffness']:.0e}", said)
+    console.print(shown)
 
 
 def _print_costs(records: Sequence[Record], problem: str, key: str) -> None:
@@ -83,7 +82,7 @@ def _print_costs(records: Sequence[Record], problem: str, key: str) -> None:
             f"{target:.0e}"
         )
         stiffnesses = _values(records, "stiffness")
-        table = _table("integrator", *(f"{k:.0e}" for k in stiffnesses))
+        shown = _table("integrator", *(f"{k:.0e}" for k in stiffnesses))
         for integrator in COMPILED:
             row = []
             for k in stiffnesses:
@@ -94,13 +93,13 @@ def _print_costs(records: Sequence[Record], problem: str, key: str) -> None:
                     if best is None
                     else f"{1e3 * cost(best):.3g}  {best.counts['right-hand sides']}"
                 )
-            table.add_row(integrator, *row)
-        console.print(table)
+            shown.add_row(integrator, *row)
+        console.print(shown)
 
 
 def _print_crossovers(records: Sequence[Record]) -> None:
     console.print("\n[bold]Implicit integrators are the cheaper ones from this k on[/], N m/rad:")
-    table = _table("", "error", "formulation", "by CPU time", "by right-hand sides")
+    shown = _table("", "error", "formulation", "by CPU time", "by right-hand sides")
     for problem in PROBLEMS:
         for target in TARGETS:
             for key in _values(records, "formulation"):
@@ -109,13 +108,13 @@ def _print_crossovers(records: Sequence[Record]) -> None:
                     for what in ("seconds", "right-hand sides")
                 ]
                 said = ["never" if k is None else f"{k:.1e}" for k in found]
-                table.add_row(problem, f"{target:.0e}", key, *said)
-    console.print(table)
+                shown.add_row(problem, f"{target:.0e}", key, *said)
+    console.print(shown)
 
 
 def _print_jacobians(records: Sequence[Record]) -> None:
     console.print("\n[bold]SciPy, kane, damped[/]: exact Jacobian beside finite differences")
-    table = _table(
+    shown = _table(
         *("integrator", "rtol", "k / (N m/rad)"),
         *("right-hand sides", "exact", "saved", "CPU ms", "exact", "saved", "error", "exact"),
     )
@@ -130,8 +129,8 @@ def _print_jacobians(records: Sequence[Record]) -> None:
                     plain, exact = (factor * cost(r, what) for r in pair)
                     cells += [f"{plain:.4g}", f"{exact:.4g}", f"{1 - exact / plain:.0%}"]
                 errors = [f"{r.errors['final']:.0e}" for r in pair]
-                table.add_row(integrator, f"{tolerance:.0e}", f"{k:.0e}", *cells, *errors)
-    console.print(table)
+                shown.add_row(integrator, f"{tolerance:.0e}", f"{k:.0e}", *cells, *errors)
+    console.print(shown)
 
 
 def _pair(

@@ -6,24 +6,21 @@ from collections.abc import Iterable
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.motion.errors import constraint_error, energy_error
 from eomcheck.motion.simulate import Trajectory
+from eomcheck.report.layout import numbers, table, words
 
 
 def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     """Print one line per motion of one scene, then why motions failed."""
     found = list(trajectories)
     scene = found[0].scene
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
     energy = "energy error" if scene.conserves_energy else "energy left"
-    for column in ("end / s", "steps", "right-hand sides", "s", energy, "constraint error / (m/s)"):
-        table.add_column(column, justify="right")
-    for one in found:
-        table.add_row(
+    kept = "s", energy, "constraint error / (m/s)"
+    rows = [
+        (
             one.key,
             f"{one.times[-1]:g}" if one.times.size else "0",
             str(one.steps),
@@ -32,7 +29,10 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
             _energy(one),
             f"{constraint_error(one).max():.1e}" if scene.r and one.times.size else "",
         )
-    console.print(table)
+        for one in found
+    ]
+    columns = *words("formulation"), *numbers("end / s", "steps", "right-hand sides", *kept)
+    console.print(table(columns, rows))
     if not scene.conserves_energy:
         console.print(f"The energy is no error here: {scene.why_not_conserved}.")
     for one in found:

@@ -17,6 +17,7 @@ from rich.table import Table
 from eomcheck.console import console
 from eomcheck.report.benchmarks import seconds_text
 from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.records import Record
 from eomcheck.studies.references import CASES
 from eomcheck.studies.work_precision import (
@@ -67,13 +68,12 @@ def _cell(record: Record) -> str:
 
 
 def _targets(records: Sequence[Record]) -> Table:
-    table = Table(header_style="bold")
-    table.add_column("formulation", no_wrap=True)
+    columns = words("formulation")
     best = {target: fastest_to(records, target) for target in TARGETS}
     for target in TARGETS:
-        table.add_column(f"{target:.0e}", justify="right", no_wrap=True)
-        table.add_column("with", no_wrap=True)
-        table.add_column("ratio", justify="right", no_wrap=True)
+        columns += numbers(f"{target:.0e}", no_wrap=True) + words("with")
+        columns += numbers("ratio", no_wrap=True)
+    shown = table(columns)
     for key in _names(records, "formulation"):
         cells = []
         for target in TARGETS:
@@ -85,32 +85,32 @@ def _targets(records: Sequence[Record]) -> Table:
             first = min(record.seconds or 0.0 for record in best[target].values())
             ratio = times[integrator] / first
             cells += [seconds_text(times[integrator]), integrator, f"{ratio:.3g}"]
-        table.add_row(key, *cells)
-    return table
+        shown.add_row(key, *cells)
+    return shown
 
 
 def _front(records: Sequence[Record]) -> Table:
-    table = Table(header_style="bold")
-    for name in ("formulation", "integrator", "tolerance", "time", "error of the end state"):
-        table.add_column(name, justify="left" if name in ("formulation", "integrator") else "right")
-    for record in pareto_front(records):
-        settings = record.settings
-        table.add_row(
-            settings["formulation"],
-            settings["integrator"],
-            f"{settings['tolerance']:.0e}",
+    measured = numbers("tolerance", "time", "error of the end state")
+    return table([*words("formulation", "integrator", no_wrap=False), *measured], front(records))
+
+
+def front(records: Sequence[Record]) -> list[tuple[str, ...]]:
+    """Return formulation, integrator, tolerance, time and error of each run on the Pareto front."""
+    return [
+        (
+            record.settings["formulation"],
+            record.settings["integrator"],
+            f"{record.settings['tolerance']:.0e}",
             seconds_text(record.seconds or 0.0),
             f"{record.errors['final']:.1e}",
         )
-    return table
+        for record in pareto_front(records)
+    ]
 
 
 def _drifts(records: Sequence[Record]) -> Table:
-    table = Table(header_style="bold")
-    for name in ("formulation", "integrator"):
-        table.add_column(name)
-    for name in ("tolerance", "constraints, m/s per s", "t^", "energy, relative, per s", "t^"):
-        table.add_column(name, justify="right")
+    laws = numbers("tolerance", "constraints, m/s per s", "t^", "energy, relative, per s", "t^")
+    shown = table([*words("formulation", "integrator", no_wrap=False), *laws])
     for key, record in most_accurate(records).items():
         cells = [f"{record.settings['tolerance']:.0e}"]
         for kind in ("constraint", "energy"):
@@ -119,8 +119,8 @@ def _drifts(records: Sequence[Record]) -> Table:
                 "" if drift is None else f"{drift:.1e}",
                 "" if exponent is None else f"{exponent:.1f}",
             ]
-        table.add_row(key, record.settings["integrator"], *cells)
-    return table
+        shown.add_row(key, record.settings["integrator"], *cells)
+    return shown
 
 
 def draw_work_precision(records: Sequence[Record], path: Path, against: str = "seconds") -> None:
@@ -228,7 +228,7 @@ def _label_abscissa(axes: Axes, label: str, unit: str) -> None:
 
 def _line(axes: Axes, records: Sequence[Record], key: str, error: str, against: str) -> Line2D:
     def draw(records: Sequence[Record], **style: Any) -> Line2D:
-        x = [_abscissa(record, against) for record in records]
+        x = [abscissa(record, against) for record in records]
         y = [max(record.errors[error], NOTHING) for record in records]
         return axes.plot(x, y, marker=MARKERS[key], color=COLORS[key], ms=4, lw=1.1, **style)[0]
 
@@ -242,5 +242,6 @@ def _hollow(records: Sequence[Record], against: str) -> list[Record]:
     return [record for record in records if against == "seconds" and disturbed(record)]
 
 
-def _abscissa(record: Record, against: str) -> float:
+def abscissa(record: Record, against: str) -> float:
+    """Return the time in s or the right-hand sides that a run took, as `AGAINST` says."""
     return (record.seconds or 0.0) if against == "seconds" else record.counts[against]

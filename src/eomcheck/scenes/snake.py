@@ -153,6 +153,13 @@ class Snake(Parametric, functions=FUNCTIONS):
             yield replace(coil, damping=np.ones(coil.links - 1))
             yield replace(coil, stiffness=None, damping=np.ones(coil.links - 1))
 
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary snakes are drawn from; what a seed draws depends on the order."""
+        found = super().ranges(links)
+        found["wheel_angle"] = found.pop("wheel_angle")
+        return found
+
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
         return np.concatenate(([0.0, 0.0], self.pose)), np.zeros(self.n)

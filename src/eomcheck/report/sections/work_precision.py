@@ -8,13 +8,12 @@ from itertools import product
 from eomcheck.report.benchmarks import seconds_text
 from eomcheck.report.overview import Overview
 from eomcheck.report.sections.section import Section, Sheet
-from eomcheck.report.work_precision import AGAINST, ERRORS, NOTHING, errors_shown
+from eomcheck.report.work_precision import AGAINST, ERRORS, NOTHING, abscissa, errors_shown, front
 from eomcheck.studies.records import Record
 from eomcheck.studies.work_precision import (
     STUDY,
     disturbed,
     finished,
-    pareto_front,
     summary,
 )
 
@@ -40,18 +39,8 @@ def section(overview: Overview) -> Section | None:
 
 def _front(name: str, records: Sequence[Record]) -> Sheet:
     columns = ("formulation", "integrator", "tolerance", "run time", "error of the end state")
-    rows = [
-        (
-            record.settings["formulation"],
-            record.settings["integrator"],
-            f"{record.settings['tolerance']:.0e}",
-            seconds_text(record.seconds or 0.0),
-            f"{record.errors['final']:.1e}",
-        )
-        for record in pareto_front(records)
-    ]
     title = f"{name}: no run is both faster and more accurate than these"
-    return Sheet("work-precision-front", title, columns, rows)
+    return Sheet("work-precision-front", title, columns, front(records))
 
 
 def _unfinished(records: Sequence[Record]) -> Sheet:
@@ -102,16 +91,12 @@ def _charts(by_name: dict[str, list[Record]]):
                 mine.sort(key=lambda record: -record.settings["tolerance"])
                 panel.line(
                     key,
-                    [_abscissa(record, against) for record in mine],
+                    [abscissa(record, against) for record in mine],
                     [max(record.errors[error], NOTHING) for record in mine],
                     [_said(record) for record in mine],
                     hollow=[against == "seconds" and disturbed(record) for record in mine],
                 )
         yield chart
-
-
-def _abscissa(record: Record, against: str) -> float:
-    return (record.seconds or 0.0) if against == "seconds" else record.counts[against]
 
 
 def _said(record: Record) -> list[str]:
