@@ -8,6 +8,10 @@ import typer
 
 from eomcheck.cli.options import Examples, Json, Kind, Links, Seed, check_writable, interval
 
+Timed = Annotated[
+    list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
+]
+
 bench = typer.Typer(name="bench", help="Measure run times and tolerances.", no_args_is_help=True)
 
 
@@ -17,9 +21,7 @@ def bench_rhs(
     links: Annotated[
         list[int] | None, typer.Option(help="Number of links; repeat for more.")
     ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
-    ] = None,
+    formulation: Timed = None,
     repeats: Annotated[int, typer.Option(help="Timed runs; the median counts.")] = 15,
     json: Json = None,
 ) -> None:
@@ -40,9 +42,7 @@ def bench_rhs(
 
 @bench.command("motion")
 def bench_motion(
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation to time; repeat for more. Default all.")
-    ] = None,
+    formulation: Timed = None,
     json: Json = None,
 ) -> None:
     """Time a motion of the paper's robot, compiled throughout and through Python."""

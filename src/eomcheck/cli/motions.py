@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import MOST_LINKS
+from eomcheck.cli.options import MOST_LINKS, Formulations
 from eomcheck.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ def simulate(
     damping: Annotated[
         float | None, typer.Option(help="Damping of every joint, N m s/rad. Default none.")
     ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
-    ] = None,
+    formulation: Formulations = None,
     integrator: Annotated[str, typer.Option(help="Integrator.")] = "DOP853",
     tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
     max_steps: Annotated[int, typer.Option(help="Give up after so many; 0 for no limit.")] = 0,
@@ -105,9 +103,7 @@ def acceleration(
     speeds: Annotated[
         tuple[float, float], typer.Option(help="Generalized speeds, m/s and rad/s.")
     ] = (0.0, 0.0),
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
-    ] = None,
+    formulation: Formulations = None,
 ) -> None:
     """Print what each formulation says at the start, how far to trust it, or why it refuses.
 

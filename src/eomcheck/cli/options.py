@@ -60,6 +60,12 @@ Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
 ]
+Formulations = Annotated[
+    list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+]
+References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
+Measured = Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 Kept = Annotated[
     Path | None,
@@ -123,14 +129,14 @@ def check_output(path: Path | None, records: list[Path]) -> None:
             raise InputError(f"{str(path)!r} holds the records themselves")
 
 
-def check_folder(path: Path) -> None:
-    """Raise InputError unless `path` is a folder that exists."""
-    if not path.is_dir():
+def check_folder(path: Path | None) -> None:
+    """Raise InputError unless `path` is a folder that exists; None needs no folder."""
+    if path is not None and not path.is_dir():
         raise InputError(f"{str(path)!r} is not a folder that exists")
 
 
-def check_figure(path: Path) -> None:
-    """Raise InputError unless `path` can be written and its name is that of a figure."""
-    if path.suffix not in (".png", ".svg", ".pdf"):
+def check_figure(path: Path | None) -> None:
+    """Raise InputError unless `path` can be written and its name is a figure's, or it is None."""
+    if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
     check_writable(path)

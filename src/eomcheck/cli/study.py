@@ -10,9 +10,13 @@ import typer
 from eomcheck.cli.options import (
     REFERENCES,
     Examples,
+    Formulations,
+    Fresh,
     Json,
     Kept,
     Links,
+    Measured,
+    References,
     Seed,
     Where,
     at_least_one,
@@ -113,30 +117,25 @@ def _study_absent(
 
 @study.command("work-precision")
 def study_work_precision(
-    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    records: Measured,
     reference: Annotated[
         list[str] | None, typer.Option(help="Reference solution; repeat for more. [paper-rest]")
     ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
-    ] = None,
+    formulation: Formulations = None,
     integrator: Annotated[
         list[str] | None, typer.Option(help="Integrator; repeat for more. Default all.")
     ] = None,
     tolerance: Annotated[
         list[float] | None, typer.Option(help="rtol = atol; repeat for more. [1e-3 .. 1e-13]")
     ] = None,
-    references: Annotated[
-        Path, typer.Option(help="Folder of the reference solutions.")
-    ] = REFERENCES,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    references: References = REFERENCES,
+    fresh: Fresh = False,
     figure: Annotated[
         Path | None, typer.Option(help="Draw the errors against run time into this file.")
     ] = None,
 ) -> None:
     """Measure error against run time: formulations, integrators and tolerances."""
-    if figure is not None:
-        check_figure(figure)
+    check_figure(figure)
     from eomcheck.report.work_precision import draw_work_precision, print_work_precision
     from eomcheck.studies.records import Records
     from eomcheck.studies.work_precision import measure, plan
@@ -154,18 +153,16 @@ def study_work_precision(
 
 @study.command("stability")
 def study_stability(
-    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    records: Measured,
     scene: Annotated[str, typer.Option(help="Kind of scene, or all of them.")] = "snake",
     family: Annotated[
         list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
     ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
-    ] = None,
+    formulation: Formulations = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A few severities of each family.")
     ] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    fresh: Fresh = False,
     executor: Where = "local",
     figures: Annotated[
         Path | None,
@@ -173,8 +170,7 @@ def study_stability(
     ] = None,
 ) -> None:
     """Drive every formulation through states of growing severity, and certify what it delivers."""
-    if figures is not None:
-        check_folder(figures)
+    check_folder(figures)
     from eomcheck.report.stability import draw_all, print_stability
     from eomcheck.scenes.named import kinds_of
     from eomcheck.studies.records import Records
@@ -195,7 +191,7 @@ def study_stability(
 
 @study.command("stiff")
 def study_stiff(
-    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    records: Measured,
     stiffness: Annotated[
         list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
     ] = None,
@@ -205,15 +201,12 @@ def study_stiff(
     quick: Annotated[
         bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
     ] = False,
-    references: Annotated[
-        Path, typer.Option(help="Folder of the reference solutions.")
-    ] = REFERENCES,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    references: References = REFERENCES,
+    fresh: Fresh = False,
     figures: Annotated[Path | None, typer.Option(help="Draw the figures into this folder.")] = None,
 ) -> None:
     """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
-    if figures is not None:
-        check_folder(figures)
+    check_folder(figures)
     from eomcheck.report.stiff import draw_stiff, print_stiff
     from eomcheck.studies.records import Records
     from eomcheck.studies.stiff import measure, plan
@@ -228,21 +221,18 @@ def study_stiff(
 
 @study.command("long-run")
 def study_long_run(
-    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
-    ] = None,
+    records: Measured,
+    formulation: Formulations = None,
     t_end: Annotated[float | None, typer.Option(help="End, s. [1000]")] = None,
     tolerance: Annotated[float | None, typer.Option(help="rtol = atol. [1e-6]")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="30 s by two formulations only.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    fresh: Fresh = False,
     figure: Annotated[
         Path | None, typer.Option(help="Draw the errors over time into this file.")
     ] = None,
 ) -> None:
     """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
-    if figure is not None:
-        check_figure(figure)
+    check_figure(figure)
     from eomcheck.report.long_run import draw_long_run, print_long_run
     from eomcheck.studies.long_run import measure, plan
     from eomcheck.studies.records import Records
@@ -258,18 +248,17 @@ def study_long_run(
 
 @study.command("paper")
 def study_paper(
-    records: Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")],
+    records: Measured,
     quick: Annotated[
         bool, typer.Option("--quick", help="Four numbers of links and one tolerance only.")
     ] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")] = False,
+    fresh: Fresh = False,
     figures: Annotated[
         Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
     ] = None,
 ) -> None:
     """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
-    if figures is not None:
-        check_folder(figures)
+    check_folder(figures)
     from eomcheck.report.paper import print_paper, write_sheets
     from eomcheck.report.paper_figures import draw_paper
     from eomcheck.studies.paper import FULL, QUICK, Found, measure

@@ -22,7 +22,7 @@ class Posed(NamedTuple):
     """Velocities (n,), perhaps inconsistent: each formulation has an exact answer of its own."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Family:
     """States that grow more severe, by one number.
 
@@ -35,7 +35,7 @@ class Family:
         variants: names of the ways in which each severity is looked at.
         pose: (variant, severity) -> the state.
         scene: kind of its scenes.
-        about: key of the kind of scene that it says something of.
+        about: key of the kind of scene that it says something of, by default that of its scenes.
     """
 
     key: str
@@ -43,10 +43,13 @@ class Family:
     severity: str
     values: tuple[float, ...]
     quick: tuple[float, ...]
-    variants: tuple[str, ...]
+    variants: tuple[str, ...] = ("moving",)
     pose: Callable[[str, float], Posed]
     scene: type[Scene] = Snake
-    about: str = Snake.key
+    about: str = ""
+
+    def __post_init__(self):
+        object.__setattr__(self, "about", self.about or self.scene.key)
 
     @property
     def title(self) -> str:

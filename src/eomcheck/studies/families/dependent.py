@@ -137,16 +137,6 @@ class TwoWheels(Scene, functions=globals()):
         self.first, self.second = first, second
 
     @property
-    def n(self) -> int:
-        """N + 2 coordinates."""
-        return self.first.n
-
-    @property
-    def r(self) -> int:
-        """N + 1 constraints."""
-        return self.first.r + 1
-
-    @property
     def name(self) -> str:
         """two-wheels[N]."""
         return f"two-wheels[{self.first.links}]"
@@ -201,4 +191,5 @@ DEPENDENT = Family(
     variants=("at rest", "moving"),
     pose=_pose,
     scene=TwoWheels,
+    about=Snake.key,
 )

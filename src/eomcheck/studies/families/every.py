@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,49 +31,36 @@ def ordinary(scene: Scene) -> tuple[Array, Array]:
     return closed_position(scene, drawn), 1.0 / np.arange(1, scene.p + 1)
 
 
-def _mass(kind: type[Scene]):
-    def pose(variant: str, ratio: float) -> Posed:
-        scene: Any = kind.example()
-        name = next(name for name in ("mass", "arm") if hasattr(scene, name))
-        factor = ratio if variant == "heavier" else 1.0 / ratio
-        mass = np.array(getattr(scene, name))
-        mass.flat[0] *= factor
-        scene = replace(scene, **{name: mass})
-        return Posed(scene, *ordinary(scene))
-
-    return pose
+def _mass(kind: type[Scene], variant: str, ratio: float) -> Posed:
+    scene: Any = kind.example()
+    name = next(name for name in ("mass", "arm") if hasattr(scene, name))
+    factor = ratio if variant == "heavier" else 1.0 / ratio
+    mass = np.array(getattr(scene, name))
+    mass.flat[0] *= factor
+    scene = replace(scene, **{name: mass})
+    return Posed(scene, *ordinary(scene))
 
 
-def _speed(kind: type[Scene]):
-    def pose(variant: str, factor: float) -> Posed:
-        scene = kind.example()
-        q, u = ordinary(scene)
-        return Posed(scene, q, u * (factor if variant == "fast" else 1.0 / factor))
-
-    return pose
+def _speed(kind: type[Scene], variant: str, factor: float) -> Posed:
+    scene = kind.example()
+    q, u = ordinary(scene)
+    return Posed(scene, q, u * (factor if variant == "fast" else 1.0 / factor))
 
 
-def _turns(kind: type[Scene]):
-    def pose(variant: str, turns: float) -> Posed:
-        scene = kind.example()
-        q, u = ordinary(scene)
-        q[kind.angle_coordinates] += 2 * np.pi * turns
-        return Posed(scene, q, u)
-
-    return pose
+def _turns(kind: type[Scene], variant: str, turns: float) -> Posed:
+    scene = kind.example()
+    q, u = ordinary(scene)
+    q[kind.angle_coordinates] += 2 * np.pi * turns
+    return Posed(scene, q, u)
 
 
-def _violated(kind: type[Scene]):
-    def pose(variant: str, violation: float) -> Posed:
-        scene = kind.example()
-        return violating(scene, *ordinary(scene), violation)
-
-    return pose
+def _violated(kind: type[Scene], variant: str, violation: float) -> Posed:
+    scene = kind.example()
+    return violating(scene, *ordinary(scene), violation)
 
 
 def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
     """Yield the families of a kind of scene."""
-    shared = {"scene": kind, "about": kind.key}
     yield Family(
         key=f"{kind.key}-mass",
         name="Mass",
@@ -80,8 +68,8 @@ def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
         values=decades(0, 16),
         quick=decades(0, 16, 8),
         variants=("heavier", "lighter"),
-        pose=_mass(kind),
-        **shared,
+        pose=partial(_mass, kind),
+        scene=kind,
     )
     yield Family(
         key=f"{kind.key}-speed",
@@ -90,8 +78,8 @@ def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
         values=decades(0, 170, 10),
         quick=(1.0, 1e100, 1e170),
         variants=("fast", "slow"),
-        pose=_speed(kind),
-        **shared,
+        pose=partial(_speed, kind),
+        scene=kind,
     )
     yield Family(
         key=f"{kind.key}-turns",
@@ -100,8 +88,8 @@ def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
         values=decades(0, 15),
         quick=(1.0, 1e8),
         variants=("all alike",),
-        pose=_turns(kind),
-        **shared,
+        pose=partial(_turns, kind),
+        scene=kind,
     )
     if kind.example().r:
         yield Family(
@@ -111,6 +99,6 @@ def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
             values=decades(-16, 0),
             quick=decades(-16, 0, 8),
             variants=("all alike",),
-            pose=_violated(kind),
-            **shared,
+            pose=partial(_violated, kind),
+            scene=kind,
         )

@@ -12,19 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck import scenes
 from eomcheck.model import Scene
-from eomcheck.scenes import (
-    Andrews,
-    Bicycle,
-    Bricard,
-    ChainPendulum,
-    FlyballGovernor,
-    FourBarChain,
-    RollingDisk,
-    Sleigh,
-    TurntableBall,
-    bicycle,
-)
+from eomcheck.scenes import bicycle_axes
 from eomcheck.studies.families.base import Family, Posed, decades
 from eomcheck.studies.families.every import ordinary
 
@@ -49,37 +39,36 @@ def _flat_family(kind: type[Scene]) -> Family:
         variants=("+π/2", "-π/2"),
         pose=partial(_flat, kind),
         scene=kind,
-        about=kind.key,
     )
 
 
 def _in_line(variant: str, angle: float) -> Posed:
-    scene = replace(FourBarChain.rods(3), angle=angle)
+    scene = replace(scenes.FourBarChain.rods(3), angle=angle)
     q, _ = scene.initial_state()
     return Posed(scene, q, np.ones(scene.p))
 
 
 def _knife_edge(variant: str, offset: float) -> Posed:
-    scene = Sleigh(offset=offset)
+    scene = scenes.Sleigh(offset=offset)
     return Posed(scene, *ordinary(scene))
 
 
 def _pendulum(variant: str, links: float) -> Posed:
-    (scene, *_) = ChainPendulum.structures(int(links))
+    (scene, *_) = scenes.ChainPendulum.structures(int(links))
     return Posed(scene, *ordinary(scene))
 
 
 def _stretched(variant: str, distance: float) -> Posed:
-    scene = Bricard()
+    scene = scenes.Bricard()
     q, _ = scene.closed(-math.pi / 6 + distance, 0.0)
     return Posed(scene, q, np.ones(1))
 
 
 def _lying(variant: str, lean: float) -> Posed:
-    scene = Bicycle()
+    scene = scenes.Bicycle()
     q, _ = scene.initial_state()
     # It tilts about the line on the ground between the wheels.
-    q[bicycle.LEAN], q[bicycle.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
+    q[bicycle_axes.LEAN], q[bicycle_axes.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
     return Posed(scene, q, 1.0 / np.arange(1, scene.p + 1))
 
 
@@ -96,10 +85,8 @@ def _stiff_family(kind: type[Scene]) -> Family:
         severity="stiffness of the springs / (N/m)",
         values=(0.0, *decades(0, 16)),
         quick=(0.0, 1e8, 1e16),
-        variants=("moving",),
         pose=partial(_stiff, kind),
         scene=kind,
-        about=kind.key,
     )
 
 
@@ -110,10 +97,8 @@ OF_SINGLE_SCENES = (
         severity="number of links N",
         values=(1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0),
         quick=(1.0, 5.0, 20.0),
-        variants=("moving",),
         pose=_pendulum,
-        scene=ChainPendulum,
-        about=ChainPendulum.key,
+        scene=scenes.ChainPendulum,
     ),
     Family(
         key="sleigh-offset",
@@ -121,36 +106,30 @@ OF_SINGLE_SCENES = (
         severity="distance of the edge from the centre of mass / m",
         values=(*decades(0, -16), 0.0),
         quick=(1.0, 1e-8, 0.0),
-        variants=("moving",),
         pose=_knife_edge,
-        scene=Sleigh,
-        about=Sleigh.key,
+        scene=scenes.Sleigh,
     ),
-    _flat_family(RollingDisk),
-    _flat_family(TurntableBall),
+    _flat_family(scenes.RollingDisk),
+    _flat_family(scenes.TurntableBall),
     Family(
         key="four-bar-chain-in-line",
         name="All in line",
         severity="angle between rods and couplers / rad",
         values=(*decades(0, -16), 0.0),
         quick=(1.0, 1e-8, 0.0),
-        variants=("moving",),
         pose=_in_line,
-        scene=FourBarChain,
-        about=FourBarChain.key,
+        scene=scenes.FourBarChain,
     ),
-    _stiff_family(Andrews),
-    _stiff_family(FlyballGovernor),
+    _stiff_family(scenes.Andrews),
+    _stiff_family(scenes.FlyballGovernor),
     Family(
         key="bricard-stretched",
         name="Stretched",
         severity="distance of the first angle from -π/6 / rad",
         values=decades(0, -15),
         quick=(1.0, 1e-8, 1e-15),
-        variants=("moving",),
         pose=_stretched,
-        scene=Bricard,
-        about=Bricard.key,
+        scene=scenes.Bricard,
     ),
     Family(
         key="bicycle-lying",
@@ -158,9 +137,7 @@ OF_SINGLE_SCENES = (
         severity="angle between frame and ground / rad",
         values=(*decades(0, -16), 0.0),
         quick=(1.0, 1e-8, 0.0),
-        variants=("moving",),
         pose=_lying,
-        scene=Bicycle,
-        about=Bicycle.key,
+        scene=scenes.Bicycle,
     ),
 )
