@@ -15,7 +15,7 @@ from eomcheck.arithmetic.entries import objects
 from eomcheck.checks.claim import Case, claim, numbered
 from eomcheck.checks.finding import Finding
 from eomcheck.checks.point import Point
-from eomcheck.checks.rational import NO_RATE, Formulations, Sides, Skipped, identity
+from eomcheck.checks.rational import Formulations, Sides, Skipped, identity
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.model import Array, Chain
@@ -34,6 +34,10 @@ def _is_chain(e: Quantities) -> bool:
 
 def _has_joints(e: Quantities) -> bool:
     return _is_chain(e) and len(e.chain.before) > 0
+
+
+def _has_forces(e: Quantities) -> bool:
+    return _is_chain(e) and (e.terms.Q is not None or e.chain.force is not None)
 
 
 def _size(e: Evaluation) -> float:
@@ -64,17 +68,14 @@ def chain_velocity(case: Case) -> Iterator[Finding]:
     def left(e: Evaluation) -> Array:
         return e.call(e.scene.chain_velocity, e.parameters, e.prepared, e.q, e.x) - e.v
 
-    size = largest(at.v)
-    names, zero = (at.scene.coordinate_names,), np.zeros(at.scene.n)
-    yield case.compare("q̇", left(at), zero, at.spread(left) + size, scale=size, names=names)
+    yield case.vanishes("q̇", left, largest(at.v), (at.scene.coordinate_names,))
 
 
-@identity("chain-velocity")
+@identity("chain-velocity", _is_chain)
 def exact_velocity(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The quasi-velocities of a consistent velocity give it back."""
-    if _is_chain(at):
-        found = at.scene.chain_velocity(at.parameters, at.prepared, at.q, at.x)
-        yield Sides("q̇", found, at.v, (at.scene.coordinate_names,))
+    found = at.scene.chain_velocity(at.parameters, at.prepared, at.q, at.x)
+    yield Sides("q̇", found, at.v, (at.scene.coordinate_names,))
 
 
 def _energy(e: Quantities) -> Any:
@@ -95,12 +96,11 @@ def chain_energy(case: Case) -> Iterator[Finding]:
     yield case.compare("D", np.asarray(_energy(at)), np.asarray(direct(at)), spread)
 
 
-@identity("chain-energy")
+@identity("chain-energy", _is_chain)
 def exact_energy(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The mass is diagonal in the quasi-velocities of a consistent velocity."""
-    if _is_chain(at):
-        T, _ = at.scene.energies(at.parameters, at.prepared, at.q, at.v)
-        yield Sides("D", _energy(at), 2 * T, ())
+    T, _ = at.scene.energies(at.parameters, at.prepared, at.q, at.v)
+    yield Sides("D", _energy(at), 2 * T, ())
 
 
 def _work(e: Quantities, direction: Array) -> Any:
@@ -114,7 +114,7 @@ def _work(e: Quantities, direction: Array) -> Any:
 def chain_forces(case: Case) -> Iterator[Finding]:
     """The active forces along the chain do the work that Q does, on every coordinate."""
     at = case.at
-    if not _is_chain(at) or (at.terms.Q is None and at.chain.force is None):
+    if not _has_forces(at):
         return
 
     def along_axes(e: Evaluation) -> Array:
@@ -125,11 +125,9 @@ def chain_forces(case: Case) -> Iterator[Finding]:
     yield case.compare("f", along_axes(at), Q, spread)
 
 
-@identity("chain-forces")
+@identity("chain-forces", _has_forces)
 def exact_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The active forces along the chain do the work that Q does, on any virtual displacement."""
-    if not _is_chain(at) or (at.terms.Q is None and at.chain.force is None):
-        return
     found = [_work(at, direction) for direction in at.directions]
     expected = [0 if at.terms.Q is None else direction @ at.terms.Q for direction in at.directions]
     yield Sides("f", np.array(found, object), np.array(expected, object), (at.direction_names,))
@@ -141,21 +139,16 @@ def exact_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
 @claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
 def chain_coupling(case: Case) -> Iterator[Finding]:
     """Quasi-velocities of a consistent velocity keep the joints together."""
-    at = case.at
-    if not _has_joints(at):
-        return
-    found, size = joined(at.chain, at.x), _size(at)
-    spread = at.spread(lambda e: joined(e.chain, e.x)) + size
-    names = _joint_names(len(found))
-    yield case.compare("A, C", found, np.zeros(found.shape), spread, scale=size, names=names)
+    if _has_joints(case.at):
+        names = _joint_names(len(case.at.chain.before))
+        yield case.vanishes("A, C", lambda e: joined(e.chain, e.x), _size(case.at), names)
 
 
-@identity("chain-coupling")
+@identity("chain-coupling", _has_joints)
 def exact_coupling(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Quasi-velocities of a consistent velocity keep the joints together."""
-    if _has_joints(at):
-        found = joined(at.chain, at.x)
-        yield Sides("A, C", found, np.zeros(found.shape, object), _joint_names(len(found)))
+    found = joined(at.chain, at.x)
+    yield Sides("A, C", found, np.zeros(found.shape, object), _joint_names(len(found)))
 
 
 @claim("chain-remainder", "d_k = Ȧ_k x_{k-1} + Ċ_k x_k", "(3), (28)", "remainder of a chain")
@@ -171,19 +164,12 @@ def chain_remainder(case: Case) -> Iterator[Finding]:
         return np.asarray(e.chain.rest - rate(joined(turning, x)), np.float64)
 
     size = largest(at.chain.rest) + _size(at) * largest(at.v)
-    spread, names = at.spread(left) + size, _joint_names(len(at.chain.rest))
-    zero = np.zeros(at.chain.rest.shape)
-    yield case.compare("d", left(at), zero, spread, scale=size, names=names)
+    yield case.vanishes("d", left, size, _joint_names(len(at.chain.rest)))
 
 
-@identity("chain-remainder")
+@identity("chain-remainder", _has_joints, rate_of="d")
 def exact_remainder(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
-    if not _has_joints(at):
-        return
-    if not at.can_move:
-        yield Skipped("d", NO_RATE)
-        return
     turning = at.scene.chain(at.parameters, *at.moving(at.v), at.x)
     expected = rate(joined(turning, at.x))
     yield Sides("d", at.chain.rest, expected, _joint_names(len(at.chain.rest)))
@@ -236,14 +222,9 @@ def _allowed_acceleration(e: Evaluation) -> Array:
     return vdot - np.linalg.lstsq(e.terms.a, residual, rcond=None)[0]
 
 
-@identity("chain-acceleration")
+@identity("chain-acceleration", _is_chain, rate_of="q̈")
 def exact_acceleration(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The rates of the quasi-velocities give the acceleration back that they were found from."""
-    if not _is_chain(at):
-        return
-    if not at.can_move:
-        yield Skipped("q̈", NO_RATE)
-        return
     vdot = at.speeds.W @ at.free.v[: at.scene.p] + at.speeds.rest
     xdot = rate(_x(at, *at.moving(at.v), duals(at.v, vdot)))
     found = at.scene.chain_acceleration(at.parameters, at.prepared, at.x, xdot)

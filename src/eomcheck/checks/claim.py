@@ -180,6 +180,17 @@ class Case:
             detail,
         )
 
+    def vanishes(
+        self,
+        subject: str,
+        left: Callable[[Evaluation], Array],
+        size: float,
+        names: tuple[tuple[str, ...], ...] | None = None,
+    ) -> Finding:
+        """Return the Finding of left = 0, where `size` is that of the terms that cancel."""
+        found, spread = left(self.at), self.at.spread(left) + size
+        return self.compare(subject, found, np.zeros(found.shape), spread, scale=size, names=names)
+
 
 def look(case: Case, one: Claim) -> list[Finding]:
     """Return the Findings of one claim on `case`."""

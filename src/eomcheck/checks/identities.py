@@ -21,13 +21,10 @@ from eomcheck.tolerance import largest
 
 def _vanishes(case: Case, subject: str, w: Callable[[Evaluation], Array]) -> Finding:
     """Return the Finding of a w = 0."""
-    at, here = case.at, w(case.at)
-    terms = largest(np.abs(at.terms.a) @ np.abs(here))
     # Where w grows from row to row, so does what was rounded in it before.
-    spread = at.spread(lambda e: e.terms.a @ w(e)) + terms
-    names = (at.scene.constraint_names, case.speed_names)
-    found = at.terms.a @ here
-    return case.compare(subject, found, np.zeros(found.shape), spread, scale=terms, names=names)
+    terms = largest(np.abs(case.at.terms.a) @ np.abs(w(case.at)))
+    names = (case.at.scene.constraint_names, case.speed_names)
+    return case.vanishes(subject, lambda e: e.terms.a @ w(e), terms, names)
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -77,9 +74,7 @@ def speeds_remainder(case: Case) -> Iterator[Finding]:
         return e.terms.a @ e.speeds.rest + e.terms.gamma
 
     size = np.abs(at.terms.a) @ np.abs(at.speeds.rest)
-    scale = largest(size) + largest(at.terms.gamma)
-    spread = at.spread(left) + scale
-    yield case.compare("ml, kane", left(at), np.zeros(at.scene.r), spread, scale=scale)
+    yield case.vanishes("ml, kane", left, largest(size) + largest(at.terms.gamma))
 
 
 def projected_forces(e: Quantities) -> Array:

@@ -18,7 +18,7 @@ from eomcheck.checks.point import Point
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation
 from eomcheck.model import Array
-from eomcheck.quantities import Solution
+from eomcheck.quantities import Quantities, Solution
 
 Names = tuple[tuple[str, ...], ...]
 Formulations = tuple[Formulation, ...]
@@ -46,11 +46,39 @@ IDENTITIES: dict[str, Identity] = {}
 """Id of a claim -> its sides."""
 
 
-def identity(claim: str) -> Callable[[Identity], Identity]:
-    """Register the decorated function as the two sides of `claim`."""
+def _always(at: Quantities) -> bool:
+    """Return True."""
+    return True
+
+
+def _constrained(at: Quantities) -> bool:
+    """Return whether there are constraints."""
+    return at.terms.a is not None
+
+
+NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
+
+
+def identity(
+    claim: str, when: Callable[[Quantities], bool] = _always, rate_of: str | None = None
+) -> Callable[[Identity], Identity]:
+    """Register the decorated function as the two sides of `claim`.
+
+    Args:
+        claim: its id.
+        when: where not, it says nothing.
+        rate_of: the subject of the sides, if they need a rate of what `prepare` makes.
+    """
 
     def register(sides: Identity) -> Identity:
-        IDENTITIES[claim] = sides
+        def look_at(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
+            if when(at):
+                if rate_of is None or at.can_move:
+                    yield from sides(at, formulations)
+                else:
+                    yield Skipped(rate_of, NO_RATE)
+
+        IDENTITIES[claim] = look_at
         return sides
 
     return register
@@ -66,9 +94,6 @@ def look_at(at: Point, formulations: Formulations) -> Iterator[tuple[Key, Sides 
         if claim in IDENTITIES:
             for sides in IDENTITIES[claim](at, formulations):
                 yield (claim, sides.subject), sides
-
-
-NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
 
 
 def _zeros(size: int) -> Array:
@@ -104,12 +129,9 @@ def kinetic_energy(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     yield Sides("T", v @ at.terms.M @ v, 2 * T, ())
 
 
-@identity("bias")
+@identity("bias", rate_of="B")
 def bias(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
-    if not at.can_move:
-        yield Skipped("B", NO_RATE)
-        return
     v, B = at.free.v, at.free.terms.B
     prepared, q = at.moving(v)
     steady = constant(prepared), constant(q)
@@ -122,12 +144,9 @@ def bias(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     yield Sides("B", np.array(found, object), np.array(expected, object), (at.direction_names,))
 
 
-@identity("generalized-forces")
+@identity("generalized-forces", rate_of="Q")
 def generalized_forces(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
-    if not at.can_move:
-        yield Skipped("Q", NO_RATE)
-        return
     Q = at.terms.Q
     found, expected = [], []
     for direction in at.directions:
@@ -152,29 +171,19 @@ def constraint_jacobian(at: Point, _: Formulations) -> Iterator[Sides | Skipped]
     yield Sides("a", found, expected, (at.scene.constraint_names,))
 
 
-@identity("position-rate")
+@identity("position-rate", lambda at: at.scene.position_residual is not None, rate_of="Φ")
 def position_rate(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """Holonomic constraints are the rates of what vanishes at closed positions, for every v."""
-    scene = at.scene
-    if scene.position_residual is None:
-        return
-    if not at.can_move:
-        yield Skipped("Φ", NO_RATE)
-        return
-    v = at.free.v
+    scene, v = at.scene, at.free.v
+    assert scene.position_residual is not None
     found = rate(scene.position_residual(at.parameters, *at.moving(v)))
     expected = scene.constraint(at.parameters, at.prepared, at.q, v)[scene.holonomic]
     yield Sides("Φ", found, expected, (scene.constraint_names[scene.holonomic],))
 
 
-@identity("constraint-drift")
+@identity("constraint-drift", _constrained, rate_of="gamma")
 def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""
-    if at.terms.a is None:
-        return
-    if not at.can_move:
-        yield Skipped("gamma", NO_RATE)
-        return
     free = at.free
     moved = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
     yield Sides("gamma", free.terms.gamma, rate(moved), (at.scene.constraint_names,))
@@ -183,13 +192,10 @@ def constraint_drift(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
 # ---- Generalized speeds --------------------------------------------------------------------------
 
 
-@identity("null-space-embedding")
+@identity("null-space-embedding", _constrained)
 def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The w of the embedding method spans the null space of a, for both partitions."""
-    a = at.terms.a
-    if a is None:
-        return
-    names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
+    a, names = at.terms.a, (at.scene.constraint_names, numbered("v_2,", at.scene.p))
     for subject, partition in (("em", at.partition), ("em, drawn", at.other_partition)):
         if partition is None:
             continue
@@ -201,14 +207,12 @@ def null_space_embedding(at: Point, _: Formulations) -> Iterator[Sides | Skipped
             yield Sides(subject, a @ w, np.zeros((len(a), w.shape[1]), object), names)
 
 
-@identity("null-space-speeds")
+@identity("null-space-speeds", _constrained)
 def null_space_speeds(at: Point, _: Formulations) -> Iterator[Sides | Skipped]:
     """The w′ of the generalized speeds spans the null space of a."""
-    a = at.terms.a
-    if a is not None:
-        W = at.speeds.W
-        names = (at.scene.constraint_names, _speed_names(at))
-        yield Sides("ml, kane", a @ W, np.zeros((len(a), W.shape[1]), object), names)
+    a, W = at.terms.a, at.speeds.W
+    names = (at.scene.constraint_names, _speed_names(at))
+    yield Sides("ml, kane", a @ W, np.zeros((len(a), W.shape[1]), object), names)
 
 
 @identity("speeds-velocity")
@@ -290,13 +294,11 @@ def equations_residual(at: Point, formulations: Formulations) -> Iterator[Sides 
             yield Sides(f.key, W.T @ inertia, W.T @ at.F, (_speed_names(at),))
 
 
-@identity("constraint-acceleration")
+@identity("constraint-acceleration", _constrained)
 def constraint_acceleration(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """Each q̈ satisfies the constraints differentiated."""
-    if at.terms.a is not None:
-        for f, (vdot, _) in _solutions(at, formulations):
-            names = (at.scene.constraint_names,)
-            yield Sides(f.key, at.terms.a @ vdot, -at.terms.gamma, names)
+    for f, (vdot, _) in _solutions(at, formulations):
+        yield Sides(f.key, at.terms.a @ vdot, -at.terms.gamma, (at.scene.constraint_names,))
 
 
 @identity("equivalence")
@@ -317,11 +319,9 @@ def equivalence(at: Point, formulations: Formulations) -> Iterator[Sides | Skipp
             yield Sides(f"{f.key}, drawn", x.vdot, other.vdot, names)
 
 
-@identity("multipliers")
+@identity("multipliers", _constrained)
 def multipliers(at: Point, formulations: Formulations) -> Iterator[Sides | Skipped]:
     """All formulations that have multipliers have the same, pair by pair."""
-    if at.terms.a is None:
-        return
     solutions = tuple(_solutions(at, formulations))
     for f, x in solutions:
         yield Sides(f.key, int(x.multipliers is not None), int(f.multipliers), ())
