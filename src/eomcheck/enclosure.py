@@ -9,7 +9,7 @@ import flint
 import numpy as np
 
 from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.model import Array, Scene, checked_scene, finite_array
@@ -95,10 +95,9 @@ def enclose(
         if v is None
         else {"v": finite_array("v", v, (scene.n,))}
     )
-    if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or digits < 1:
-        raise InputError(f"digits = {digits!r}, expected a whole number of at least 1")
+    digits = whole_number("digits", digits)
     partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
-    return enclosure(scene, formulation, q, start, t, int(digits), partition)
+    return enclosure(scene, formulation, q, start, t, digits, partition)
 
 
 def enclosure(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, TypeVar
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,12 +64,38 @@ def distinct(kind: str, names: Iterable[str]) -> tuple[str, ...]:
         raise InputError(f"{kind} = {names!r}, expected a list of names") from None
 
 
+def whole_number(name: str, value: Any, least: int | None = 1) -> int:
+    """Return a whole number as an int.
+
+    Raises:
+        InputError: it is none, or below `least`.
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or (least is not None and value < least):
+        bound = "" if least is None else f" of at least {least}"
+        raise InputError(f"{name} = {value!r}, expected a whole number{bound}")
+    return int(value)
+
+
 class InconsistentVelocityError(InputError):
     """A velocity that violates the constraints a v + b = 0 by more than rounding explains."""
 
 
 class EngineError(EomcheckError):
     """An outside library is missing or cannot represent the scene."""
+
+
+def required(module: str, extra: str | None = None) -> Any:
+    """Import and return an outside library.
+
+    Raises:
+        EngineError: it is not installed; it comes with our extra of this name.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        hint = "" if extra is None else f"; it comes with the extra `{extra}`"
+        raise EngineError(f"the library {module!r} is not installed ({error}){hint}") from None
 
 
 class WorkerError(EomcheckError):

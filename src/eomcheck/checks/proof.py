@@ -24,7 +24,7 @@ from eomcheck.checks.finding import Finding, Proof
 from eomcheck.checks.point import Point
 from eomcheck.checks.rational import Formulations, Key, Skipped, look_at
 from eomcheck.checks.shapes import check_shapes
-from eomcheck.errors import InputError, RefusedError, distinct
+from eomcheck.errors import InputError, RefusedError, distinct, whole_number
 from eomcheck.formulations import formulations_for
 from eomcheck.model import Scene
 
@@ -58,7 +58,7 @@ def prove(
         UnknownNameError: no such formulation.
     """
     keys = None if formulations is None else distinct("formulations", formulations)
-    check_points(points)
+    points = whole_number("points", points)
     seed = new_seed() if seed is None else seed
     findings: list[Finding] = []
     for structure in structures(scene, links):
@@ -73,16 +73,6 @@ def new_seed() -> int:
     seed is rarer than 2^-b.
     """
     return random.SystemRandom().getrandbits(256)
-
-
-def check_points(points: int) -> None:
-    """Check the number of points.
-
-    Raises:
-        InputError: it is no whole number of at least 1.
-    """
-    if isinstance(points, bool) or not isinstance(points, int) or points < 1:
-        raise InputError(f"points = {points!r}, expected a whole number of at least 1")
 
 
 def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) -> Iterator[Scene]:

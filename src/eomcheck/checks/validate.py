@@ -21,7 +21,7 @@ from eomcheck.checks.claim import look
 from eomcheck.checks.refusals import Drawn, coverage
 from eomcheck.checks.shapes import check_shapes
 from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import InputError, distinct, named
+from eomcheck.errors import distinct, named, whole_number
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.model import Scene, checked_scene
@@ -105,10 +105,7 @@ class Run:
         Raises:
             InputError: `examples` is less than 1, or `seed` no whole number.
         """
-        if isinstance(examples, bool) or not isinstance(examples, int) or examples < 1:
-            raise InputError(f"examples = {examples!r}, expected a whole number of at least 1")
-        if isinstance(seed, bool) or not isinstance(seed, int):
-            raise InputError(f"seed = {seed!r}, expected a whole number")
+        examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
         failing: str | None = None
 
         def examine(drawn: tuple[Scene, State]) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from eomcheck.errors import required as required
 from eomcheck.model import Array, Scene
 
 
@@ -105,19 +106,3 @@ class DerivingEngine(Engine):
         self, q: Array, v: Array, t: float = 0.0
     ) -> tuple[Array, float, float]:
         """Return (N_Kane q̇ + G_Kane (p,), size of the terms, condition of what was inverted)."""
-
-
-def required(module: str) -> Any:
-    """Import and return an engine's library.
-
-    Raises:
-        EngineError: it is not installed.
-    """
-    import importlib
-
-    from eomcheck.errors import EngineError
-
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise EngineError(f"the library {module!r} is not installed ({error})") from None

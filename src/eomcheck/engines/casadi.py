@@ -15,7 +15,8 @@ import numpy as np
 
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.symbolic import Symbols
-from eomcheck.engines.base import DerivingEngine, EngineAcceleration, required
+from eomcheck.engines.base import DerivingEngine, EngineAcceleration
+from eomcheck.errors import required
 from eomcheck.model import Array, Scene
 from eomcheck.tolerance import largest
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.engines.base import Engine, EngineAcceleration, required
-from eomcheck.errors import EngineError
+from eomcheck.engines.base import Engine, EngineAcceleration
+from eomcheck.errors import EngineError, required
 from eomcheck.model import Array, Scene, Tree
 from eomcheck.tolerance import largest
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from eomcheck.errors import EngineError
+from eomcheck.errors import required
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -18,14 +18,11 @@ def environment() -> Environment:
     Raises:
         EngineError: jinja2 is not installed.
     """
-    try:
-        from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-    except ImportError as error:
-        raise EngineError(f"the library 'jinja2' is not installed ({error}); {EXTRA}") from None
-    made = Environment(
-        loader=PackageLoader("eomcheck.report"),
-        autoescape=select_autoescape(["html.j2"], default=False),
-        undefined=StrictUndefined,
+    jinja2 = required("jinja2", "report")
+    made = jinja2.Environment(
+        loader=jinja2.PackageLoader("eomcheck.report"),
+        autoescape=jinja2.select_autoescape(["html.j2"], default=False),
+        undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, whole_number
 from eomcheck.model import Arithmetic, Range, Scene, finite_array
 
 R = TypeVar("R", bound=NamedTuple)
@@ -172,6 +172,4 @@ def whole_links(links: Any, name: str = "links") -> int:
     Raises:
         InputError: it is no whole number of at least 1.
     """
-    if isinstance(links, bool) or not isinstance(links, int | np.integer) or links < 1:
-        raise InputError(f"{name} = {links!r}, expected a whole number of at least 1")
-    return int(links)
+    return whole_number(name, links)

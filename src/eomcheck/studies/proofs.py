@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import eomcheck
-from eomcheck.checks.proof import check_points, new_seed, prove_structure
+from eomcheck.checks.proof import new_seed, prove_structure
 from eomcheck.console import progress
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.model import Scene
 from eomcheck.scenes.named import ALL, kinds_of
@@ -66,7 +66,7 @@ def proof_jobs(
         UnknownNameError: no such scene or formulation.
     """
     kinds = kinds_of(scene)
-    check_points(points)
+    points = whole_number("points", points)
     chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
     scenes = tuple(
         one

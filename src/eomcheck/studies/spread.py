@@ -6,7 +6,6 @@ the workers of a dask scheduler (extra `cluster`).
 
 from __future__ import annotations
 
-import importlib
 import multiprocessing
 import multiprocessing.context
 import os
@@ -30,7 +29,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from eomcheck.errors import EngineError, InputError, WorkerError
+from eomcheck.errors import InputError, WorkerError, required
 from eomcheck.studies.provenance import THREADS, sources
 
 Item = TypeVar("Item")
@@ -321,14 +320,7 @@ class Dask(Place):
     @contextmanager
     def open(self) -> Iterator[Executor]:
         """Connect; leaving early cancels what has not begun."""
-        try:
-            distributed = importlib.import_module("distributed")
-        except ImportError as error:
-            raise EngineError(
-                f"the library 'distributed' is not installed ({error}); "
-                "it comes with the extra `cluster`"
-            ) from None
-        client = self._connect(distributed.Client)
+        client = self._connect(required("distributed", "cluster").Client)
         try:
             # pure: equal items are still as many items.
             pool = client.get_executor(pure=False)
