@@ -179,8 +179,8 @@ FAULTS = [
     ),
     Fault(
         SNAKE_ENERGIES,
-        "(theta[k + 1] - theta[k]) / 2",
-        "(theta[k + 1] - theta[k])",
+        "(x[k + 1] - x[k]) / 2",
+        "(x[k + 1] - x[k])",
         "generalized-forces",
         "0.5 times",
     ),

@@ -13,7 +13,7 @@ from eomcheck.checks.proof import prove
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake_energies import damper_dissipation
+from eomcheck.scenes.snake_energies import of_joints
 from eomcheck.scenes.snake_terms import terms
 
 LINKS = 4
@@ -41,7 +41,7 @@ def test_every_identity_is_proved_of_a_damped_snake(scene: Snake):
 @generic
 def reversed_dissipation(parameters, angles, q, v):
     """Return -R."""
-    R = damper_dissipation(parameters.damping, v[2:])
+    R = of_joints(parameters.damping, v[2:])
     return None if R is None else -R
 
 

@@ -18,7 +18,7 @@ from eomcheck.scenes import Snake
 SEED = 0
 
 OTHERWISE = {
-    "(theta[k + 1] - theta[k]) / 2": ("generalized-forces", "1/2 of what it should be"),
+    "(x[k + 1] - x[k]) / 2": ("generalized-forces", "1/2 of what it should be"),
 }
 """Place of a fault -> (claim, what its Finding says), where a proof sees it otherwise."""
 

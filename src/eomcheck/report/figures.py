@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -11,6 +12,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
@@ -43,6 +45,19 @@ RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
 """Exact agreement is drawn here: a logarithm has no zero."""
+
+
+def save(figure: Figure, path: Path | BytesIO, dpi: int = 150) -> None:
+    """Write a figure that is finished."""
+    figure.savefig(path, dpi=dpi)
+    plt.close(figure)
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int | None = None) -> None:
+    """Put what is drawn in `axes` into a legend above all panels, by default into one row."""
+    lines, labels = axes.get_legend_handles_labels()
+    columns = len(labels) if columns is None else columns
+    figure.legend(lines, labels, loc="outside upper center", ncols=columns, frameon=False)
 
 
 def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -123,8 +138,7 @@ def draw_agreement(records: list[Agreement], path: Path) -> None:
     )
     right.grid(alpha=0.25)
     right.legend(ncols=1, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save(figure, path)
 
 
 def draw_accuracy(records: list[Delivered], path: Path) -> None:
@@ -169,5 +183,4 @@ def draw_accuracy(records: list[Delivered], path: Path) -> None:
     right.set_ylabel("share of states")
     right.set_title("How much of what κ ε predicts is really lost", fontsize=11)
     right.grid(alpha=0.25)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save(figure, path)

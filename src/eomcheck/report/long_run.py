@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 from rich.markup import escape
 
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report.figures import COLORS, FLOOR, MARKERS
+from eomcheck.report.figures import COLORS, FLOOR, MARKERS, plt, save
 from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.long_run import FEEDBACK, INTERVAL, REMEDIES
 from eomcheck.studies.records import Record
@@ -94,5 +93,4 @@ def draw_long_run(records: Sequence[Record], path: Path) -> None:
         ncols=len(order),
         frameon=False,
     )
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save(figure, path)

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report.figures import COLORS, MARKERS, joints, plt
+from eomcheck.report.figures import COLORS, MARKERS, joints, legend_above, plt, save
 from eomcheck.report.paper import POSES, robot
 from eomcheck.studies.paper import PAPER_LINKS, Found, Solver, growth, scene_of
 from eomcheck.studies.records import Record
@@ -52,8 +52,7 @@ def draw_paper(found: Found, folder: Path) -> list[Path]:
 def _save(figure: Figure, path: Path) -> None:
     """Save a figure with a palette: half the size, and it is kept in a repository."""
     drawn = BytesIO()
-    figure.savefig(drawn, dpi=110)
-    plt.close(figure)
+    save(figure, drawn, dpi=110)
     picture = Image.open(drawn).convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
@@ -142,7 +141,7 @@ def _over_time(found: Found, quantity: str) -> Figure:
         column[1].ticklabel_format(axis="y", scilimits=(0, 0))
     for axes, label in zip(grid[:, 0], OVER_TIME[quantity], strict=True):
         axes.set_ylabel(label)
-    _legend(figure, grid)
+    legend_above(figure, grid[0, 0])
     return figure
 
 
@@ -185,7 +184,7 @@ def _over_links(found: Found, quantity: str) -> Figure:
         axes.set_xlabel("number of links N")
     grid[0, 0].set_ylabel(OVER_LINKS[quantity])
     if quantity != "cpu_seconds":
-        _legend(figure, grid)
+        legend_above(figure, grid[0, 0])
     return figure
 
 
@@ -223,8 +222,3 @@ def _grid(found: Found, rows: int, sharey) -> tuple[Figure, np.ndarray]:
     for axes in grid.flat:
         axes.grid(alpha=0.25)
     return figure, grid
-
-
-def _legend(figure: Figure, grid: np.ndarray) -> None:
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)

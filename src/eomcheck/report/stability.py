@@ -14,7 +14,7 @@ from rich.markup import escape
 
 from eomcheck.certified import DIGITS_OF_DOUBLES
 from eomcheck.console import console
-from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.report.figures import COLORS, MARKERS, plt, save
 from eomcheck.report.layout import table, words, write_markdown_table
 from eomcheck.scenes import Snake
 from eomcheck.studies.families import FAMILIES
@@ -162,8 +162,7 @@ def draw_family(records: Sequence[Record], family: str, path: Path) -> None:
         row[0].set_ylabel("digits lost")
     figure.suptitle(facts.title, fontsize=12)
     figure.legend(handles=_keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    save(figure, path, dpi=130)
 
 
 class _Axis:
@@ -325,8 +324,7 @@ def draw_atlas(records: Sequence[Record], path: Path) -> None:
     if any(outcome(record) is Outcome.SILENT for record in records):
         handles.append(Patch(fc="white", ec="#0033CC", lw=2, label="silently wrong"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    save(figure, path, dpi=130)
 
 
 def _size(rows: int, columns: int, families: int, methods: int) -> tuple[float, float]:

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 from rich.markup import escape
 from rich.table import Table
 
 from eomcheck.console import console
-from eomcheck.report.figures import COLORS
+from eomcheck.report.figures import COLORS, legend_above, plt, save
 from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.records import Record
 from eomcheck.studies.stiff import (
@@ -201,10 +200,8 @@ def _draw_work_precision(records: Sequence[Record], path: Path) -> None:
             axes.set_ylim(1e-13, 3.0)
             axes.set_title(f"k = {k:.0e} N m/rad", fontsize=10)
             axes.set_xlabel("CPU time / s")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    legend_above(figure, grid[0, 0], 5)
+    save(figure, path)
 
 
 def _draw_cost(records: Sequence[Record], path: Path) -> None:
@@ -236,10 +233,8 @@ def _draw_cost(records: Sequence[Record], path: Path) -> None:
                 axes.set_ylabel(label)
         grid[0, column].set_title(f"{problem}: to a relative error of {target:.0e}", fontsize=11)
         grid[1, column].set_xlabel("joint stiffness k / (N m/rad)")
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=5, frameon=False)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    legend_above(figure, grid[0, 0], 5)
+    save(figure, path)
 
 
 def _draw_jacobians(records: Sequence[Record], path: Path) -> None:
@@ -267,11 +262,8 @@ def _draw_jacobians(records: Sequence[Record], path: Path) -> None:
         axes.set_title("CPU time" if what == "seconds" else what, fontsize=11)
     panels[0].set_ylim(bottom=0)
     panels[0].set_ylabel("exact Jacobian over differences")
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False
-    )
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    legend_above(figure, panels[0], 4)
+    save(figure, path)
 
 
 def _logarithmic(axes: Axes) -> None:

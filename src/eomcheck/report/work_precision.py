@@ -16,7 +16,7 @@ from rich.table import Table
 
 from eomcheck.console import console
 from eomcheck.report.benchmarks import seconds_text
-from eomcheck.report.figures import COLORS, MARKERS, plt
+from eomcheck.report.figures import COLORS, MARKERS, plt, save
 from eomcheck.report.layout import numbers, table, words
 from eomcheck.studies.records import Record
 from eomcheck.studies.references import CASES
@@ -152,8 +152,7 @@ def draw_work_precision(records: Sequence[Record], path: Path, against: str = "s
         ncols=9 if len(integrators) * columns > 2 else 4,
         frameon=False,
     )
-    figure.savefig(path, dpi=150 if len(scenes) == 1 else 80)
-    plt.close(figure)
+    save(figure, path, dpi=150 if len(scenes) == 1 else 80)
 
 
 def errors_shown(records: Sequence[Record]) -> dict[str, str]:

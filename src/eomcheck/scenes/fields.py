@@ -26,6 +26,21 @@ class _Allowed(NamedTuple):
     def shape_of(self, links: int) -> tuple[int, ...]:
         return self.shape(links) if callable(self.shape) else self.shape
 
+    def checked(self, name: str, value: Any, links: int) -> np.ndarray | None:
+        """Return the value as an array that cannot be changed, None where it is absent."""
+        if value is None and self.optional:
+            return None
+        shape = self.shape_of(links)
+        array = finite_array(name, value, shape)
+        bad = array <= 0 if self.sign == "positive" else array < 0
+        if self.sign != "any" and bad.any():
+            positive = self.sign == "positive"
+            expected = "a positive number" if positive else "a number that is not negative"
+            place = f"{name}[{int(bad.argmax())}]" if shape else name
+            raise InputError(f"{place} = {array[bad].flat[0]}, expected {expected}")
+        array.setflags(write=False)
+        return array
+
 
 def parameter(
     default: Any = MISSING,
@@ -80,11 +95,10 @@ class Parametric(Scene):
             InputError: wrong shape, not finite, or of another sign.
         """
         for one in fields(self):
-            allowed = one.metadata["allowed"]
-            if allowed.otherwise is not None and getattr(self, one.name) is None:
-                object.__setattr__(self, one.name, allowed.otherwise(self))
-            shape = allowed.shape_of(links)
-            set_array(self, one.name, shape, allowed.sign, allowed.optional)
+            allowed, value = one.metadata["allowed"], getattr(self, one.name)
+            if value is None and allowed.otherwise is not None:
+                value = allowed.otherwise(self)
+            object.__setattr__(self, one.name, allowed.checked(one.name, value, links))
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
@@ -123,47 +137,14 @@ class Parametric(Scene):
         return record._make(made[x] if x in made else one(x) for x in record._fields)
 
     def __repr__(self) -> str:
-        return as_code(self)
-
-
-def set_array(
-    scene: Any, name: str, shape: tuple[int, ...], sign: Sign = "any", optional: bool = False
-) -> None:
-    """Replace the field `name` of a frozen dataclass by a checked array that cannot be changed.
-
-    Args:
-        scene: the dataclass.
-        name: of the field.
-        shape: of the array, () for one number.
-        sign: of its entries.
-        optional: whether the field may be None.
-
-    Raises:
-        InputError: wrong shape, not finite, or of another sign.
-    """
-    value = getattr(scene, name)
-    if value is None and optional:
-        return
-    array = finite_array(name, value, shape)
-    bad = array <= 0 if sign == "positive" else array < 0
-    if sign != "any" and bad.any():
-        expected = "a positive number" if sign == "positive" else "a number that is not negative"
-        place = f"{name}[{int(bad.argmax())}]" if shape else name
-        raise InputError(f"{place} = {array[bad].flat[0]}, expected {expected}")
-    array.setflags(write=False)
-    object.__setattr__(scene, name, array)
-
-
-def as_code(scene: Any) -> str:
-    """Return the Python that makes a dataclass of arrays again, its defaults left out."""
-    shown = []
-    for one in fields(scene):
-        value = getattr(scene, one.name)
-        value = value if value is None else value.tolist()
-        usual = one.default
-        if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
-            shown.append(f"{one.name}={value!r}")
-    return f"{type(scene).__name__}({', '.join(shown)})"
+        """Return the Python that makes it again, defaults left out."""
+        shown = []
+        for one in fields(self):
+            value, usual = getattr(self, one.name), one.default
+            value = value if value is None else value.tolist()
+            if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
+                shown.append(f"{one.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(shown)})"
 
 
 def whole_links(links: Any, name: str = "links") -> int:

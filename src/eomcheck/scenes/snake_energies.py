@@ -27,14 +27,14 @@ def velocities(parameters, angles, q, v):
 
 
 @generic
-def spring_energy(stiffness, theta):
-    """Return U of Eq. (26), J, or None without springs."""
-    if stiffness is None:
+def of_joints(factor, x):
+    """Return Σ f_i (x_{i+1} - x_i)² / 2 over the joints, or None where no joint has an f."""
+    if factor is None:
         return None
-    U = 0
-    for k in range(stiffness.size):
-        U += stiffness[k] * (theta[k + 1] - theta[k]) * (theta[k + 1] - theta[k]) / 2
-    return U
+    total = 0
+    for k in range(factor.size):
+        total += factor[k] * (x[k + 1] - x[k]) * (x[k + 1] - x[k]) / 2
+    return total
 
 
 @generic
@@ -45,25 +45,14 @@ def energies(parameters, angles, q, v):
     for i in range(V.shape[0]):
         T += parameters.mass[i] * (V[i, 0] * V[i, 0] + V[i, 1] * V[i, 1]) / 2
         T += parameters.inertia[i] * omega[i, 0] * omega[i, 0] / 2
-    return T, spring_energy(parameters.stiffness, angles.value)
-
-
-@generic
-def damper_dissipation(damping, omega):
-    """Return R = Σ d_i (ω_{i+1} - ω_i)² / 2, W, or None without dampers."""
-    if damping is None:
-        return None
-    R = 0
-    for k in range(damping.size):
-        R += damping[k] * (omega[k + 1] - omega[k]) * (omega[k + 1] - omega[k]) / 2
-    return R
+    return T, of_joints(parameters.stiffness, angles.value)
 
 
 @generic
 def dissipation(parameters, angles, q, v):
     """Return R, W: half the power that the dampers take; None without dampers."""
     _, omega = velocities(parameters, angles, q, v)
-    return damper_dissipation(parameters.damping, omega[:, 0])
+    return of_joints(parameters.damping, omega[:, 0])
 
 
 @generic
