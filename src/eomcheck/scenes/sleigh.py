@@ -15,16 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.arithmetic.generic import generic
-from eomcheck.model import (
-    Arithmetic,
-    Array,
-    Bodies,
-    Range,
-    Speeds,
-    Symmetry,
-    Terms,
-    Tree,
-)
+from eomcheck.model import Arithmetic, Array, Bodies, Range, Speeds, Symmetry, Terms, Tree
 from eomcheck.scenes import plane
 from eomcheck.scenes.fields import Parametric, parameter
 

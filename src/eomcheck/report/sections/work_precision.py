@@ -10,12 +10,7 @@ from eomcheck.report.overview import Overview
 from eomcheck.report.sections.section import Section, Sheet
 from eomcheck.report.work_precision import AGAINST, ERRORS, NOTHING, abscissa, errors_shown, front
 from eomcheck.studies.records import Record
-from eomcheck.studies.work_precision import (
-    STUDY,
-    disturbed,
-    finished,
-    summary,
-)
+from eomcheck.studies.work_precision import STUDY, disturbed, finished, summary
 
 
 def section(overview: Overview) -> Section | None:
