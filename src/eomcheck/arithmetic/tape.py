@@ -117,11 +117,12 @@ class Tape:
         """Return the angles x (k,) with their cosines and sines."""
         x = self.numbers(x)
         known = [self.value(y.place) for y in x]
-        if None in known:
+        values = [y for y in known if y is not None]
+        if len(values) < len(known):
             both = self.group(ANGLES, "", (len(x),), self._read(x), 2 * len(x))
             return Angles(x, both[: len(x)], both[len(x) :])
         functions = math.cos, math.sin
-        return Angles(x, *(self.numbers(np.array([f(y) for y in known])) for f in functions))
+        return Angles(x, *(self.numbers(np.array([f(y) for y in values])) for f in functions))
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of x (k,)."""

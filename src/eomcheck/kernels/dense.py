@@ -171,10 +171,11 @@ class Inline:
         code = self.code
         left, done = b, []
         for marks, factors in zip(self.chosen, self.factors, strict=True):
-            first, pivot, others = left[0], left[0], []
-            for x, mark in zip(left[1:], marks, strict=True):
-                pivot = code.choose(mark, x, pivot)
-                others.append(code.choose(mark, first, x))
+            first = pivot = left[0]
+            others: list[str] = []
+            for entry, mark in zip(left[1:], marks, strict=True):
+                pivot = code.choose(mark, entry, pivot)
+                others.append(code.choose(mark, first, entry))
             done.append(pivot)
             left = [code.sub(x, code.mul(f, pivot)) for x, f in zip(others, factors, strict=True)]
         x: list[str] = []

@@ -130,6 +130,7 @@ def _by_library(code: Code, x: str, where: str | None = None) -> None:
 
 
 def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
+    """Write the cosine and sine of an angle, by the C library, to two addresses."""
     if has_sincos():
         code.do(f"call void @sincos(double {angle}, ptr {sin}, ptr {cos})")
         return

@@ -17,7 +17,7 @@ State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -121,9 +121,14 @@ def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
     """Return the scene on a tape; its parameters and the time are inputs."""
     at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
     given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
-    record = scene.parameters(FLOAT64)
-    at.parameters = type(record)(*(given.get(name) for name in record._fields))
+    at.parameters = record_of(scene, given)
     return at
+
+
+def record_of(scene: Scene, given: Mapping[str, Any]) -> Any:
+    """Return the record of the scene's parameters with these values, by name; None for others."""
+    record = scene.parameters(FLOAT64)
+    return record._make(map(given.get, record._fields))
 
 
 FEEDBACK = "rate_of_feedback"
@@ -187,9 +192,6 @@ def rates_on(
     return Traced(tape, at, y, outputs)
 
 
-_kernels: dict[Any, Kernel] = {}
-
-
 def kernel_of(
     scene: Scene,
     formulation: Formulation,
@@ -198,7 +200,7 @@ def kernel_of(
     also: str = "",
     width: int = 1,
 ) -> Kernel:
-    """Return the kernel of a right-hand side, made once for scenes of this kind, terms and sizes.
+    """Return the kernel of a right-hand side.
 
     Args:
         scene: the scene.
@@ -210,40 +212,65 @@ def kernel_of(
     Raises:
         NotRationalError: a function of the scene branches on a value.
     """
+    size = state_size(scene, formulation)
+    further = {JACOBIAN: size * size, VDOT: scene.n}
+    outputs = {"rates": size} | {name: count for name, count in further.items() if name == also}
+    options = {"stabilized": stabilized, "also": also}
+    return traced_kernel(rates_on, scene, formulation, outputs, width, **options)
+
+
+_kernels: dict[Any, Kernel] = {}
+
+
+def traced_kernel(
+    trace: Callable[..., Traced],
+    scene: Scene,
+    formulation: Formulation,
+    outputs: dict[str, int],
+    width: int = 1,
+    **options: Any,
+) -> Kernel:
+    """Return the kernel of a trace, made once for scenes of this kind, terms and sizes.
+
+    Args:
+        trace: (scene, formulation, **options) to what is on the tape.
+        scene: the scene.
+        formulation: the formulation.
+        outputs: number of entries of each output, by name.
+        width: lanes.
+        options: as in `kernel_of`.
+    """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
     size = state_size(scene, formulation)
-    key = type(scene), formulation, tuple(sizes.items()), size, stabilized, also, width
+    kind = type(scene), formulation, tuple(sizes.items()), size
+    key = trace, kind, width, tuple(options.items())
     if key not in _kernels:
-        program, outputs = _program(scene, formulation, stabilized, also)
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
-        if stabilized:
+        if options.get("stabilized"):
             parameters[FEEDBACK] = 1
+        along = formulation.linear and options.get("also") != JACOBIAN
+        program = _program(lambda one: trace(one, formulation, **options), scene, along)
         _kernels[key] = Kernel(program, parameters, outputs, width)
     return _kernels[key]
 
 
-def _program(
-    scene: Scene, formulation: Formulation, stabilized: bool, also: str
-) -> tuple[Program, dict[str, int]]:
-    size = state_size(scene, formulation)
-    outputs = {"rates": size} | {
-        name: count for name, count in ((JACOBIAN, size * size), (VDOT, scene.n)) if name == also
-    }
+def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Program:
+    """Return the program of a trace; `along` a chain of many links, that of shorter ones."""
     links = getattr(scene, "links", 0)
-    if scene.has_links and formulation.linear and links > MANY_LINKS and not also:
+    if scene.has_links and along and links > MANY_LINKS:
         first, step = SHORTER
         first += (links - first) % step
 
         def shorter(count: int) -> Program:
-            traced = rates_on(_alike(scene, count), formulation, stabilized)
+            traced = trace(_alike(scene, count))
             return program_of(traced.tape, traced.outputs, short=0)
 
         try:
-            return continued(shorter, links, first, step), outputs
+            return continued(shorter, links, first, step)
         except NotRegularError:
             pass  # what follows no pattern is traced as it is
-    traced = rates_on(scene, formulation, stabilized, also)
-    return program_of(traced.tape, traced.outputs), outputs
+    traced = trace(scene)
+    return program_of(traced.tape, traced.outputs)
 
 
 def _alike(scene: Scene, links: int) -> Scene:

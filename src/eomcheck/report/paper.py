@@ -72,7 +72,7 @@ def print_paper(records: Iterable[Record]) -> None:
 
 def _machine(record: Record) -> str:
     """Return the machine of a Record, such as "a CPU (2 cores), numpy 2.2"."""
-    libraries = ("numpy", "numba", "CyRK")
+    libraries = ("numpy", "llvmlite", "CyRK")
     versions = [f"{name} {record.versions.get(name, '?')}" for name in libraries]
     cpu, cores = record.machine["cpu"], record.machine["cores"]
     return ", ".join((f"{cpu} ({cores} cores)", *versions))

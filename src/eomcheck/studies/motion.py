@@ -1,7 +1,7 @@
 """Time of a whole motion: the paper's robot for 1 s, in machine code and through Python.
 
-Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from C, SciPy
-from Python.
+Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from
+C, SciPy from Python.
 """
 
 from __future__ import annotations

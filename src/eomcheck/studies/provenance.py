@@ -16,7 +16,7 @@ from pathlib import Path
 
 import eomcheck
 
-LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "CyRK", "heyoka", "casadi", "pin")
+LIBRARIES = ("numpy", "scipy", "llvmlite", "CyRK", "heyoka", "casadi", "pin")
 LIBRARIES += ("python-flint", "distributed")
 """Distributions whose versions a Record keeps, where they are installed."""
 

@@ -21,7 +21,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from eomcheck import strategies
-from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.symbolic import Symbols
 from eomcheck.console import progress
 from eomcheck.engines.base import required
@@ -31,7 +30,7 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.model import Array, Scene
-from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays, state_of
+from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays, record_of, state_of
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import Snake
 from eomcheck.states import speeds_of, velocity
@@ -161,8 +160,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     column, y = symbols.variables("y", scene.n + scene.p)
     time_now = symbols.casadi.SX.sym("t")
     at = Quantities(scene, symbols, y[: scene.n], time_now)
-    record = scene.parameters(FLOAT64)
-    at.parameters = type(record)(*(given.get(name) for name in record._fields))
+    at.parameters = record_of(scene, given)
     at.u = y[scene.n :]
     rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS["kane"].solution(*at.bodies))
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])

@@ -1,0 +1,65 @@
+"""What is seen of a motion: velocities, speeds, energy and constraint error of a state vector.
+
+In machine code like the right-hand side, and with its parameters.
+"""
+
+from __future__ import annotations
+
+from eomcheck.arithmetic.tape import Tape
+from eomcheck.formulations import Formulation
+from eomcheck.formulations.em import velocity_of_independent
+from eomcheck.kernels.kernel import Kernel
+from eomcheck.model import Scene
+from eomcheck.motion.right_hand_side import (
+    Traced,
+    number_of_speeds,
+    quantities_on,
+    state_size,
+    traced_kernel,
+)
+
+
+def observations_on(scene: Scene, formulation: Formulation) -> Traced:
+    """Put on a tape what is seen of a state vector of `formulation`.
+
+    Its outputs are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, where there are
+    constraints, their values `constraint` (r,), m/s, by the scene's second derivation.
+    """
+    tape, n = Tape(), scene.n
+    y = tape.inputs("y", (state_size(scene, formulation),))
+    speeds = y[n : n + number_of_speeds(scene, formulation)]
+    at = quantities_on(tape, scene, y[:n])
+    here = at.parameters, at.prepared, at.q
+    if formulation.state == "q, u":
+        at.u = speeds
+        at.v = at.qdot
+    elif formulation.state == "q, x":
+        at.v = scene.chain_velocity(*here, speeds)
+    elif formulation.state == "q, v2":
+        a, b = scene.constraints(*here)
+        at.v = velocity_of_independent(a, b, speeds, at.partition)
+    else:
+        at.v = speeds
+    T, U = scene.energies(*here, at.v)
+    seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
+    if scene.r > 0:
+        seen["constraint"] = scene.constraint(*here, at.v)
+    outputs = {name: [tape.number(x).place for x in values] for name, values in seen.items()}
+    return Traced(tape, at, y, outputs)
+
+
+def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kernel:
+    """Return the kernel of `observations_on`, made once for scenes of this kind.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        width: lanes.
+
+    Raises:
+        NotRationalError: a function of the scene branches on a value.
+    """
+    outputs = {"v": scene.n, "u": scene.p, "energy": 1}
+    if scene.r > 0:
+        outputs["constraint"] = scene.r
+    return traced_kernel(observations_on, scene, formulation, outputs, width=width)
