@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping
 
 import numpy as np
 
 from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, layout_of
-from eomcheck.kernels.machine import Machine
+from eomcheck.kernels.machine import Machine, memory
 from eomcheck.kernels.program import Program
+from eomcheck.kernels.repeat import along
 from eomcheck.model import Array
 
 
@@ -38,13 +38,10 @@ class Kernel:
             self.size += size
         self.machine = Machine(function_texts("kernel", program, self.layout, places, width))
         self.address = self.machine.address("kernel")
-        time = ctypes.c_double if width == 1 else ctypes.c_void_p
-        kinds = ctypes.c_void_p, time, ctypes.c_void_p, ctypes.c_void_p
-        self._call = ctypes.CFUNCTYPE(None, *kinds)(self.address)
 
     def block(self, parameters: Mapping[str, Array]) -> Array:
         """Return a block with these parameters, each (size,), or (size, lanes)."""
-        block = np.zeros(self.layout.doubles(self.width))
+        block = memory(self.layout.doubles(self.width), HEADER)
         block[FAILURE_TIME] = np.nan
         for name, size in self.parameters.items():
             first = HEADER + self.layout.places[name] * self.width
@@ -53,17 +50,19 @@ class Kernel:
             room[:] = given if given.ndim == 2 else given[:, None]
         return block
 
+    def handed(self, block: Array) -> Array:
+        """Return that whose address the function gets with this block, which is to be kept."""
+        return np.array([block.ctypes.data], np.uintp) if self.width == 1 else block
+
     def __call__(self, block: Array, t: Array, y: Array) -> dict[str, Array]:
         """Return the outputs, each (size,), or (size, lanes), of a state y and times t (lanes,)."""
+        found = self.rows(block, t.reshape(1, -1), y[None])
+        return {name: x[0] if self.width > 1 else x[0, :, 0] for name, x in found.items()}
+
+    def rows(self, block: Array, t: Array, y: Array) -> dict[str, Array]:
+        """Return the outputs (k, size, lanes) at times t (k, lanes), s, in states y (k, _, lanes)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
-        out = np.empty((self.size, self.width) if self.width > 1 else self.size)
-        if self.width == 1:
-            where = np.array([block.ctypes.data], np.uintp)
-            self._call(out.ctypes.data, t.flat[0], y.ctypes.data, where.ctypes.data)
-        else:
-            self._call(out.ctypes.data, t.ctypes.data, y.ctypes.data, block.ctypes.data)
-        found, at = {}, 0
-        for name, size in self.outputs.items():
-            found[name] = out[at : at + size]
-            at += size
-        return found
+        out = np.empty((len(y), self.size, self.width))
+        along(self.address, self.handed(block), t, y, out)
+        ends = np.cumsum(list(self.outputs.values()))[:-1]
+        return dict(zip(self.outputs, np.split(out, ends, axis=1), strict=True))

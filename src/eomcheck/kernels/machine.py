@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from functools import cache
 
 import llvmlite.binding as llvm
+import numpy as np
 
 LIBM = ("sin", "cos", "sincos")
 DECLARED = (
@@ -16,6 +17,17 @@ DECLARED = (
     "declare double @cos(double)",
 )
 """Functions of the C library that code may call. LLVM's own need no declaration."""
+
+
+CACHE_LINE = 8
+"""Doubles that a machine reads at once."""
+
+
+def memory(count: int, ahead: int = 0) -> np.ndarray:
+    """Return `count` doubles, 0, of which the one behind `ahead` others begins a line of cache."""
+    whole = np.zeros(count + CACHE_LINE)
+    first = -(whole.ctypes.data // whole.itemsize + ahead) % CACHE_LINE
+    return whole[first : first + count]
 
 
 class Machine:
