@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_banded as lapack_without_refinement
 from tests.exact import ExactFloats, RandomFractions
+from tests.machine_code import MachineCode, in_machine_code
 
 from eomcheck import acceleration, enclose, simulate, velocity
 from eomcheck.arithmetic import ball, degree, finite_field
@@ -17,7 +18,6 @@ from eomcheck.arithmetic.banded import HALF, WIDTH, full, solve_banded
 from eomcheck.arithmetic.counting import Counting, System
 from eomcheck.arithmetic.degree import Degrees
 from eomcheck.arithmetic.entries import each
-from eomcheck.arithmetic.float64 import compiled
 from eomcheck.arithmetic.linear import EPS, eliminate, singular_below, watching
 from eomcheck.arithmetic.noise import STEP, Noise
 from eomcheck.arithmetic.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
@@ -28,7 +28,7 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
 from eomcheck.model import Array
-from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.quantities import Quantities
 from eomcheck.scenes import Snake
 from eomcheck.states import consistent_velocity
@@ -51,12 +51,12 @@ def system(size: int, seed: int = 0) -> tuple[Array, Array]:
     return np.where(inside(size), bands, 0.0), random.uniform(-1, 1, size)
 
 
-def compiled_solve(bands: Array, b: Array) -> Array:
-    return compiled(solve_it)(bands, b)
-
-
 def solve_it(bands, b):
     return solve_banded(bands, b, "A")
+
+
+def machine_solve(bands: Array, b: Array) -> Array:
+    return in_machine_code(solve_it, bands, b)
 
 
 def row_errors(bands: Array, b: Array, x: Array) -> Array:
@@ -79,7 +79,7 @@ def test_the_bands_are_the_diagonals_of_the_full_matrix(size):
 
 
 @sizes
-@pytest.mark.parametrize("solve", [solve_it, compiled_solve])
+@pytest.mark.parametrize("solve", [solve_it, machine_solve])
 def test_banded_doubles_are_solved_as_full_ones(size, solve):
     bands, b = system(size)
     A = full(bands)
@@ -89,7 +89,7 @@ def test_banded_doubles_are_solved_as_full_ones(size, solve):
     assert np.abs(x - np.linalg.solve(A, b)).max() <= allowed
 
 
-@pytest.mark.parametrize("solve", [solve_it, compiled_solve])
+@pytest.mark.parametrize("solve", [solve_it, machine_solve])
 def test_every_row_has_a_small_residual_whatever_the_size_of_the_rows(solve):
     plain, refined = 0.0, 0.0
     for seed in range(20):
@@ -115,7 +115,7 @@ def test_a_banded_matrix_is_recorded_by_its_name_order_and_condition(size):
 
 
 @pytest.mark.parametrize("size", SIZES[1:])
-def test_a_singular_banded_matrix_is_refused_and_compiled_gives_nan(size):
+def test_a_singular_banded_matrix_is_refused_and_machine_code_gives_nan(size):
     bands, b = system(size)
     bands[1:2] = 0.0
     with pytest.raises(RefusedError, match=f"the {size} x {size} matrix A is singular") as caught:
@@ -124,7 +124,7 @@ def test_a_singular_banded_matrix_is_refused_and_compiled_gives_nan(size):
     assert (refusal.what, refusal.rcond, refusal.threshold) == ("A", 0.0, singular_below(WIDTH))
     assert refusal.matrix is not None
     assert refusal.matrix.shape == bands.shape
-    assert np.isnan(compiled_solve(bands, b)).all()
+    assert np.isnan(machine_solve(bands, b)).all()
 
 
 def test_dependent_rows_are_refused_at_the_threshold_of_a_band_not_of_a_full_matrix():
@@ -144,12 +144,12 @@ def test_dependent_rows_are_refused_at_the_threshold_of_a_band_not_of_a_full_mat
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_banded_matrix_that_is_not_finite_is_refused_and_compiled_does_not_raise(bad):
+def test_a_banded_matrix_that_is_not_finite_is_refused_and_machine_code_does_not_raise(bad):
     bands, b = system(8)
     bands[3, HALF] = bad
     with pytest.raises(RefusedError):
         solve_banded(bands, b, "A")
-    assert not np.isfinite(compiled_solve(bands, b)).all()
+    assert not np.isfinite(machine_solve(bands, b)).all()
 
 
 def test_noise_moves_a_banded_solution_by_about_its_condition_and_its_determinant():
@@ -195,10 +195,31 @@ def test_the_rcond_of_a_band_is_estimated_in_the_best_units(size, decades):
 def test_arguments_of_a_banded_solve_are_not_changed(size):
     bands, b = system(size)
     before = bands.copy(), b.copy()
-    for solve in (solve_it, compiled_solve):
+    for solve in (solve_it, machine_solve):
         solve(bands, b)
         assert np.array_equal(bands, before[0])
         assert np.array_equal(b, before[1])
+
+
+@sizes
+def test_powers_of_two_as_units_of_rows_change_no_bit_of_a_band_solve(size):
+    bands, b = system(size)
+    units = np.ldexp(1.0, np.random.default_rng(size).integers(-400, 401, size))
+    for solve in (solve_it, machine_solve):
+        assert np.array_equal(solve(bands * units[:, None], b * units), solve(bands, b))
+
+
+@sizes
+@pytest.mark.parametrize("width", [2, 4, 8])
+def test_each_lane_of_a_band_solve_has_the_bits_of_a_single_one(size, width):
+    systems = [system(size, seed) for seed in range(width)]
+    systems[-1][0][:] = 0.0  # a singular one leaves the others alone
+    bands, b = (np.stack(x, axis=-1) for x in zip(*systems, strict=True))
+    found = MachineCode(solve_it, *systems[0], width=width)(bands, b)
+    for lane, one in enumerate(systems):
+        alone = machine_solve(*one)
+        assert np.array_equal(found[..., lane], alone, equal_nan=True)
+        assert np.isnan(alone).all() == (lane == width - 1)
 
 
 # ---- Refinement ----------------------------------------------------------------------------------
@@ -269,8 +290,9 @@ def test_a_matrix_that_refinement_does_not_solve_is_refused_with_its_backward_er
         assert part in str(refusal)
 
 
-def test_moved_a_matrix_that_refinement_does_not_solve_has_no_solution():
+def test_moved_or_in_machine_code_a_matrix_that_refinement_does_not_solve_has_no_solution():
     bands, b = factors_above_the_matrix()
+    assert np.isnan(machine_solve(bands, b)).all()
     for seed in range(4):
         with watching(Noise(seed)):
             assert np.isnan(solve_banded(bands, b, "A")).all()
@@ -292,10 +314,11 @@ def test_refinement_goes_on_until_the_backward_error_is_that_of_rounding():
         with watching() as watch:
             x = solve_banded(bands, b, "A")
         A, unit = full(bands), np.abs(bands).max(axis=1)
-        sizes = (np.abs(A) @ np.abs(x) + np.abs(b)) / unit
-        # Units by powers of two are other ones by a factor of 2 at most.
-        allowed = REFINED * np.maximum(sizes, 2 * SMALLEST_SHARE * sizes.max())
-        assert (np.abs(b - A @ x) / unit <= allowed).all()
+        for found in (x, machine_solve(bands, b)):
+            sizes = (np.abs(A) @ np.abs(found) + np.abs(b)) / unit
+            # Units by powers of two are other ones by a factor of 2 at most.
+            allowed = REFINED * np.maximum(sizes, 2 * SMALLEST_SHARE * sizes.max())
+            assert (np.abs(b - A @ found) / unit <= allowed).all()
         steps.append(watch.solves[0].refinements)
     assert max(steps) > LEAST_STEPS
 
@@ -312,13 +335,17 @@ def test_rows_of_zeros_that_are_only_found_by_rounding_are_no_reason_to_refuse(l
         found, truth = acceleration(snake, "banded", q, v), enclose(snake, "banded", q, v=v)
         size = largest(truth.doubles())
         assert largest(true_error(found.vdot, truth)) <= min(found.error_bound, 1e-14 * size)
+        at = Evaluation(snake, q, v)
+        xdot, _ = in_machine_code(BANDED.solution, *at.chain)
+        vdot = snake.chain_acceleration(at.parameters, at.prepared, at.x, xdot)
+        assert largest(true_error(vdot, truth)) <= 1e-14 * size
 
 
 @pytest.mark.parametrize("large", [1e300, 1e308])
 def test_a_solution_that_overflows_is_not_refused_for_its_backward_error(large):
     bands, b = system(8)
-    x = solve_banded(bands * 1e-10, b * large, "A")
-    assert not np.isfinite(x).all()
+    for solve in (solve_it, machine_solve):
+        assert not np.isfinite(solve(bands * 1e-10, b * large)).all()
 
 
 # ---- Exact numbers -------------------------------------------------------------------------------
@@ -511,13 +538,13 @@ def test_it_moves_a_snake_whose_head_speeds_do_not_tell_the_tail():
 
 
 @pytest.mark.parametrize("links", [1, 2, 7])
-def test_the_compiled_right_hand_side_has_no_other_errors_than_the_public_path(links):
+def test_a_right_hand_side_in_machine_code_has_no_other_errors_than_the_public_path(links):
     exact = ExactFloats()
     scene = Snake.coil(links)
     q, _ = scene.initial_state()
     at = Evaluation(scene, q, velocity(scene, q, [1.0, 0.5]))
     here = scene.parameters(exact), scene.prepare(exact, None, q, 0), exact.numbers(q)
     truth, _ = BANDED.solution(*scene.chain(*here, exact.numbers(at.x)))
-    xdot = right_hand_side(scene, BANDED)(at.parameters, at.q, at.x, at.t, at.partition)[1]
+    xdot = RightHandSide(scene, BANDED)(0.0, np.concatenate((at.q, at.x)))[scene.n :]
     error = np.abs(exact.numbers(xdot) - truth).max()
     assert error <= acceleration(scene, "banded", q, at.v).error_bound

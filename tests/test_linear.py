@@ -1,4 +1,4 @@
-"""`solve` on doubles, on fractions and in compiled code: right, or an honest refusal."""
+"""`solve` on doubles, on fractions and in machine code: right, or an honest refusal."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.machine_code import MachineCode, in_machine_code
 
 from eomcheck.arithmetic import linear
-from eomcheck.arithmetic.float64 import SMALL, compiled
 from eomcheck.arithmetic.linear import column_scale, eliminate, singular_below, solve, watching
 from eomcheck.arithmetic.noise import STEP
 from eomcheck.certified import accuracy
 from eomcheck.errors import RefusedError
+from eomcheck.kernels.program import INLINE
 from eomcheck.studies.families.ratios import MASS_RATIO
 from eomcheck.tolerance import allowed_error
 
-SIZES = [1, 2, 3, SMALL, SMALL + 1, 20]
+SIZES = [1, 2, 3, INLINE, INLINE + 1, 20]
 sizes = pytest.mark.parametrize("size", SIZES)
 columns = pytest.mark.parametrize("columns", [None, 1, 3])
 
@@ -348,27 +349,30 @@ def test_fractions_need_no_solver_of_their_own():
     assert solve(A, b, "A").tolist() == eliminate(A, b, "A").tolist() == [Fraction(1, 2)]
 
 
-# ---- Compiled code -------------------------------------------------------------------------------
+# ---- Machine code --------------------------------------------------------------------------------
+
+machine_sizes = pytest.mark.parametrize("size", [*range(1, INLINE + 3), 20, 40])
+"""In registers, and in memory."""
 
 
 def solved(A, b):
     return solve(A, b, "A")
 
 
-@sizes
+@machine_sizes
 @columns
-def test_compiled_solve_solves(size, columns):
+def test_machine_code_solves(size, columns):
     A, b = system(size, columns)
-    x = compiled(solved)(A, b)
+    x = in_machine_code(solved, A, b)
     assert_solves(A, x, b)
     difference = np.abs(x - solve(A, b, "A")).max()
     assert difference <= 2 * allowed_error(np.linalg.cond(A) * np.abs(x).max())
 
 
-@sizes
+@machine_sizes
 @columns
 @pytest.mark.parametrize("kind", ["zero", "equal rows", "zero column"])
-def test_compiled_solve_answers_a_singular_matrix_with_nan_and_does_not_raise(size, columns, kind):
+def test_machine_code_answers_a_singular_matrix_with_nan_and_does_not_raise(size, columns, kind):
     A, b = system(size, columns)
     match kind:
         case "zero":
@@ -379,30 +383,94 @@ def test_compiled_solve_answers_a_singular_matrix_with_nan_and_does_not_raise(si
             A[1:-1, 0] = 0.0
         case _:
             A[:, size // 2] = 0
-    assert np.isnan(compiled(solved)(A, b)).all()
+    assert np.isnan(in_machine_code(solved, A, b)).all()
 
 
-@sizes
-def test_compiled_solve_answers_a_matrix_of_nan_with_nan(size):
+@machine_sizes
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_machine_code_answers_a_matrix_that_is_not_finite_with_nan(size, bad):
     A, b = system(size)
-    assert np.isnan(compiled(solved)(np.full_like(A, np.nan), b)).all()
+    found = in_machine_code(solved, np.full_like(A, bad), b)
+    assert np.isnan(found).all() or (size == 1 and (found == 0).all())  # 1 / inf
+    A[size // 2, size // 2] = np.nan
+    assert np.isnan(in_machine_code(solved, A, b)).any()
 
 
-@sizes
+@machine_sizes
 @columns
-def test_compiled_solve_changes_neither_the_matrix_nor_the_right_hand_side(size, columns):
+def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, columns):
     A, b = system(size, columns)
-    before = A.copy(), b.copy()
-    compiled(solved)(A, b)
-    assert np.array_equal(A, before[0])
-    assert np.array_equal(b, before[1])
+    code = MachineCode(solved, A, b)
+    block = code.block(A, b)
+    before, first = block.copy(), code.run(block)
+    places = code.kernel.layout.places
+    for name, given in (("a0", A), ("a1", b)):
+        (where,) = (slice(4 + places[name], 4 + places[name] + given.size),)
+        assert np.array_equal(before[where], given.ravel())
+        assert np.array_equal(block[where], given.ravel())
+    assert np.array_equal(code.run(block), first)
 
 
-@pytest.mark.parametrize("size", [2, SMALL, SMALL + 1])
-def test_compiled_solve_swaps_rows_where_a_pivot_is_zero(size):
+@machine_sizes
+def test_machine_code_swaps_rows_where_a_pivot_is_zero(size):
     A = np.roll(np.diag(np.arange(1.0, size + 1)), 1, axis=0)
     x = np.arange(1.0, size + 1)
-    assert np.array_equal(compiled(solved)(A, A @ x), x)
+    assert np.array_equal(in_machine_code(solved, A, A @ x), x)
+
+
+@machine_sizes
+@columns
+def test_powers_of_two_as_units_of_rows_change_no_bit_in_machine_code(size, columns):
+    A, b = system(size, columns)
+    x = in_machine_code(solved, A, b)
+    for seed in range(5):
+        units = np.ldexp(1.0, np.random.default_rng(seed).integers(-400, 401, size))
+        scaled = (b.T * units).T
+        assert np.array_equal(in_machine_code(solved, units[:, None] * A, scaled), x)
+
+
+@machine_sizes
+def test_pivots_are_chosen_by_the_rows_as_scaled_in_machine_code_too(size):
+    """[1e-20, 1] and [1, 1], the first of them times 1e30: unscaled, it would be the pivot."""
+    A, b = np.eye(size), np.arange(1.0, size + 1)
+    if size > 1:
+        A[:2, :2] = [[1e10, 1e30], [1.0, 1.0]]
+    expected = solve(A, b, "A")
+    found = in_machine_code(solved, A, b)
+    assert np.abs(found - expected).max() <= 1e-15 * np.abs(expected).max()
+
+
+@machine_sizes
+@columns
+def test_hostile_units_of_rows_and_unknowns_leave_machine_code_as_exact_as_python(size, columns):
+    for seed in range(5):
+        A, b = system(size, columns, seed)
+        random = np.random.default_rng((size, seed))
+        rows, unknowns = 10.0 ** random.uniform(-100, 100, (2, size))
+        x = in_machine_code(solved, rows[:, None] * A, (b.T * rows).T)
+        assert_solves(A, x, b)
+        A = A * 10.0 ** random.uniform(-4, 4, size)
+        x, expected = in_machine_code(solved, A, b), solve(A, b, "A")
+        assert_solves(A, x, b)
+        assert np.abs(A @ (x - expected)).max() <= 2 * allowed_error(
+            size * (np.abs(A) @ np.abs(expected)).max()
+        )
+        large = in_machine_code(solved, rows[:, None] * A / unknowns, (b.T * rows).T)
+        assert np.isfinite(large).all()
+
+
+@pytest.mark.parametrize("width", [2, 4])
+@machine_sizes
+@columns
+def test_each_lane_of_a_solve_has_the_bits_of_a_single_one(size, columns, width):
+    systems = [system(size, columns, seed) for seed in range(width)]
+    systems[-1][0][:] = 0.0  # a singular one leaves the others alone
+    A, b = (np.stack(x, axis=-1) for x in zip(*systems, strict=True))
+    found = MachineCode(solved, *systems[0], width=width)(A, b)
+    for lane, (A, b) in enumerate(systems):
+        alone = in_machine_code(solved, A, b)
+        assert np.array_equal(found[..., lane], alone, equal_nan=True)
+        assert np.isnan(alone).all() == (lane == width - 1)
 
 
 def test_both_solves_have_the_same_signature():
