@@ -145,8 +145,8 @@ FAULTS = [
     ),
     Fault(
         SNAKE_SPEEDS,
-        "+ turning * sin_delta",
-        "- turning * sin_delta",
+        "            turning * sin_delta",
+        "            -turning * sin_delta",
         "speeds-remainder",
         "remainder",
     ),

@@ -21,7 +21,6 @@ class Heavy(Sleigh):
     """A sleigh whose energy is twice what its mass matrix says."""
 
     key = "heavy"
-    compiled = False
 
     @staticmethod
     def energies(parameters, angles, q, v):

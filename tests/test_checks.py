@@ -137,8 +137,6 @@ def test_hopeless_states_are_inconclusive_not_passed():
 
 def test_a_run_stops_at_a_failure_and_shrinks_it():
     class Wrong(Snake):
-        compiled = False
-
         @staticmethod
         def terms(*arguments):
             terms = Snake.terms(*arguments)

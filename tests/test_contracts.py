@@ -16,9 +16,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from eomcheck.arithmetic.absent import settle_absent
 
 import eomcheck
-from eomcheck.arithmetic.absent import settle_absent
 from eomcheck.arithmetic.banded import solve_banded
 from eomcheck.arithmetic.generic import GENERIC
 from eomcheck.arithmetic.linear import solve

@@ -41,7 +41,6 @@ def test_a_mistake_in_an_added_formulation_is_found_and_named(tmp_path, monkeypa
     path.write_text(source.replace(old, new), encoding="utf-8")
     monkeypatch.setitem(FORMULATIONS, "shifted", shifted(path))
     scene = Snake.coil(3)
-    scene.__dict__["compiled"] = False
     q, _ = scene.initial_state()
     found = eomcheck.check(scene, q, eomcheck.velocity(scene, q, [1.0, 0.5]))
     proved = eomcheck.prove(Snake, 3, formulations=["au", "shifted"], seed=0)

@@ -1,4 +1,4 @@
-"""Motions: every formulation on its own state, compiled end to end."""
+"""Motions: every formulation on its own state, in machine code end to end."""
 
 from __future__ import annotations
 
@@ -31,15 +31,12 @@ def motion(key: str, scene: Snake = SOFT, q=Q, u=U) -> Motion:
     return Motion(scene, FORMULATIONS[key], q, velocity(scene, q, u), np.asarray(u))
 
 
-@pytest.mark.parametrize(
-    ("key", "springs"),
-    # Without springs other code is compiled, which takes its time.
-    [*((key, True) for key in FORMULATIONS), ("em", False), ("kane", False)],
-)
-def test_the_callback_gives_the_rates_of_the_public_acceleration(key: str, springs: bool):
+@keys
+@pytest.mark.parametrize("springs", [True, False])
+def test_the_right_hand_side_gives_the_rates_of_the_public_acceleration(key: str, springs: bool):
     scene = SOFT if springs else Snake(ONE, 2 * ONE, ONE, None, [0.1, -0.2, 0.3])
     m = motion(key, scene)
-    rates = m.function(0.0, m.y0)
+    rates = m.rates(0.0, m.y0)
     v = velocity(scene, Q, U)
     expected = acceleration(scene, key, Q, v)
     tolerance = 4 * expected.error_bound
@@ -65,7 +62,7 @@ def test_each_formulation_integrates_its_own_state(key: str):
     sizes = {"q, v, μ": 5 + 5 + 3, "q, v": 5 + 5, "q, v2": 5 + 2, "q, u": 5 + 2}
     sizes["q, x"] = 5 + 2 * 3
     m = motion(key)
-    assert m.y0.size == m.function(0.0, m.y0).size == sizes[m.formulation.state]
+    assert m.y0.size == m.rates(0.0, m.y0).size == sizes[m.formulation.state]
     q, v = m.split(m.y0)
     assert np.array_equal(q, Q)
     assert np.allclose(v, velocity(SOFT, Q, U), rtol=1e-14, atol=1e-14)
@@ -75,7 +72,7 @@ def test_each_formulation_integrates_its_own_state(key: str):
 def test_scipy_with_the_same_right_hand_side_comes_to_the_same_end(key: str):
     m = motion(key)
     ours = simulate(SOFT, key, 1.0, rtol=1e-10, atol=1e-10, q0=Q, u0=U, output_times=[1.0])
-    theirs = solve_ivp(m.function, (0.0, 1.0), m.y0, "DOP853", rtol=1e-10, atol=1e-10)
+    theirs = solve_ivp(m.rates, (0.0, 1.0), m.y0, "DOP853", rtol=1e-10, atol=1e-10)
     q, v = m.split(theirs.y[:, -1])
     assert ours.status == "finished"
     assert np.abs(ours.q[-1] - q).max() < 1e-8
@@ -125,7 +122,7 @@ def test_a_matrix_that_becomes_singular_stops_the_run_and_is_named(key: str, int
 
 @pytest.mark.parametrize("key", ["ml", "kane"])
 def test_a_matrix_that_is_singular_to_rounding_only_stops_the_run_as_well(key: str):
-    """Compiled code sees no more than zeros: M_Kane of 60 links has none."""
+    """Machine code sees no more than zeros: M_Kane of 60 links has none."""
     scene = Snake.pattern(60)
     q, _ = scene.initial_state()
     found = simulate(scene, key, 1e-3, q0=q, max_steps=100)
@@ -182,12 +179,12 @@ def test_a_trajectory_starts_in_the_scene_s_own_state_at_rest():
     assert found.energy[0] == pytest.approx(8847.744025, abs=1e-5)
 
 
-def test_parameters_of_a_motion_stay_where_compiled_code_reads_them():
+def test_parameters_of_a_motion_stay_where_machine_code_reads_them():
     motions = [
         motion("kane", Snake.coil(links), Snake.coil(links).initial_state()[0])
         for links in (2, 3, 4, 3, 2)
     ]
-    rates = [m.function(0.0, m.y0) for m in motions]
+    rates = [m.rates(0.0, m.y0) for m in motions]
     assert np.array_equal(rates[0], rates[-1])
     assert np.array_equal(rates[1], rates[-2])
 

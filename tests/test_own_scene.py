@@ -21,14 +21,13 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.generic import generic
 from eomcheck.engines import ENGINES, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable, formulations_for
 from eomcheck.model import Bodies, Scene, Speeds, Terms
-from eomcheck.motion.right_hand_side import right_hand_side
+from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.tolerance import allowed_error
 
 
@@ -51,7 +50,6 @@ class Point(Scene):
     """Two coordinates of one point mass on springs; whatever differs is below."""
 
     conserves_energy = False
-    compiled = False
     angle_coordinates = slice(0, 0)
     n = 2
     coordinate_names = ("x", "y")
@@ -216,11 +214,10 @@ def free_speeds_of(parameters, angles, q, v):
     return v + 0
 
 
-class CompiledFree(Free):
-    """The free point, compiled."""
+class MarkedFree(Free):
+    """The free point, of functions marked as generic."""
 
-    key = "compiled-free"
-    compiled = True
+    key = "marked-free"
     angle_coordinates = slice(0, 0)
     terms = staticmethod(free_terms)
     kinematics = staticmethod(free_kinematics)
@@ -245,16 +242,29 @@ def test_functions_are_taken_by_name_and_those_of_the_class_body_stay():
     assert not hasattr(Named, "no_function")
 
 
-@pytest.mark.parametrize("key", applicable(CompiledFree))
-def test_a_compiled_scene_without_constraints_moves_freely(key):
-    scene, formulation = CompiledFree(), FORMULATIONS[key]
-    q, v = np.array([1.0, 2.0]), np.array([0.5, -0.5])
-    result = acceleration(scene, key, q, v)
+@pytest.mark.parametrize("kind", [Free, MarkedFree])
+@pytest.mark.parametrize("key", applicable(MarkedFree))
+def test_a_scene_without_constraints_moves_freely_in_machine_code(key, kind):
+    scene, y = kind(), np.array([1.0, 2.0, 0.5, -0.5])
+    result = acceleration(scene, key, y[:2], y[2:])
     assert result.vdot.tolist() == [-1.5, -5.0]
     assert result.multipliers is None
-    partition = Evaluation(scene, q, v).partition
-    rates = right_hand_side(scene, formulation)(scene.parameters(FLOAT64), q, v, 0.0, partition)
-    assert [rate.tolist() for rate in rates] == [[0.5, -0.5], [-1.5, -5.0]]
+    rates = RightHandSide(scene, FORMULATIONS[key])(0.0, y)
+    assert rates.tolist() == [0.5, -0.5, -1.5, -5.0]
+    found = simulate(scene, key, 1.0, rtol=1e-12, atol=1e-12, q0=y[:2], v0=y[2:])
+    swing = np.sqrt([1.5, 2.5])
+    expected = y[:2] * np.cos(swing) + y[2:] / swing * np.sin(swing)
+    assert np.abs(found.q[-1] - expected).max() < 1e-10
+
+
+@pytest.mark.parametrize("key", [f.key for f in applicable(OnBelt).values() if not f.partitioned])
+def test_a_scene_whose_functions_nobody_marked_moves_in_machine_code(key):
+    found = simulate(OnBelt(), key, 1.0, rtol=1e-12, atol=1e-12)
+    assert found.status == "finished"
+    assert found.v[:, 1] == pytest.approx(0.75, abs=1e-14)
+    swing = np.sqrt(1.5)
+    expected = np.cos(swing) + 0.5 / swing * np.sin(swing)
+    assert found.q[-1] == pytest.approx([expected, 2.75], abs=1e-10)
 
 
 SCENES = [Free(), OnBelt()]

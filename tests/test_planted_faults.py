@@ -55,10 +55,6 @@ def changed(fault: Fault) -> str:
     return head + fault.new + fault.old.join(rest)
 
 
-class InterpretedSnake(Snake):
-    compiled = False
-
-
 def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
     """Look at a few random states in Python, claims in their order; return what fails first."""
     selection = Selection(
@@ -95,7 +91,6 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
             if not name.startswith("__dict") and getattr(value, "__func__", None) not in _made
         }
         scene = type("ChainPendulum", (Parametric, module.Assembled), written)
-    scene.compiled = False
     return scene
 
 
@@ -120,7 +115,7 @@ def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.M
             key = Path(fault.file).stem
             if hasattr(identities, key):
                 monkeypatch.setattr(identities, key, module)
-            failure = first_failure(InterpretedSnake, formulation_in(module, key))
+            failure = first_failure(Snake, formulation_in(module, key))
     assert failure is not None, "not caught"
     assert failure.claim == fault.claim, str(failure)
     assert fault.says in str(failure)

@@ -78,7 +78,6 @@ class OnLift(Assembled):
     key, conserves_energy, angle_coordinates = "on-lift", False, slice(0, 0)
     why_not_conserved = "the lift"
     depends_on_time = True
-    compiled = False
     coordinate_names, constraint_names = ("y", "x"), ("floor",)
     prepare, jacobians = staticmethod(prepare), staticmethod(jacobians)
     constraints, drift = staticmethod(constraints), staticmethod(drift)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.scenes import NOT_OF_SNAKES
-from tests.test_own_scene import CompiledFree, Free, free_terms
+from tests.test_own_scene import Free, MarkedFree, free_terms
 
 from eomcheck.arithmetic.finite_field import PRIME_COUNT
 from eomcheck.arithmetic.generic import generic
@@ -203,7 +203,7 @@ def test_an_unknown_formulation_is_refused_with_those_that_exist(names):
 # ---- Scenes of a user's own ----------------------------------------------------------------------
 
 
-class Belt(CompiledFree):
+class Belt(MarkedFree):
     """One point on springs, taken along in x by a belt: the constraint depends on nothing else."""
 
     key = "belt"
@@ -211,7 +211,6 @@ class Belt(CompiledFree):
     conserves_energy = False
     n, r = 2, 1
     constraint_names = ("belt",)
-    compiled = False
 
     @staticmethod
     def terms(parameters, angles, q, v):
@@ -226,7 +225,7 @@ class Belt(CompiledFree):
 
     @staticmethod
     def bodies(parameters, angles, kinematics):
-        free = CompiledFree.bodies(parameters, angles, kinematics)
+        free = MarkedFree.bodies(parameters, angles, kinematics)
         return free._replace(
             partial_velocity=free.partial_velocity[:, :, 1:],
             partial_angular_velocity=free.partial_angular_velocity[:, :, 1:],
@@ -256,7 +255,7 @@ class BeltAlongY(Belt):
 
     @staticmethod
     def bodies(parameters, angles, kinematics):
-        free = CompiledFree.bodies(parameters, angles, kinematics)
+        free = MarkedFree.bodies(parameters, angles, kinematics)
         return free._replace(
             partial_velocity=free.partial_velocity[:, :, :1],
             partial_angular_velocity=free.partial_angular_velocity[:, :, :1],
@@ -279,7 +278,7 @@ def changed(base: type[Free], name: str, function) -> Scene:
     return type("Changed", (base,), {name: after})()
 
 
-@pytest.mark.parametrize("scene", [CompiledFree(), Belt()], ids=lambda s: s.key)
+@pytest.mark.parametrize("scene", [MarkedFree(), Belt()], ids=lambda s: s.key)
 def test_a_scene_of_ones_own_is_proved(scene: Scene):
     findings = prove(scene, points=2, seed=0)
     assert failed(findings) == []
@@ -322,7 +321,7 @@ def test_wrong_signs_of_speeds_and_bodies_are_disproved_and_named():
     assert named["bodies"].detail == "generalized active forces, row u_1: sign"
 
 
-@pytest.mark.parametrize("base", [CompiledFree, Belt])
+@pytest.mark.parametrize("base", [MarkedFree, Belt])
 def test_a_float_in_a_function_is_a_failed_finding_that_says_so(base):
     scene = changed(base, "terms", lambda terms, *_: terms._replace(Q=0.5 * terms.Q))
     (finding,) = prove(scene, points=2, seed=0)
@@ -335,7 +334,7 @@ def test_a_function_of_a_value_that_is_no_quotient_is_a_failed_finding_that_says
     for name in ("sin", "sqrt", "abs"):
         function = getattr(np, name)
         scene = changed(
-            CompiledFree, "terms", lambda terms, *_, f=function: terms._replace(Q=f(terms.Q))
+            MarkedFree, "terms", lambda terms, *_, f=function: terms._replace(Q=f(terms.Q))
         )
         (finding,) = prove(scene, points=1, seed=0)
         assert finding.verdict == "failed"
@@ -345,7 +344,7 @@ def test_a_function_of_a_value_that_is_no_quotient_is_a_failed_finding_that_says
 
 def test_a_power_is_a_product():
     scene = changed(
-        CompiledFree,
+        MarkedFree,
         "terms",
         lambda t, p, _, q, v: t._replace(Q=t.Q * v**2 / (v * v)),
     )
@@ -366,13 +365,13 @@ def test_a_branch_on_a_value_is_not_looked_at(branch):
     def branching(terms, parameters, *_):
         return terms._replace(Q=-terms.Q) if branch(parameters) else terms
 
-    (finding,) = prove(changed(CompiledFree, "terms", branching), points=1, seed=0)
+    (finding,) = prove(changed(MarkedFree, "terms", branching), points=1, seed=0)
     assert (finding.verdict, finding.evidence) == ("failed", "not looked at")
     assert "a branch on a value" in finding.detail
 
 
 def test_a_mistake_in_a_call_is_no_finding():
-    scene = changed(CompiledFree, "terms", lambda terms, *_: terms)
+    scene = changed(MarkedFree, "terms", lambda terms, *_: terms)
     type(scene).energies = staticmethod(lambda parameters, prepared, q: None)
     with pytest.raises(TypeError, match="positional argument"):
         prove(scene, points=1, seed=0)
@@ -393,8 +392,8 @@ def test_half_a_velocity_does_not_hide_which_row_is_wrong():
         m, (_, U) = parameters.mass[0], energies
         return m * (v[0] / 2 * v[0] + v[1] / 2 * v[1]), U
 
-    assert failed(prove(changed(CompiledFree, "energies", halved), points=1, seed=0)) == []
-    base = type(changed(CompiledFree, "energies", halved))
+    assert failed(prove(changed(MarkedFree, "energies", halved), points=1, seed=0)) == []
+    base = type(changed(MarkedFree, "energies", halved))
     wrong = changed(base, "terms", lambda t, p, _, q, v: t._replace(B=q[0] * v))
     first = failed(prove(wrong, points=1, seed=0))[0]
     assert (first.claim, first.detail) == ("bias", "bias, row x: should vanish")
@@ -445,7 +444,7 @@ def test_generalized_speeds_that_exist_nowhere_are_a_failed_finding():
         zero = parameters.mass[0] - parameters.mass[0]
         return speeds._replace(W=speeds.W / zero)
 
-    (finding,) = prove(changed(CompiledFree, "speeds", nowhere), points=1, seed=0)
+    (finding,) = prove(changed(MarkedFree, "speeds", nowhere), points=1, seed=0)
     assert (finding.claim, finding.subject) == ("finite-terms", "speeds")
     assert finding.detail.startswith("defined nowhere: ")
 

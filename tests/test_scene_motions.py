@@ -1,22 +1,21 @@
-"""Every scene of the registry is moved by compiled code as the public path says."""
+"""Every scene of the registry is moved by machine code as the public path says."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.conftest import movers
 from tests.scenes import ordinary
 
 import eomcheck
 from eomcheck.evaluate import Evaluation
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.model import Scene
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import SCENES
 from eomcheck.tolerance import allowed_error
 
 
-def test_compiled_rates_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
+def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
     kind, key = moved
     scene, (q, v, t) = ordinary(kind)
     expected = eomcheck.acceleration(scene, key, q, v, t)
@@ -24,7 +23,7 @@ def test_compiled_rates_are_those_of_the_public_acceleration(moved: tuple[type[S
     y = motion.y0.copy()
     if motion.formulation.state == "q, u":
         y[scene.n :] = at.u
-    rates = motion.function(t, y)
+    rates = motion.rates(t, y)
     allowed = 4 * expected.error_bound
     assert np.abs(rates[: scene.n] - v).max() <= allowed_error(at.spread(lambda e: e.velocity))
     found = rates[scene.n : scene.n + motion.speeds]
@@ -46,7 +45,7 @@ def test_formulations_move_a_scene_alike(kind: type[Scene]):
     if scene.depends_on_time:  # the drawn state is one of another time
         q = v = None
     ends = []
-    for key in movers(kind):
+    for key in applicable(kind):
         motion = simulate(scene, key, 0.1, rtol=1e-11, atol=1e-11, q0=q, v0=v)
         assert motion.status == "finished", motion.reason
         ends.append(np.concatenate((motion.q[-1], motion.v[-1])))

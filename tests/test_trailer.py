@@ -18,7 +18,6 @@ Q, U = np.array([0.4, 1.0, 2.0]), np.array([1.5, 0.7])
 
 def trailer(path: Path) -> type[Scene]:
     (kind,) = kinds_of(f"{path}:Trailer")
-    kind.compiled = False
     return kind
 
 

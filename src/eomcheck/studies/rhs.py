@@ -164,13 +164,13 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     at.u = y[scene.n :]
     rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS["kane"].solution(*at.bodies))
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
-    folder = TemporaryDirectory()
     generator = symbols.casadi.CodeGenerator("kane.c")
     generator.add(function)
-    generator.generate(f"{folder.name}/")
-    source, made = f"{folder.name}/kane.c", f"{folder.name}/kane.so"
-    subprocess.run([compiler, "-O2", "-shared", "-fPIC", source, "-o", made, "-lm"], check=True)
-    library = ctypes.CDLL(made)
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        generator.generate(f"{folder}/")
+        source, made = f"{folder}/kane.c", f"{folder}/kane.so"
+        subprocess.run([compiler, "-O2", "-shared", "-fPIC", source, "-o", made, "-lm"], check=True)
+        library = ctypes.CDLL(made)
     inputs = [np.concatenate((q, u)), np.zeros(1), *(np.ravel(x).copy() for x in names.values())]
     work = np.empty(function.sz_w() + 1)
     whole = np.zeros(function.sz_iw() + 1, np.int64)
@@ -181,7 +181,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     assert address is not None
     pointers = (x.ctypes.data for x in (arguments, outputs, whole, work))
     call = repeated(address, *pointers)
-    alive = library, inputs, work, whole, out, outputs, arguments, folder
+    alive = library, inputs, work, whole, out, outputs, arguments
     return lambda count: (call(count), alive)[0]
 
 

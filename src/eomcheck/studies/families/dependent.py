@@ -127,7 +127,6 @@ class TwoWheels(Scene, functions=globals()):
     """
 
     key = "two-wheels"
-    compiled = False
     conserves_energy = True
     angle_coordinates = Snake.angle_coordinates
 
