@@ -407,7 +407,7 @@ def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, c
     for name, read in (("a0", A), ("a1", b)):
         (where,) = (slice(4 + places[name], 4 + places[name] + read.size),)
         assert np.array_equal(before[where], read.ravel())
-        assert np.array_equal(block[where], given.ravel())
+        assert np.array_equal(block[where], read.ravel())
     assert np.array_equal(code.run(block), first)
 
 
