@@ -1,14 +1,17 @@
-"""Any generic function in machine code: of arrays of doubles, to what it gives of them."""
+"""Any generic function in machine code; and what stands on a tape, run in Python."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.tape import Tape
+from eomcheck.arithmetic import tape as tapes
+from eomcheck.arithmetic.banded import WIDTH, full
+from eomcheck.arithmetic.tape import Tape, live
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import SHORT, program_of
 from eomcheck.model import Array
@@ -84,6 +87,61 @@ class MachineCode:
     def _laned(self, x: Any, size: int) -> Array:
         x = np.asarray(x, float)
         return x.reshape(size, self.kernel.width) if x.size > size else x.ravel()
+
+
+def evaluated(tape: Tape, places: Sequence[int], inputs: Mapping[str, Array]) -> Array:
+    """Return the entries of a tape at `places` (k,), run in Python operation by operation."""
+    made: dict[int, float] = {}
+    groups: dict[int, Array] = {}
+
+    def group(number: int) -> Array:
+        if number not in groups:
+            kind, _, shape, reads, by = tape.groups[number]
+            groups[number] = _group(kind, shape, np.array([made[p] for p in reads]), by, matrix)
+        return groups[number]
+
+    def matrix(by: int) -> Array:
+        return np.array([made[p] for p in tape.groups[by].reads])
+
+    with np.errstate(all="ignore"):
+        for place in live(tape, places)[0]:
+            op, x, y = tape.operations[place]
+            made[place] = (
+                x
+                if op is tapes.CONSTANT
+                else inputs[x].flat[y]
+                if op is tapes.INPUT
+                else group(x)[y]
+                if op is tapes.PART
+                else RUN[op](*(np.float64(made[z]) for z in (x, y) if z is not None))
+            )
+    return np.array([made[place] for place in places])
+
+
+RUN = {
+    tapes.ADD: operator.add,
+    tapes.SUB: operator.sub,
+    tapes.MUL: operator.mul,
+    tapes.DIV: operator.truediv,
+    tapes.NEG: operator.neg,
+    tapes.SQRT: np.sqrt,
+}
+
+
+def _group(
+    kind: str, shape: tuple[int, ...], given: Array, by: int, matrix: Callable[[int], Array]
+) -> Array:
+    if kind is tapes.ANGLES:
+        return np.concatenate((np.cos(given), np.sin(given)))
+    if kind is tapes.SOLVE:
+        A = matrix(by).reshape(shape[0], shape[0])
+        return np.linalg.solve(A, given.reshape(shape)).ravel()
+    if kind is tapes.BAND:
+        bands, b = given[: -shape[0]].reshape(shape[0], WIDTH), given[-shape[0] :]
+        return np.linalg.solve(full(bands), b)
+    rows, inner, columns = shape
+    A, B = given[: rows * inner].reshape(rows, inner), given[rows * inner :]
+    return (A @ B.reshape(inner, columns)).ravel()
 
 
 _kept: dict[Any, MachineCode] = {}

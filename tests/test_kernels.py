@@ -265,7 +265,7 @@ SAME = {
     "x / 4": lambda x, y: (x / 4, 0.25 * x),
     "0 x": lambda x, y: (0 * x, x * 0),
     "0 / x": lambda x, y: (0 / x, 0.0 * y),
-    "-(-x)": lambda x, y: (-1 * -x, x),
+    "-(-x)": lambda x, y: (0 - (-x), x),
     "x + y": lambda x, y: (x + y, y + x),
     "x y": lambda x, y: (x * y, y * x),
     "x + (-y)": lambda x, y: (x + (-y), x - y),

@@ -16,6 +16,7 @@ from eomcheck.arithmetic.linear import column_scale, eliminate, singular_below, 
 from eomcheck.arithmetic.noise import STEP
 from eomcheck.certified import accuracy
 from eomcheck.errors import RefusedError
+from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.program import INLINE
 from eomcheck.studies.families.ratios import MASS_RATIO
 from eomcheck.tolerance import allowed_error
@@ -404,10 +405,10 @@ def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, c
     block = code.block(A, b)
     before, first = block.copy(), code.run(block)
     places = code.kernel.layout.places
-    for name, read in (("a0", A), ("a1", b)):
-        (where,) = (slice(4 + places[name], 4 + places[name] + read.size),)
-        assert np.array_equal(before[where], read.ravel())
-        assert np.array_equal(block[where], read.ravel())
+    for name, x in (("a0", A), ("a1", b)):
+        where = slice(HEADER + places[name], HEADER + places[name] + x.size)
+        assert np.array_equal(before[where], x.ravel())
+        assert np.array_equal(block[where], x.ravel())
     assert np.array_equal(code.run(block), first)
 
 

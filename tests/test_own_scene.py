@@ -21,7 +21,7 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.arithmetic.generic import generic
+from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.engines import ENGINES, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluate import Evaluation
@@ -116,6 +116,10 @@ class Free(Point):
     @staticmethod
     def constraint(parameters, angles, q, v):
         return None
+
+    @staticmethod
+    def constraints(parameters, angles, q):
+        return None, None
 
 
 class OnBelt(Point):
@@ -242,9 +246,21 @@ def test_functions_are_taken_by_name_and_those_of_the_class_body_stay():
     assert not hasattr(Named, "no_function")
 
 
-@pytest.mark.parametrize("kind", [Free, MarkedFree])
-@pytest.mark.parametrize("key", applicable(MarkedFree))
-def test_a_scene_without_constraints_moves_freely_in_machine_code(key, kind):
+def as_it_is(key: str) -> bool:
+    """Return whether a formulation puts no number into an array that a scene made for doubles."""
+    return key != "kane"
+
+
+@pytest.mark.parametrize(
+    ("kind", "key"),
+    [
+        (kind, key)
+        for kind in (Free, MarkedFree)
+        for key in applicable(kind)
+        if kind is MarkedFree or as_it_is(key)
+    ],
+)
+def test_a_scene_without_constraints_moves_freely_in_machine_code(kind, key):
     scene, y = kind(), np.array([1.0, 2.0, 0.5, -0.5])
     result = acceleration(scene, key, y[:2], y[2:])
     assert result.vdot.tolist() == [-1.5, -5.0]
@@ -257,7 +273,14 @@ def test_a_scene_without_constraints_moves_freely_in_machine_code(key, kind):
     assert np.abs(found.q[-1] - expected).max() < 1e-10
 
 
-@pytest.mark.parametrize("key", [f.key for f in applicable(OnBelt).values() if not f.partitioned])
+def test_a_scene_that_makes_arrays_of_doubles_hears_what_machine_code_needs():
+    with pytest.raises(NotRationalError, match="array of doubles: give it their dtype"):
+        simulate(Free(), "kane", 1.0)
+
+
+@pytest.mark.parametrize(
+    "key", [f.key for f in applicable(OnBelt).values() if not f.partitioned and as_it_is(f.key)]
+)
 def test_a_scene_whose_functions_nobody_marked_moves_in_machine_code(key):
     found = simulate(OnBelt(), key, 1.0, rtol=1e-12, atol=1e-12)
     assert found.status == "finished"

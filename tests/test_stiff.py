@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.machine_code import evaluated
 from tests.scenes import ordinary
 
 from eomcheck.arithmetic import tape
@@ -14,7 +15,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.motion import right_hand_side
-from eomcheck.motion.right_hand_side import exact_jacobian
+from eomcheck.motion.right_hand_side import exact_jacobian, parameter_arrays, rates_on
 from eomcheck.motion.simulate import Motion
 from eomcheck.report.stiff import draw_stiff, print_stiff
 from eomcheck.scenes import SCENES, Snake
@@ -34,16 +35,14 @@ def moving(scene: Snake, key: str) -> Motion:
     return Motion(scene, FORMULATIONS[key], q, velocity(scene, q, u), u)
 
 
-def assert_approached(motion: Motion, y: np.ndarray, t: float = 0.0, wide: float = 1.0) -> None:
+def assert_approached(motion: Motion, y: np.ndarray, exact: np.ndarray, t: float = 0.0) -> None:
     """Assert that differences of the rates approach the exact Jacobian."""
-    exact = exact_jacobian(motion.scene, motion.formulation)(t, y)
-    step = 1e-6 * wide
     found = np.empty_like(exact)
     for column in range(y.size):
         # The error of one is that of its step squared, which the second one takes away.
         one, half = (
             (motion.rates(t, y + e) - motion.rates(t, y - e)) / (2 * h)
-            for h in (step, step / 2)
+            for h in (1e-6, 5e-7)
             for e in (h * (np.arange(y.size) == column),)
         )
         found[:, column] = (4 * half - one) / 3
@@ -51,34 +50,61 @@ def assert_approached(motion: Motion, y: np.ndarray, t: float = 0.0, wide: float
     assert np.abs(exact - found).max() < 1e-8 * max(np.abs(exact).max(), 1.0)
 
 
-@pytest.mark.parametrize("key", FORMULATIONS)
 @pytest.mark.parametrize("damping", [None, np.arange(1.0, 7.0)])
 @pytest.mark.parametrize("stiffness", [None, 5e3 * np.ones(6)])
-def test_the_exact_jacobian_is_what_differences_approach(key, damping, stiffness):
+def test_the_exact_jacobian_is_what_differences_approach(damping, stiffness):
     scene = replace(Snake.paper(), stiffness=stiffness, damping=damping)
+    motion = moving(scene, "kane")
+    assert_approached(motion, motion.y0, exact_jacobian(scene, KANE)(0.0, motion.y0))
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+@pytest.mark.parametrize("links", [2, 3])
+def test_every_formulation_has_an_exact_jacobian(key, links):
+    scene = replace(Snake.coil(links), damping=np.arange(1.0, links))
     motion = moving(scene, key)
-    assert_approached(motion, motion.y0)
+    exact = exact_jacobian(scene, FORMULATIONS[key])(0.0, motion.y0)
+    assert_approached(motion, motion.y0, exact)
 
 
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
-def test_every_scene_has_an_exact_jacobian_by_every_formulation(kind):
+def test_every_scene_is_differentiated_on_the_tape_by_every_formulation(kind):
+    """The tapes are run in Python: code of so many operations takes its time to make."""
     scene, (q, v, t) = ordinary(kind)
-    for formulation in applicable(kind).values():
+    for key, formulation in applicable(kind).items():
         motion, at = Motion(scene, formulation, q, v), Evaluation(scene, q, v, t)
         y = motion.y0.copy()
         if formulation.state == "q, u":
             y[scene.n :] = at.u
-        assert_approached(motion, y, t)
+        tape, _, _, outputs = rates_on(scene, formulation, exact=True)
+        given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
+        rates = evaluated(tape, outputs["rates"], given)
+        assert rates == pytest.approx(motion.rates(t, y), rel=1e-9, abs=1e-9), key
+        exact = evaluated(tape, outputs["jacobian"], given).reshape(y.size, y.size)
+        assert_approached(motion, y, exact, t)
+
+
+@pytest.mark.parametrize("key", ["sleigh", "rolling-disk", "turntable-ball", "flyball-governor"])
+def test_jacobians_in_machine_code_are_those_on_the_tape(key):
+    scene, (q, v, t) = ordinary(SCENES[key])
+    for formulation in applicable(scene).values():
+        y = Motion(scene, formulation, q, v).y0
+        tape, _, _, outputs = rates_on(scene, formulation, exact=True)
+        given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
+        expected = evaluated(tape, outputs["jacobian"], given)
+        found = exact_jacobian(scene, formulation)(t, y).ravel()
+        assert np.abs(found - expected).max() <= 1e-9 * max(np.abs(expected).max(), 1.0)
 
 
 def test_products_of_matrices_too_large_to_be_written_out_are_differentiated_as_well(monkeypatch):
     monkeypatch.setattr(tape, "WRITTEN_OUT", 0)
     monkeypatch.setattr(right_hand_side, "_kernels", {})
     for key in ("gw", "el"):
-        motion = moving(replace(Snake.coil(4)), key)
-        traced = right_hand_side.rates_on(motion.scene, motion.formulation)
+        motion = moving(Snake.coil(3), key)
+        traced = rates_on(motion.scene, motion.formulation)
         assert any(group.kind == tape.PRODUCT for group in traced.tape.groups)
-        assert_approached(motion, motion.y0)
+        exact = exact_jacobian(motion.scene, motion.formulation)(0.0, motion.y0)
+        assert_approached(motion, motion.y0, exact)
 
 
 def test_without_dampers_stiffness_only_sets_the_unit_of_time():

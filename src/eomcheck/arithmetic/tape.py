@@ -236,7 +236,10 @@ class Number:
     def _compared(self, other=None):
         raise NotRationalError(BRANCH)
 
-    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __abs__ = __float__ = _compared
+    def __float__(self):
+        raise NotRationalError("a number of the model in an array of doubles: give it their dtype")
+
+    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __abs__ = _compared
     __hash__ = None  # type: ignore[assignment]
 
 
