@@ -24,7 +24,7 @@ import numpy as np
 from eomcheck.arithmetic.banded import BANDED_SOLVERS
 from eomcheck.arithmetic.entries import each
 from eomcheck.arithmetic.generic import BRANCH, NotRationalError, product_of
-from eomcheck.arithmetic.linear import SOLVERS
+from eomcheck.arithmetic.linear import CARRIERS, SOLVERS
 from eomcheck.model import Angles, Array
 
 ADD, SUB, MUL, DIV, NEG, SQRT = "+", "-", "*", "/", "neg", "sqrt"
@@ -340,6 +340,7 @@ def _solve_banded(bands: Array, b: Array, name: str) -> Array:
 
 
 SOLVERS[Number], BANDED_SOLVERS[Number] = _solve, _solve_banded
+CARRIERS.add(Number)
 
 
 def live(tape: Tape, roots: Sequence[int]) -> tuple[list[int], set[int]]:
