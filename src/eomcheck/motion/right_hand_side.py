@@ -35,7 +35,7 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.model import Array, Scene, velocity
 from eomcheck.motion.stabilization import fed_back, joints_fed_back
-from eomcheck.quantities import Quantities, net_force, rate_of_velocity
+from eomcheck.quantities import Quantities, net_force
 
 MANY_LINKS = 48
 """A longer chain continues the programs of shorter ones."""
@@ -135,9 +135,9 @@ FEEDBACK = "rate_of_feedback"
 """Name of the parameter that a stabilized right-hand side has besides those of the scene, 1/s."""
 
 
-JACOBIAN, VDOT = "jacobian", "vdot"
-"""What a right-hand side gives besides, if asked: the derivatives of its rates by the state, row by
-row, and the whole v̇."""
+JACOBIAN, ACCELERATION = "jacobian", "acceleration"
+"""What a right-hand side gives besides, if asked: `jacobian`, the derivatives of its rates by the
+state, row by row; or the whole `vdot` and, if the formulation has them, `multipliers`."""
 
 
 def rates_on(
@@ -149,7 +149,7 @@ def rates_on(
         scene: the scene.
         formulation: the formulation.
         stabilized: with Baumgarte's feedback, whose rate is a parameter.
-        also: one further output, `JACOBIAN` or `VDOT`.
+        also: one further output, `JACOBIAN` or `ACCELERATION`.
     """
     tape, n = Tape(), scene.n
     y = tape.inputs("y", (state_size(scene, formulation),))
@@ -161,13 +161,14 @@ def rates_on(
     if formulation.uses == "chain":
         functions = scene.chain, scene.chain_velocity, solution
         rates = rates_from_chain(*functions, *here, q, speeds, feedback)
-        vdot = scene.chain_acceleration(*here, speeds, rates[1])
+        at.x = speeds
     elif formulation.uses == "terms":
         independent = formulation.state == "q, v2"
         v = speeds
         if independent:
             a, b = scene.constraints(*here, q)
             v = velocity_of_independent(a, b, speeds, at.partition)
+        at.v = v
         qdot, vdot, multipliers = rates_from_terms(
             scene.terms, solution, *here, q, v, at.partition, feedback
         )
@@ -182,13 +183,15 @@ def rates_on(
         else:
             functions = *functions, scene.qdot, scene.bodies, solution
             rates = rates_from_bodies(*functions, *here, q, speeds)
-        vdot = rate_of_velocity(rates[1], at.speeds.W, at.speeds.rest)
     found = [tape.number(x).place for x in (*rates[0], *rates[1], *integrals)]
     outputs = {"rates": found}
     if also == JACOBIAN:
         outputs[JACOBIAN] = jacobian(tape, found, [x.place for x in y])
-    elif also == VDOT:
-        outputs[VDOT] = [tape.number(x).place for x in vdot]
+    elif also == ACCELERATION:
+        vdot, multipliers = at.solution(formulation)
+        outputs["vdot"] = [tape.number(x).place for x in vdot]
+        if multipliers is not None:
+            outputs["multipliers"] = [tape.number(x).place for x in multipliers]
     return Traced(tape, at, y, outputs)
 
 
@@ -213,8 +216,13 @@ def kernel_of(
         NotRationalError: a function of the scene branches on a value.
     """
     size = state_size(scene, formulation)
-    further = {JACOBIAN: size * size, VDOT: scene.n}
-    outputs = {"rates": size} | {name: count for name, count in further.items() if name == also}
+    outputs = {"rates": size}
+    if also == JACOBIAN:
+        outputs["jacobian"] = size * size
+    elif also == ACCELERATION:
+        outputs["vdot"] = scene.n
+        if formulation.multipliers and scene.r > 0:
+            outputs["multipliers"] = scene.r
     options = {"stabilized": stabilized, "also": also}
     return traced_kernel(rates_on, scene, formulation, outputs, width, **options)
 
@@ -341,8 +349,9 @@ class RightHandSide:
 
 def acceleration_in_machine_code(at: Evaluation, formulation: Formulation) -> Array:
     """Return v̇ (n,) by machine code at the state of `at`; NaN where a matrix is singular."""
-    kernel = kernel_of(at.scene, formulation, also=VDOT)
-    return kernel(block_of(kernel, at.scene), np.array([at.t]), state_of(at, formulation))[VDOT]
+    kernel = kernel_of(at.scene, formulation, also=ACCELERATION)
+    state = state_of(at, formulation)
+    return kernel(block_of(kernel, at.scene), np.array([at.t]), state)["vdot"]
 
 
 def state_of(at: Evaluation, formulation: Formulation) -> Array:
@@ -367,4 +376,4 @@ def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, A
     """
     kernel = kernel_of(scene, formulation, also=JACOBIAN)
     block, size = block_of(kernel, scene), state_size(scene, formulation)
-    return lambda t, y: kernel(block, np.array([t]), y)[JACOBIAN].reshape(size, size)
+    return lambda t, y: kernel(block, np.array([t]), y)["jacobian"].reshape(size, size)

@@ -14,7 +14,15 @@ from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.model import Array, Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
-from eomcheck.motion.right_hand_side import RightHandSide, number_of_speeds, state_of
+from eomcheck.motion.observe import observer_of
+from eomcheck.motion.right_hand_side import (
+    ACCELERATION,
+    RightHandSide,
+    block_of,
+    kernel_of,
+    number_of_speeds,
+    state_of,
+)
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.states import check_consistent, velocity
 from eomcheck.tolerance import allowed_error, largest
@@ -174,6 +182,18 @@ class Motion:
             return q, at.call(velocity_of_independent, a, b, speeds, self.partition)
         return q, speeds
 
+    def seen(self, t: Array, y: Array) -> dict[str, Array]:
+        """Return v, u, energy, constraint and multipliers, each (k, ·), of states y (k, size)."""
+        observer = observer_of(self.scene, self.formulation)
+        solving = kernel_of(self.scene, self.formulation, also=ACCELERATION)
+        kernels = (observer, solving) if "multipliers" in solving.outputs else (observer,)
+        found: dict[str, Array] = {}
+        for kernel in kernels:
+            block = block_of(kernel, self.scene)
+            rows = kernel.rows(block, t[:, None], y[:, :, None])
+            found |= {name: x[:, :, 0] for name, x in rows.items()}
+        return found
+
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
         """Return the evaluation at a state vector; None where doubles cannot hold it."""
         q, v = self.split(y, t)
@@ -279,19 +299,20 @@ def trajectory(
     reason, refusal = course.refused or ("", None)
     if not (reason or (found.success and course.whole)):
         reason, refusal = _reason(motion, found)
-    kept = len(course.states)
+    n, residual, energy = scene.n, course.rows("constraint"), course.rows("energy")
+    assert energy is not None
     return Trajectory(
         scene,
         formulation.key,
         integrator,
         rtol,
         atol,
-        found.t[:kept],
-        np.array([at.q for at in course.states]).reshape(-1, scene.n),
-        np.array([at.v for at in course.states]).reshape(-1, scene.n),
-        course.rows(course.multipliers) if formulation.multipliers else None,
-        np.array(course.energy),
-        course.rows(course.residual),
+        found.t[: course.kept],
+        found.y[: course.kept, :n],
+        course.seen["v"][: course.kept],
+        course.rows("multipliers"),
+        energy[:, 0],
+        None if residual is None else np.abs(residual),
         motion.rates.calls,
         found.steps,
         "failed" if reason else "finished",
@@ -334,63 +355,59 @@ def _initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
 
 
 class _Course:
-    """What follows from the states of a motion, one after the other, up to the first that fails."""
+    """What follows from the states of a motion, up to the first that fails.
+
+    Seen in machine code. At `LOOKED_AT` of the states, and where a multiplier is no number, the
+    public path looks at the matrices that are solved.
+    """
 
     def __init__(self, motion: Motion, found: Steps):
-        self.scene, self.formulation = motion.scene, motion.formulation
-        self.states: list[Evaluation] = []
-        self.energy: list[float] = []
-        self.residual: list[Array] = []
-        self.multipliers: list[Array | None] = []
+        self.formulation = motion.formulation
+        self.seen = motion.seen(found.t, found.y)
+        whole = np.isfinite(found.y).all(axis=1)
+        for name in ("v", "energy", "constraint"):
+            if name in self.seen:
+                whole &= np.isfinite(self.seen[name]).all(axis=1)
+        count = len(whole)
+        self.kept = count if whole.all() else int(np.argmin(whole))
         self.rcond: dict[str, float] = {}
         self.refused: tuple[str, RefusedError] | None = None
+        self._looked: dict[int, Evaluation] = {}
         self._worst = (math.inf, 0)
-        count = len(found.y)
-        looked_at = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
-        for place, (t, y) in enumerate(zip(found.t, found.y, strict=True)):
-            look = self.formulation.multipliers or place in looked_at
+        places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
+        if "multipliers" in self.seen:
+            places |= set(np.flatnonzero(np.isnan(self.seen["multipliers"]).any(axis=1)).tolist())
+        for place in sorted(place for place in places if place < self.kept):
             try:
-                at = motion.evaluation(y, t)
-                if at is None or not self._keep(at, look):
-                    break
+                self._look(motion, place, float(found.t[place]), found.y[place])
             except RefusedError as refusal:
-                self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
+                self.refused = (
+                    f"the state at t = {found.t[place]:.9g} s is refused: {refusal}",
+                    refusal,
+                )
+                self.kept = place
                 break
-        self.whole = len(self.states) == count
+        self.whole = self.kept == count
 
-    def _keep(self, at: Evaluation, look: bool) -> bool:
-        """Add a state; return False where its energy overflows."""
-        here = at.parameters, at.prepared, at.q, at.v
-        T, U = at.call(self.scene.energies, *here)
-        energy = T if U is None else T + U
-        residual = np.abs(at.call(self.scene.constraint, *here)) if self.scene.r > 0 else None
-        if not (np.isfinite(energy) and (residual is None or np.isfinite(residual).all())):
-            return False
-        if look:
-            result = at.acceleration(self.formulation)
-            self.multipliers.append(result.multipliers)
-            for name, rcond in result.rcond.items():
-                self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
-                self._worst = min(self._worst, (rcond, len(self.states)))
-        self.states.append(at)
-        self.energy.append(float(energy))
-        if residual is not None:
-            self.residual.append(residual)
-        return True
+    def _look(self, motion: Motion, place: int, t: float, y: Array) -> None:
+        at = motion.evaluation(y, t)
+        if at is None:
+            raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
+        for name, rcond in at.acceleration(self.formulation).rcond.items():
+            self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
+            self._worst = min(self._worst, (rcond, place))
+        self._looked[place] = at
 
-    def rows(self, values: list) -> Array | None:
-        """Return values per constraint (k, r), None without constraints."""
-        return np.array(values).reshape(-1, self.scene.r) if self.scene.r > 0 else None
+    def rows(self, name: str) -> Array | None:
+        """Return what was seen at the states kept (k, ·), or None."""
+        return self.seen[name][: self.kept] if name in self.seen else None
 
     def rate_error(self) -> float:
         """Return the largest relative error bound of v̇ at the first, last and worst state."""
         worst = 0.0
-        for place in {0, self._worst[1], len(self.states) - 1} if self.states else ():
-            at = self.states[place]
-            try:
-                size = largest(at.acceleration(self.formulation).vdot)
-            except RefusedError:
-                return math.inf
+        for place in {0, self._worst[1], max(self._looked)} if self._looked else ():
+            at = self._looked[place]
+            size = largest(at.acceleration(self.formulation).vdot)
             bound = allowed_error(at.acceleration_spread(self.formulation))
             worst = max(worst, bound / size if size > 0 else 0.0)
         return worst
