@@ -38,9 +38,15 @@ def study_accuracy(
     links: Links = "1..30",
     examples: Examples = 200,
     seed: Seed = 0,
+    hostile: Annotated[
+        bool, typer.Option("--hostile", help="Draw snakes and states at the edge.")
+    ] = False,
     json: Json = None,
 ) -> None:
-    """Certify how many digits each formulation delivers in doubles, against ball arithmetic."""
+    """Certify how many digits each formulation delivers in doubles, against ball arithmetic.
+
+    Beside the public path, which states a bound of its error, machine code is held against it.
+    """
     low, high = interval(links)
     at_least_one(examples=examples)
     check_writable(json)
@@ -48,7 +54,7 @@ def study_accuracy(
     from eomcheck.report.benchmarks import write_records
     from eomcheck.studies.accuracy import measure_accuracy
 
-    records = measure_accuracy(low, high, examples, seed)
+    records = measure_accuracy(low, high, examples, seed, hostile)
     print_accuracy(records)
     if json is not None:
         write_records(json, "accuracy", records)

@@ -29,7 +29,8 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
     counts = numbers("solved", "refused", "κ infinite")
     digits = numbers("certified digits: fewest", "median", "ulps: median")
     ratios = numbers("condition: median", "largest", "error / (κ ε scale): median", "largest")
-    shown = table([*words("formulation"), *counts, *digits, *ratios])
+    bounds = numbers("largest error / bound", "in machine code", "no number")
+    shown = table([*words("formulation"), *counts, *digits, *ratios, *bounds])
     top = 0.0
     records = list(records)
     moving = [r for r in records if r.refused is not None or r.relative != 0.0]
@@ -55,6 +56,9 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
             f"{max(r.condition for r in solved):.2g}",
             f"{median(foreseen):.2g}" if foreseen else "",
             f"{max(foreseen):.2g}" if foreseen else "",
+            f"{max(r.of_bound for r in solved):.2g}",
+            f"{max(r.machine_of_bound for r in solved if not math.isnan(r.machine_of_bound)):.2g}",
+            str(sum(math.isnan(r.machine_of_bound) for r in solved)),
         )
     states = len(records) // max(len(keys), 1)
     console.print(shown)
@@ -63,3 +67,6 @@ def print_accuracy(records: Iterable[Delivered]) -> None:
         "exact, as at rest without forces, are left out; where κ is infinite no error is foreseen. "
         f"Largest error / (κ ε scale): {top:.3g}; the constant C of the tolerances is {C:g}."
     )
+    for record in records:
+        if record.state:
+            console.print(f"beyond its bound: {record.key}, {record.state}", highlight=False)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from eomcheck import strategies
-from eomcheck.certified import accuracy
+from eomcheck.certified import certify, relative_error, true_state
 from eomcheck.console import progress
+from eomcheck.enclosure import Enclosure
 from eomcheck.errors import RefusedError
-from eomcheck.formulations import applicable
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import Formulation, applicable
+from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.scenes import Snake
 from eomcheck.states import speeds_of
 from eomcheck.studies.draws import draw
+from eomcheck.tolerance import UNDERFLOW, largest
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,9 @@ class Delivered:
         condition: largest condition number of a matrix solved.
         kappa: how strongly the computation amplifies relative changes.
         ratio: observed error / (κ ε scale), NaN where nothing is foreseen or nothing can be lost.
+        of_bound: error over the error bound that the public path states; 0 where that is infinite.
+        machine_of_bound: that of machine code over the same bound; NaN where it gives no number.
+        state: the state as code, where either exceeds 1.
     """
 
     key: str
@@ -39,33 +48,55 @@ class Delivered:
     condition: float = float("inf")
     kappa: float = float("inf")
     ratio: float = float("nan")
+    of_bound: float = 0.0
+    machine_of_bound: float = 0.0
+    state: str = ""
 
 
-def measure_accuracy(min_links: int, max_links: int, examples: int, seed: int) -> list[Delivered]:
-    """Return one Record per formulation and random state."""
-    snakes = strategies.scene_states(strategies.snakes(min_links, max_links))
-    records, keys = [], applicable(Snake)
-    with progress("measuring", examples * len(keys)) as advance:
-        for scene, (q, v, t) in draw(snakes, examples, seed):
-            u = speeds_of(scene, q, v, t)
-            for key in keys:
-                try:
-                    found = accuracy(scene, key, q, u, t)
-                except RefusedError as refusal:
-                    records.append(Delivered(key, scene.r, refusal.what))
-                else:
-                    records.append(
-                        Delivered(
-                            key,
-                            scene.r,
-                            None,
-                            found.digits,
-                            found.relative,
-                            float(found.ulps.max()),
-                            max(found.condition.values()),
-                            found.kappa,
-                            found.ratio,
-                        )
-                    )
-                advance()
+def measure_accuracy(
+    min_links: int, max_links: int, examples: int, seed: int, hostile: bool = False
+) -> list[Delivered]:
+    """Return one Record per formulation and random state, ordinary or hostile."""
+    if hostile:
+        snakes = strategies.hostile_snakes(min_links, max_links)
+        drawn = strategies.scene_states(snakes, strategies.hostile_states)
+    else:
+        drawn = strategies.scene_states(strategies.snakes(min_links, max_links))
+    records, formulations = [], applicable(Snake).values()
+    with progress("measuring", examples) as advance:
+        for scene, (q, v, t) in draw(drawn, examples, seed):
+            try:
+                truth, at = true_state(scene, q, speeds_of(scene, q, v, t), t)
+            except RefusedError as refusal:
+                records += [Delivered(f.key, scene.r, refusal.what) for f in formulations]
+            else:
+                records += [_delivered(f, truth, at) for f in formulations]
+            advance()
     return records
+
+
+def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> Delivered:
+    key, links = formulation.key, at.scene.r
+    try:
+        found = certify(formulation, truth, at)
+    except RefusedError as refusal:
+        return Delivered(key, links, refusal.what)
+    machine = acceleration_in_machine_code(at, formulation)
+    finite = bool(np.isfinite(machine).all())
+    error = relative_error(machine, truth) if finite else float("nan")
+    least = UNDERFLOW / max(largest(truth.doubles()), UNDERFLOW)
+    bound = max(found.relative_bound, least)
+    shares = found.relative / bound, error / bound
+    return Delivered(
+        key,
+        links,
+        None,
+        found.digits,
+        found.relative,
+        float(found.ulps.max()),
+        max(found.condition.values()),
+        found.kappa,
+        found.ratio,
+        *shares,
+        f"{at.scene!r}, q = {at.q.tolist()}, u = {at.u.tolist()}" if max(shares) > 1 else "",
+    )
