@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import builtins
-import dis
 import importlib
 import inspect
 import subprocess
@@ -153,116 +152,12 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
                 pytest.fail(f"a branch on a value: {ast.unparse(test)}")
 
 
-# ---- Absent terms --------------------------------------------------------------------------------
-
-
-def with_early_return(x, y):
-    """Return what y is with x, if there is one."""
-    if x is None:
-        return only_without(y)  # noqa: F821
-    return only_with(x, y)  # noqa: F821
-
-
-def with_else(x, y):
-    if x is not None:  # noqa: SIM108
-        y = only_with(x, y)  # noqa: F821
-    else:
-        y = only_without(y)  # noqa: F821
-    return y
-
-
-def with_expression(x, y):
-    return only_without(y) if x is None else only_with(x, y)  # noqa: F821
-
-
-def with_loop(x, y):
-    for _ in range(1):
-        z = y
-        if x is not None:
-            z = only_with(x, y)  # noqa: F821
-    if x is None:
-        z = only_without(z)  # noqa: F821
-    return z
-
-
-def with_two(x, y):
-    if x is None:
-        if y is None:
-            return only_without(None)  # noqa: F821
-        return only_without(y)  # noqa: F821
-    return only_with(x, y)  # noqa: F821
-
-
-BRANCHING = pytest.mark.parametrize(
-    "function",
-    [with_early_return, with_else, with_expression, with_loop, with_two],
-    ids=lambda f: f.__name__,
-)
-
-
-def names_left(function: Callable) -> set[str]:
-    loaded = {instruction.argval for instruction in dis.get_instructions(function)}
-    return loaded & {"only_with", "only_without"}
-
-
-@BRANCHING
-def test_what_an_absent_argument_would_need_is_not_in_the_code(function: Callable):
-    assert names_left(settle_absent(function, (True, False))) == {"only_without"}
-
-
-@BRANCHING
-def test_what_stands_for_an_absent_argument_is_not_in_the_code_when_it_is_there(
-    function: Callable,
-):
-    assert names_left(settle_absent(function, (False, False))) == {"only_with"}
-
-
-@BRANCHING
-def test_a_settled_function_does_what_the_original_does(function: Callable, monkeypatch):
-    monkeypatch.setitem(globals(), "only_with", lambda x, y: ("with", x, y))
-    monkeypatch.setitem(globals(), "only_without", lambda y: ("without", y))
-    assert settle_absent(function, (True, False))(None, 2) == function(None, 2) == ("without", 2)
-    assert settle_absent(function, (False, False))(1, 2) == function(1, 2) == ("with", 1, 2)
-
-
-def test_a_function_without_such_tests_is_returned_as_it_is():
-    assert settle_absent(power_of_two, (False,)) is power_of_two
-
-
-def test_a_test_on_something_that_is_not_an_argument_stays():
-    def function(x, y):
-        z = y
-        return x if z is None else z
-
-    assert settle_absent(function, (False, False)) is function
-
-
-def test_a_settled_function_keeps_its_file_and_its_lines():
-    settled = settle_absent(with_early_return, (False, False))
-    original = with_early_return.__code__
-    assert settled.__code__.co_filename == original.co_filename
-    lines = {line for _, _, line in settled.__code__.co_lines()}
-    assert original.co_firstlineno + 4 in lines
-
-
-@functions
-def test_every_generic_function_can_be_settled_for_absent_and_for_present_arguments(
-    function: Callable,
-):
-    count = len(syntax(function).args.args)
-    tested = {
-        node.left.id for node in nodes(function, ast.Compare) if isinstance(node.left, ast.Name)
-    }
-    for absent in (True, False):
-        settled = settle_absent(function, (absent,) * count)
-        assert (settled is function) == (not tested)
-
-
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
     "errors console",
     "arithmetic model",
+    "kernels",
     "scenes",
     "formulations",
     "quantities",
@@ -335,7 +230,7 @@ def imported_by(statement: str) -> set[str]:
 def test_importing_the_package_imports_no_compiler_engine_or_plotting():
     loaded = imported_by("import eomcheck")
     assert "eomcheck" in loaded
-    heavy = {"numba", "casadi", "pinocchio", "matplotlib", "scipy", "hypothesis"}
+    heavy = {"numba", "llvmlite", "casadi", "pinocchio", "matplotlib", "scipy", "hypothesis"}
     assert not loaded & heavy
 
 

@@ -3,14 +3,16 @@
 `pytest -s validation/test_chain_states.py` prints what docs/theory/banded.md quotes.
 """
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tests.machine_code import in_machine_code
 
 import eomcheck
-from eomcheck.arithmetic.float64 import FLOAT64, angles, compiled
+from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import Array
@@ -23,15 +25,19 @@ NAMES = ("paper-rest", "coil-20", "free-3")
 
 
 class Chain:
-    """The functions of a snake's chain at its parameters, compiled."""
+    """The functions of a snake's chain at its parameters, in machine code."""
 
     def __init__(self, snake: Snake):
         self.parameters = snake.parameters(FLOAT64)
-        self.solve = compiled(FORMULATIONS["banded"].solution)
-        self.of, self.velocity = compiled(Snake.chain), compiled(Snake.chain_velocity)
-        self.x, self.acceleration = (
-            compiled(Snake.quasi_velocities),
-            compiled(Snake.chain_acceleration),
+        self.solve = partial(in_machine_code, FORMULATIONS["banded"].solution)
+        self.of, self.velocity, self.x, self.acceleration = (
+            partial(in_machine_code, function)
+            for function in (
+                Snake.chain,
+                Snake.chain_velocity,
+                Snake.quasi_velocities,
+                Snake.chain_acceleration,
+            )
         )
 
     def projected(self, here: tuple, q: Array, x: Array) -> Array:
@@ -41,7 +47,7 @@ class Chain:
 
     def rates(self, q: Array, x: Array, v: Array | None, project: bool) -> tuple[Array, Array]:
         """Return (q̇, ẋ), or (q̇, v̇) where the state has v."""
-        here = self.parameters, angles(q[2:])
+        here = self.parameters, FLOAT64.angles(q[2:])
         if v is not None:
             x = self.x(*here, q, v)
         if project:
