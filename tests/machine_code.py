@@ -12,12 +12,10 @@ import numpy as np
 from eomcheck.arithmetic import tape as tapes
 from eomcheck.arithmetic.banded import WIDTH, full
 from eomcheck.arithmetic.tape import Tape, live
+from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import SHORT, program_of
 from eomcheck.model import Array
-
-STATE_AND_TIME = np.zeros(1), np.zeros(1)
-"""What a kernel is called with where all that it reads are parameters."""
 
 
 def leaves(x: Any) -> Iterator[Any]:
@@ -73,12 +71,23 @@ class MachineCode:
 
     def run(self, block: Array) -> Any:
         """Return the function's value for what stands in a block."""
-        lanes = self.kernel.width
-        t, y = (np.repeat(x, lanes) for x in STATE_AND_TIME)
-        found = zip(self.kernel(block, t, y).values(), self._shapes, strict=True)
-        behind = (lanes,) if lanes > 1 else ()
+        nothing, width = np.zeros(self.kernel.width), self.kernel.width
+        found = zip(self.kernel(block, nothing, nothing).values(), self._shapes, strict=True)
+        behind = (width,) if width > 1 else ()
         parts = (x.reshape((*shape, *behind)) for x, shape in found)
         return rebuilt(self._found, iter([x if x.ndim else x[()] for x in parts]))
+
+    def of_last(self, *arguments: Any) -> Callable[[Array], Any]:
+        """Return the function of its last argument alone, an array, at those that are before it."""
+        block, (name, size) = self.block(*arguments), list(self.kernel.parameters.items())[-1]
+        first = HEADER + self.kernel.layout.places[name]
+        place = block[first : first + size]
+
+        def run(x: Array) -> Any:
+            place[:] = x
+            return self.run(block)
+
+        return run
 
     def __call__(self, *arguments: Any) -> Any:
         """Return the function's value; arrays of arguments may have lanes behind their axes."""

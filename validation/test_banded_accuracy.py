@@ -78,12 +78,13 @@ def test_banded_keeps_12_digits_in_machine_code_or_not(family: str, links: int):
     rates = RightHandSide(scene, FORMULATIONS["banded"])
     xdot = rates(at.t, np.concatenate((at.q, at.x)))[scene.n :]
     vdot = scene.chain_acceleration(at.parameters, at.prepared, at.x, xdot)
-    found["machine code"] = error(vdot, truth)
+    refused = np.isnan(vdot).all()
+    found["machine code"] = "refused (NaN)" if refused else error(vdot, truth)
     line = (f"{key} {x if isinstance(x, str) else format(x, '.1e')}" for key, x in found.items())
     print(f"\n{family:22} {links:4}  {', '.join(line)}", end="")
-    assert isinstance(found["banded"], str) == ((family, links) in REFUSED)
-    assert isinstance(found["banded"], str) or found["banded"] < 1e-12
-    assert found["machine code"] < 1e-12
+    for way in ("banded", "machine code"):
+        assert isinstance(found[way], str) == ((family, links) in REFUSED)
+        assert isinstance(found[way], str) or found[way] < 1e-12
 
 
 def test_pattern_is_refused_where_its_constraints_are_dependent_in_doubles():

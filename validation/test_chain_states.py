@@ -3,13 +3,14 @@
 `pytest -s validation/test_chain_states.py` prints what docs/theory/banded.md quotes.
 """
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.machine_code import in_machine_code
+from tests.machine_code import MachineCode
 
 import eomcheck
 from eomcheck.arithmetic.float64 import FLOAT64
@@ -17,45 +18,40 @@ from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.model import Array
 from eomcheck.motion.stored import load_reference
-from eomcheck.scenes import Snake
 
 REFERENCES = Path(__file__).with_name("references")
 TOLERANCES = (1e-6, 1e-9, 1e-12)
 NAMES = ("paper-rest", "coil-20", "free-3")
 
 
-class Chain:
-    """The functions of a snake's chain at its parameters, in machine code."""
+@cache
+def rates_of(name: str, with_v: bool, project: bool) -> Callable[[Array], Array]:
+    """Return the function (q, x) -> (q̇, ẋ), or (q, v) -> (q̇, v̇), in machine code."""
+    snake = load_reference(REFERENCES / f"{name}.json").scene
+    solve, n = FORMULATIONS["banded"].solution, snake.n
 
-    def __init__(self, snake: Snake):
-        self.parameters = snake.parameters(FLOAT64)
-        self.solve = partial(in_machine_code, FORMULATIONS["banded"].solution)
-        self.of, self.velocity, self.x, self.acceleration = (
-            partial(in_machine_code, function)
-            for function in (
-                Snake.chain,
-                Snake.chain_velocity,
-                Snake.quasi_velocities,
-                Snake.chain_acceleration,
-            )
-        )
-
-    def projected(self, here: tuple, q: Array, x: Array) -> Array:
+    def projected(here: tuple, q: Array, x: Array) -> Array:
         """Return the x that keeps the joints together and is nearest to x in kinetic energy."""
-        chain = self.of(*here, q, x)
-        return self.solve(*chain._replace(force=chain.mass * x, rest=0 * chain.rest))[0]
+        chain = snake.chain(*here, q, x)
+        return solve(*chain._replace(force=chain.mass * x, rest=0 * chain.rest))[0]
 
-    def rates(self, q: Array, x: Array, v: Array | None, project: bool) -> tuple[Array, Array]:
-        """Return (q̇, ẋ), or (q̇, v̇) where the state has v."""
-        here = self.parameters, FLOAT64.angles(q[2:])
-        if v is not None:
-            x = self.x(*here, q, v)
+    def rates(parameters, y: Array) -> tuple[Array, Array]:
+        q, x = y[:n], y[n:]
+        here = parameters, snake.prepare(q[0].tape, parameters, q, 0)
+        if with_v:
+            x = snake.quasi_velocities(*here, q, x)
         if project:
-            x = self.projected(here, q, x)
-        xdot = self.solve(*self.of(*here, q, x))[0]
-        if v is None:
-            return self.velocity(*here, q, x), xdot
-        return self.velocity(*here, q, x) if project else v, self.acceleration(*here, x, xdot)
+            x = projected(here, q, x)
+        xdot = solve(*snake.chain(*here, q, x))[0]
+        if not with_v:
+            return snake.chain_velocity(*here, q, x), xdot
+        qdot = snake.chain_velocity(*here, q, x) if project else y[n:]
+        return qdot, snake.chain_acceleration(*here, x, xdot)
+
+    parameters = snake.parameters(FLOAT64)
+    given = parameters, np.zeros(n + (n if with_v else snake.s))
+    run = MachineCode(rates, *given).of_last(*given)
+    return lambda y: np.concatenate(run(y))
 
 
 STATES = {
@@ -67,17 +63,14 @@ STATES = {
 """Whether the state has v, and whether each right-hand side projects it first."""
 
 
-def moved(reference, tolerance: float, with_v: bool, project: bool) -> tuple[float, float, int]:
+def moved(name: str, tolerance: float, with_v: bool, project: bool) -> tuple[float, float, int]:
     """Return (error of the end state, largest sideways speed of a wheel, right-hand sides)."""
-    snake, n = reference.scene, reference.scene.n
-    chain = Chain(snake)
+    reference = load_reference(REFERENCES / f"{name}.json")
+    snake, n, rates = reference.scene, reference.scene.n, rates_of(name, with_v, project)
     at = Evaluation(snake, reference.q0, eomcheck.velocity(snake, reference.q0, reference.u0))
 
-    def rates(y: Array) -> tuple[Array, Array]:
-        return chain.rates(y[:n], y[n:], y[n:] if with_v else None, project)
-
     found = solve_ivp(
-        lambda t, y: np.concatenate(rates(y)),
+        lambda t, y: rates(y),
         (0.0, reference.times[-1]),
         np.concatenate((at.q, at.v if with_v else at.x)),
         method="DOP853",
@@ -85,7 +78,7 @@ def moved(reference, tolerance: float, with_v: bool, project: bool) -> tuple[flo
         rtol=tolerance,
         atol=tolerance,
     )
-    states = [(y[:n], rates(y)[0]) for y in found.y.T.copy()]
+    states = [(y[:n], rates(y)[:n]) for y in found.y.T.copy()]
     here = ((Evaluation(snake, q, v), q, v) for q, v in states)
     sideways = [np.abs(snake.constraint(e.parameters, e.prepared, q, v)).max() for e, q, v in here]
     q, v = states[-1]
@@ -96,8 +89,7 @@ def moved(reference, tolerance: float, with_v: bool, project: bool) -> tuple[flo
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_quasi_velocities_need_no_projection(name: str, tolerance: float):
-    reference = load_reference(REFERENCES / f"{name}.json")
-    found = {state: moved(reference, tolerance, *how) for state, how in STATES.items()}
+    found = {state: moved(name, tolerance, *how) for state, how in STATES.items()}
     for state, (error, sideways, count) in found.items():
         print(f"\n{name:10} {tolerance:.0e} {state:16} {error:.1e} {sideways:.1e} {count}", end="")
     error, sideways, count = found["q, x"]
