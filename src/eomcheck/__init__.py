@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from eomcheck.evaluate import Acceleration
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.motion.integrators import INTEGRATORS
+    from eomcheck.motion.many import Trajectories, simulate_many
     from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
     from eomcheck.states import acceleration, speeds_of, velocity
@@ -57,6 +58,8 @@ _HOME = {
     "INTEGRATORS": "motion.integrators",
     "simulate": "motion.simulate",
     "Trajectory": "motion.simulate",
+    "simulate_many": "motion.many",
+    "Trajectories": "motion.many",
     "EomcheckError": "errors",
     "InputError": "errors",
     "UnknownNameError": "errors",
@@ -97,6 +100,7 @@ __all__ = [
     "InputError",
     "Proof",
     "RefusedError",
+    "Trajectories",
     "Trajectory",
     "UnknownNameError",
     "acceleration",
@@ -106,6 +110,7 @@ __all__ = [
     "prove",
     "scenes",
     "simulate",
+    "simulate_many",
     "speeds_of",
     "strategies",
     "validate",

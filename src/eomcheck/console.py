@@ -21,14 +21,16 @@ if not console.is_terminal:
 
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error; the value is called once per step."""
+    """Show a progress bar on standard error, a terminal; the value is called once per step."""
+    errors = Console(stderr=True)
     with Progress(
         TextColumn(label),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=errors,
         transient=True,
+        disable=not errors.is_terminal,
         speed_estimate_period=PERIOD,
     ) as bar:
         task = bar.add_task(label, total=total)

@@ -10,14 +10,14 @@ One function of each width serves right-hand sides of any size.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
 from scipy.integrate import DOP853
 
 from eomcheck.kernels.code import Code
-from eomcheck.kernels.machine import Machine
+from eomcheck.kernels.machine import Machine, features
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
 """Status of a lane: under way; at its end; no step is small enough; too many steps; the right-hand
@@ -98,21 +98,26 @@ class _Writer:
             time = "ptr %time"
         self.code.do(f"call void %function(ptr {out}, {time}, ptr {y}, ptr %block)")
 
-    def _sum(self, i: str, factors: Sequence[float]) -> str:
+    def _sum(self, i: str, factors: Iterable[float]) -> str:
         """Return entry i of the rates of the stages, times `factors`."""
-        wide, total = self.wide, ""
+        total = ""
         for factor, row in zip(factors, self.rows, strict=False):
             if factor:
-                term = wide.mul(wide.load(row, i), wide.constant(float(factor)))
-                total = wide.add(total, term) if total else term
+                x = self.wide.load(row, i), self.wide.constant(float(factor))
+                total = self._fused(*x, total) if total else self.wide.mul(*x)
         return total
 
-    def _stage(self, h: str, factors: Sequence[float], c: float, y: int, rates: int) -> None:
+    def _fused(self, x: str, y: str, z: str) -> str:
+        """Return x y + z, rounded once on machines that can."""
+        wide = self.wide
+        return wide.call("fma", x, y, z) if features()[2] else wide.add(wide.mul(x, y), z)
+
+    def _stage(self, h: str, factors: Iterable[float], c: float, y: int, rates: int) -> None:
         """Write the state at t + c h, and the rates there."""
         wide = self.wide
         with self.code.loop("%size") as turn:
-            change = wide.mul(h, self._sum(turn.i, factors))
-            wide.store(wide.add(wide.load("%y", turn.i), change), self.rows[y], turn.i)
+            state = self._fused(h, self._sum(turn.i, factors), wide.load("%y", turn.i))
+            wide.store(state, self.rows[y], turn.i)
         t = wide.add(self._field(T), wide.mul(h, wide.constant(float(c))))
         self._rates(t, self.rows[y], self.rows[rates])
 

@@ -60,7 +60,7 @@ class Kernel:
         return {name: x[0] if self.width > 1 else x[0, :, 0] for name, x in found.items()}
 
     def rows(self, block: Array, t: Array, y: Array) -> dict[str, Array]:
-        """Return outputs (k, size, lanes) of states y (k, _, lanes) at times t (k, lanes), s."""
+        """Return outputs (k, size, lanes) at times t (k, lanes) of states y (k, _, lanes)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
         out = np.empty((len(y), self.size, self.width))
         along(self.address, self.handed(block), t, y, out)

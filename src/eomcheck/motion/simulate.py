@@ -264,15 +264,11 @@ def simulate(
     formulation = formulation_for(checked_scene(scene), key)
     check_stabilization(scene, formulation, baumgarte, projection)
     integrator = integrator_of(integrator).key
-    for name, value in (("t_end", t_end), ("rtol", rtol), ("atol", atol), ("max_step", max_step)):
-        if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
-            raise InputError(f"{name} = {value!r}, expected a positive number")
+    check_options(max_steps, t_end=t_end, rtol=rtol, atol=atol, max_step=max_step)
     if first_step is not None and not (_number(first_step) and 0 < first_step <= t_end):
         raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
-    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 0:
-        raise InputError(f"max_steps = {max_steps!r}, expected a whole number, 0 for no limit")
-    times = None if output_times is None else _checked_times(output_times, t_end)
-    motion = Motion(scene, formulation, *_initial(scene, q0, v0, u0), baumgarte)
+    times = None if output_times is None else checked_times(output_times, t_end)
+    motion = Motion(scene, formulation, *initial(scene, q0, v0, u0), baumgarte)
     start = time.perf_counter()
     found = motion.solve(
         t_end,
@@ -328,7 +324,17 @@ def _number(value) -> bool:
     return isinstance(value, int | float | np.floating) and not isinstance(value, bool)
 
 
-def _checked_times(output_times, t_end: float) -> Array:
+def check_options(max_steps: int, **positive: float) -> None:
+    """Raise InputError unless these are positive, of which only `max_step` may be infinite."""
+    for name, value in positive.items():
+        if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
+            raise InputError(f"{name} = {value!r}, expected a positive number")
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 0:
+        raise InputError(f"max_steps = {max_steps!r}, expected a whole number, 0 for no limit")
+
+
+def checked_times(output_times, t_end: float) -> Array:
+    """Return the times (k,), s, if they rise within [0, t_end]."""
     try:
         shape = np.shape(output_times)
     except ValueError:  # lists of different lengths
@@ -340,7 +346,8 @@ def _checked_times(output_times, t_end: float) -> Array:
     return times
 
 
-def _initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
+def initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
+    """Return (q0, v0, u0 or None) that a motion starts from; see `simulate`."""
     if v0 is not None and u0 is not None:
         raise InputError("v0 and u0 are both given, expected at most one of them")
     q, v = scene.initial_state()

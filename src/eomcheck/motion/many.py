@@ -1,0 +1,280 @@
+"""`simulate_many`: motions of scenes of one kind side by side, a lane of a vector each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.console import progress
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluate import Evaluation
+from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.kernels import dop853
+from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.machine import memory
+from eomcheck.model import Array, Scene, checked_scene
+from eomcheck.motion.integrators import MOST_STEPS
+from eomcheck.motion.observe import observer_of
+from eomcheck.motion.right_hand_side import kernel_of
+from eomcheck.motion.simulate import Trajectory, check_options, checked_times
+from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
+
+OUTPUTS = 101
+"""Output times unless the caller gives others."""
+
+GROUPS = 8
+"""Groups of lanes in a piece of the work."""
+PIECES = 32
+"""Work that is spread has at least so many pieces, if there are so many groups."""
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Many motions by one formulation and DOP853, m of them at k times.
+
+    What a motion did not reach, all of it if it was refused, is NaN.
+
+    Attributes:
+        scenes: the scene of each motion (m,).
+        key: the formulation.
+        rtol: relative tolerance.
+        atol: absolute tolerance.
+        t: times (k,), s.
+        q: coordinates (m, k, n).
+        v: velocities (m, k, n).
+        u: generalized speeds (m, k, p).
+        energy: T + U (m, k), J.
+        constraint_residual: |a v + b| (m, k, r), m/s, or None without constraints.
+        right_hand_sides: right-hand sides evaluated (m,).
+        steps: steps taken (m,).
+        status: "finished", "failed" if the end was not reached, or "refused" at the start (m,).
+        reason: why not (m,), "" for what finished.
+        seconds: time of the integration of all, s, added up over processes.
+    """
+
+    scenes: tuple[Scene, ...]
+    key: str
+    rtol: float
+    atol: float
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+    energy: Array
+    constraint_residual: Array | None
+    right_hand_sides: Array
+    steps: Array
+    status: Array
+    reason: Array
+    seconds: float
+
+    def __len__(self) -> int:
+        return len(self.scenes)
+
+    def __getitem__(self, i: int) -> Trajectory:
+        """Return motion i up to where it came; its time is its share, its multipliers None."""
+        kept = np.isfinite(self.q[i]).all(axis=1)
+        residual = self.constraint_residual
+        return Trajectory(
+            self.scenes[i],
+            self.key,
+            "DOP853",
+            self.rtol,
+            self.atol,
+            self.t[kept],
+            self.q[i, kept],
+            self.v[i, kept],
+            None,
+            self.energy[i, kept],
+            None if residual is None else residual[i, kept],
+            int(self.right_hand_sides[i]),
+            int(self.steps[i]),
+            "finished" if self.status[i] == "finished" else "failed",
+            str(self.reason[i]),
+            self.seconds / len(self),
+        )
+
+
+def simulate_many(
+    scene: Scene,
+    key: str,
+    t_end: float,
+    *,
+    q0=None,
+    u0=None,
+    v0=None,
+    parameters: Mapping[str, Any] | None = None,
+    rtol: float = 1e-9,
+    atol: float = 1e-9,
+    output_times=None,
+    max_steps: int = MOST_STEPS,
+    executor: Any = None,
+    lanes: int = 8,
+) -> Trajectories:
+    """Integrate m motions of `scene` from t = 0 to `t_end` by DOP853, several at a time.
+
+    Each motion has its own steps and errors. Its results are the same bits whatever m, `lanes` and
+    the executor are.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        t_end: end, s.
+        q0: initial coordinates (m, n), by default the scene's own state.
+        u0: initial generalized speeds (m, p), or
+        v0: initial velocities (m, n); by default the scene's own, at rest if q0 is given.
+        parameters: arguments of the scene by name, of which each motion has its own: arrays whose
+            first axis is m. At least one of q0, u0, v0 and these is given.
+        rtol: relative tolerance of a step.
+        atol: absolute tolerance of a step, SI units.
+        output_times: times (k,) in [0, t_end] at which the motions are wanted, rising; by default
+            101 even ones from 0 to t_end.
+        max_steps: give up after so many steps; 0 for no limit.
+        executor: what spreads the work: a `concurrent.futures.Executor`, a dask client, anything
+            with a `submit`. By default it is done in this process.
+        lanes: motions side by side: 1, 2, 4, 8 or 16.
+
+    Returns:
+        The motions. One that cannot start or go on says so by its `status` and `reason`.
+
+    Raises:
+        InputError: values that are not valid, a formulation that does not apply to the scene.
+        UnknownNameError: no such formulation or parameter.
+    """
+    formulation = formulation_for(checked_scene(scene), key)
+    check_options(max_steps, t_end=t_end, rtol=rtol, atol=atol)
+    if lanes not in (1, 2, 4, 8, 16):
+        raise InputError(f"lanes = {lanes!r}, expected 1, 2, 4, 8 or 16")
+    if not (executor is None or hasattr(executor, "submit")):
+        raise InputError(f"executor = {executor!r}, expected one that has a method submit")
+    times = np.linspace(0.0, t_end, OUTPUTS) if output_times is None else output_times
+    times = checked_times(times, t_end)
+    starts = starts_of(scene, q0, v0, u0, dict(parameters or {}))
+    options = _Options(formulation.key, u0 is not None, t_end, rtol, atol, times, max_steps, lanes)
+    size = lanes * GROUPS
+    if executor is not None:
+        size = lanes * max(1, min(GROUPS, len(starts) // (PIECES * lanes)))
+    pieces = [starts[first : first + size] for first in range(0, len(starts), size)]
+    work = partial(_integrated, options)
+    submitted = None if executor is None else [executor.submit(work, piece) for piece in pieces]
+    found = []
+    with progress(f"{scene.key}, {len(starts)} motions", len(pieces)) as advance:
+        for i, piece in enumerate(pieces):
+            found.append(work(piece) if submitted is None else submitted[i].result())
+            advance()
+    arrays: dict[str, Any] = {name: np.concatenate([x[name] for x in found]) for name in found[0]}
+    seconds = float(arrays.pop("seconds").sum())
+    arrays.setdefault("constraint_residual", None)
+    scenes = tuple(start.scene for start in starts)
+    return Trajectories(scenes, formulation.key, rtol, atol, times, seconds=seconds, **arrays)
+
+
+class _Options(NamedTuple):
+    key: str
+    by_speeds: bool
+    t_end: float
+    rtol: float
+    atol: float
+    times: Array
+    max_steps: int
+    width: int
+
+
+def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
+    """Return the fields of `Trajectories` that are found, of these motions."""
+    scene, width = starts[0].scene, options.width
+    formulation = formulation_for(scene, options.key)
+    y0, reasons = state_vectors(starts, options.by_speeds, formulation, width)
+    kernel = kernel_of(scene, formulation, width=width)
+    observer = observer_of(scene, formulation, width)
+    m, count = len(starts), len(options.times)
+    # Behind the outputs stands the state in which a motion ended.
+    y = np.full((m, count + 1, y0.shape[1]), np.nan)
+    seen = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
+    records = np.zeros((m, dop853.FIELDS))
+    good = np.array([i for i, why in enumerate(reasons) if not why], int)
+    seconds = 0.0
+    for group in lanes_of(good.size, width):
+        lanes = good[group]
+        parameters = in_lanes([starts[i].scene for i in lanes])
+        before = time.perf_counter()
+        out, record = _integrated_lanes(kernel, kernel.block(parameters), y0[lanes].T, options)
+        seconds += time.perf_counter() - before
+        t = np.vstack((np.tile(options.times[:, None], width), record[dop853.T]))
+        found = observer.rows(observer.block(parameters), t, out)
+        y[lanes], records[lanes] = out.transpose(2, 0, 1), record.T
+        for name, x in found.items():
+            seen[name][lanes] = x.transpose(2, 0, 1)
+    reached = np.isfinite(y[:, :-1]).all(axis=2)
+    known = np.concatenate(list(seen.values()), axis=2)[:, :-1]
+    overflows = np.any(reached & ~np.isfinite(known).all(axis=2), axis=1)
+    for i in good:
+        if records[i, dop853.STATUS] != dop853.FINISHED:
+            state = starts[i].scene, formulation, y[i, -1, : scene.n], seen["v"][i, -1]
+            reasons[i] = _reason(*state, records[i], options.max_steps)
+        elif overflows[i]:
+            reasons[i] = "the energy overflows"
+    started = np.isin(np.arange(m), good)
+    status = np.where(started, "failed", "refused")
+    status = np.where(np.array(reasons) == "", "finished", status)
+    residual = seen.get("constraint")
+    constraint = {} if residual is None else {"constraint_residual": np.abs(residual[:, :-1])}
+    return {
+        "q": y[:, :-1, : scene.n],
+        "v": seen["v"][:, :-1],
+        "u": seen["u"][:, :-1],
+        "energy": seen["energy"][:, :-1, 0],
+        **constraint,
+        "right_hand_sides": records[:, dop853.CALLS].astype(int),
+        "steps": records[:, dop853.STEPS].astype(int),
+        "status": status,
+        "reason": np.array(reasons),
+        "seconds": np.array([seconds]),
+    }
+
+
+def _integrated_lanes(
+    kernel: Kernel, block: Array, y0: Array, options: _Options
+) -> tuple[Array, Array]:
+    """Return the states at the output times and the end (k + 1, size, lanes), and the record."""
+    size, width = y0.shape
+    count, times = len(options.times), np.append(options.times, np.inf)
+    shapes = (size, width), (dop853.FIELDS, width), (dop853.ROWS, size, width)
+    y, record, room = (memory(int(np.prod(shape))).reshape(shape) for shape in shapes)
+    out = np.full((count + 1, size, width), np.nan)
+    y[:] = y0
+    if times[0] == 0.0:
+        out[0], record[dop853.NEXT] = y0, 1.0
+    record[dop853.DUE] = times[int(record[dop853.NEXT, 0])]
+    last = kernel.handed(block)
+    most = float(options.max_steps or np.inf)
+    dop853.dop853(width)(
+        *(kernel.address, last.ctypes.data, size, y.ctypes.data, record.ctypes.data),
+        *(options.t_end, options.rtol, options.atol, most),
+        *(times.ctypes.data, out.ctypes.data, room.ctypes.data),
+    )
+    out[-1] = y
+    return out, record
+
+
+def _reason(
+    scene: Scene, formulation: Formulation, q: Array, v: Array, record: Array, max_steps: int
+) -> str:
+    """Say why an integration did not reach its end, but this last state."""
+    status, t = record[dop853.STATUS], record[dop853.T]
+    if status == dop853.TOO_MANY:
+        return f"{max_steps} steps do not reach the end, only t = {t:.9g} s"
+    what = "the right-hand side is not finite"
+    if status == dop853.TOO_SMALL:
+        what = f"no step is small enough, or {what},"
+    why = "it overflows, or a matrix is singular there"
+    try:
+        Evaluation(scene, q, np.nan_to_num(v), t).acceleration(formulation)
+    except RefusedError as refusal:
+        why = str(refusal)
+    return f"{what} at t = {t:.9g} s: {why}"
