@@ -371,7 +371,7 @@ class _Course:
     def __init__(self, motion: Motion, found: Steps):
         self.formulation = motion.formulation
         self.seen = motion.seen(found.t, found.y)
-        whole: Array = np.isfinite(found.y).all(axis=1)
+        whole = np.asarray(np.isfinite(found.y).all(axis=1))
         for name in ("v", "energy", "constraint"):
             if name in self.seen:
                 whole &= np.isfinite(self.seen[name]).all(axis=1)
