@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from eomcheck.arithmetic.generic import NotRationalError
 from eomcheck.checks.claim import Case, claim
 from eomcheck.checks.finding import Finding
+from eomcheck.errors import RefusedError
+from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 
 FEW = 5
@@ -22,8 +24,9 @@ def machine_code(case: Case) -> Iterator[Finding]:
         return
     for formulation in case.solved:
         try:
-            found = acceleration_in_machine_code(case.at, formulation)
-        except NotRationalError:  # the scene's functions cannot be traced: there is none
+            at = as_integrated(case.at, formulation)
+            found = acceleration_in_machine_code(at, formulation)
+            public = at.acceleration(formulation).vdot
+        except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
             continue
-        public = case.at.acceleration(formulation).vdot
-        yield case.compare(formulation.key, found, public, 2 * case.vdot_spread(formulation))
+        yield case.compare(formulation.key, found, public, 2 * at.acceleration_spread(formulation))

@@ -5,15 +5,20 @@ In machine code like the right-hand side, and with its parameters.
 
 from __future__ import annotations
 
+import numpy as np
+
 from eomcheck.arithmetic.tape import Tape
+from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.model import Scene
 from eomcheck.motion.right_hand_side import (
     Traced,
+    block_of,
     number_of_speeds,
     quantities_on,
+    state_of,
     state_size,
     traced_kernel,
 )
@@ -63,3 +68,16 @@ def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kerne
     if scene.r > 0:
         outputs["constraint"] = scene.r
     return traced_kernel(observations_on, scene, formulation, outputs, width=width)
+
+
+def as_integrated(at: Evaluation, formulation: Formulation) -> Evaluation:
+    """Return the evaluation at the velocities that the state vector of `formulation` stands for.
+
+    Where it holds the independent ones, the others follow from them, by rounding times the
+    condition of what is solved another v than the one given.
+    """
+    if formulation.state != "q, v2":
+        return at
+    kernel = observer_of(at.scene, formulation)
+    v = kernel(block_of(kernel, at.scene), np.array([at.t]), state_of(at, formulation))["v"]
+    return Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at

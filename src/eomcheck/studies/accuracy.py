@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from eomcheck import strategies
-from eomcheck.certified import certify, relative_error, true_state
+from eomcheck.certified import Accuracy, accuracy, certify, relative_error, true_state
 from eomcheck.console import progress
 from eomcheck.enclosure import Enclosure
 from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation, applicable
+from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.scenes import Snake
 from eomcheck.states import speeds_of
@@ -81,12 +82,7 @@ def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> De
         found = certify(formulation, truth, at)
     except RefusedError as refusal:
         return Delivered(key, links, refusal.what)
-    machine = acceleration_in_machine_code(at, formulation)
-    finite = bool(np.isfinite(machine).all())
-    error = relative_error(machine, truth) if finite else float("nan")
-    least = UNDERFLOW / max(largest(truth.doubles()), UNDERFLOW)
-    bound = max(found.relative_bound, least)
-    shares = found.relative / bound, error / bound
+    shares = found.relative / _bound(found), _of_machine_code(formulation, found, at)
     return Delivered(
         key,
         links,
@@ -100,3 +96,23 @@ def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> De
         *shares,
         f"{at.scene!r}, q = {at.q.tolist()}, u = {at.u.tolist()}" if max(shares) > 1 else "",
     )
+
+
+def _bound(found: Accuracy) -> float:
+    """Return the bound that the public path states, over the largest true entry."""
+    least = UNDERFLOW / max(largest(found.truth.doubles()), UNDERFLOW)
+    return max(found.relative_bound, least)
+
+
+def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) -> float:
+    """Return the error of machine code over the bound of the public path for the same question."""
+    same = as_integrated(at, formulation)
+    if same is not at:
+        try:
+            found = accuracy(at.scene, formulation.key, at.q, t=at.t, v=same.v)
+        except RefusedError:
+            return float("nan")
+    machine = acceleration_in_machine_code(same, formulation)
+    if not np.isfinite(machine).all():
+        return float("nan")
+    return relative_error(machine, found.truth) / _bound(found)
