@@ -159,7 +159,8 @@ class Moved:
 
     def __add__(self, other):
         if type(other) is Moved:
-            return self._moved(self.value + other.value)
+            x, change = self.value + other.value, self.change
+            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
         if type(other) is int:
             return self._moved(self.value + other) if other else self
         return NotImplemented
@@ -174,7 +175,8 @@ class Moved:
 
     def __mul__(self, other):
         if type(other) is Moved:
-            return self._moved(self.value * other.value)
+            x, change = self.value * other.value, self.change
+            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
         if type(other) is int:
             return self._moved(self.value * other)
         return NotImplemented
