@@ -3,11 +3,9 @@
 A function under `@generic` only adds, subtracts, multiplies, divides (by a number of the model or
 a power of two), indexes, and calls `eomcheck.arithmetic.linear.solve` or its sibling for banded
 matrices. It has no `sin`, no `sqrt`, no branch on a value; its literals are integers. An absent
-term is `None` and is tested with `is None` on an argument of that very function, which a compiler
-resolves before anything runs.
+term is `None` and is tested with `is None` on an argument of that very function.
 
-The mark leaves the function as it is. Arithmetics that compile look the marked functions up in
-`GENERIC`.
+The mark leaves the function as it is; `GENERIC` lists the marked ones.
 """
 
 from __future__ import annotations

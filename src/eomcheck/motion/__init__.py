@@ -1,1 +1,1 @@
-"""Motion: compiled right-hand sides of the formulations, and reference solutions."""
+"""Motion: right-hand sides of the formulations in machine code, and reference solutions."""

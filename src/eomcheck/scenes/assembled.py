@@ -338,7 +338,6 @@ class Assembled(Scene):
             written = getattr(cls, name, None)
             if written is None or written in _made:
                 function = compose(cls)
-                # The name is what compiled code on disk is told apart by.
                 function.__module__, function.__qualname__ = (
                     cls.__module__,
                     f"{cls.__name__}.{name}",

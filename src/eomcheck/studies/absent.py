@@ -137,7 +137,6 @@ def _kind_with_zeros(kind: type[Scene]) -> type[Scene]:
     functions = {}
     for name, compose in (("terms", _terms), ("speeds", _speeds), ("bodies", _bodies)):
         function = compose(kind)
-        # The name is what compiled code on disk is told apart by.
         function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}_0"
         functions[name] = staticmethod(generic(function))
     return type(kind.__name__, (kind,), functions)
