@@ -49,24 +49,32 @@ def numerator_degrees(values: Callable[[int], Iterable], first: int = 16) -> lis
 
     Args:
         values: s -> the functions' values there, elements of the field modulo `PRIME` or integers.
-        first: number of s to begin with, doubled until every function is recovered.
+        first: number of s to begin with, raised until every function is recovered.
     """
-    count, rows = first, []
+    count, rows, found = first, [], {}
     while True:
         rows += [list(values(s)) for s in range(len(rows) + 1, count + 1)]
-        degrees = _recovered(rows)
-        if all(degree is not None for degree in degrees):
-            return degrees
-        count *= 2
+        columns: dict[tuple, list[int]] = {}  # many entries are equal
+        for place, column in enumerate(zip(*rows, strict=True)):
+            if place not in found:
+                columns.setdefault(tuple(map(int, column)), []).append(place)
+        for degree, places in zip(_recovered(list(columns)), columns.values(), strict=True):
+            if degree is not None:
+                found |= dict.fromkeys(places, degree)
+        if len(found) == len(rows[0]):
+            return [found[place] for place in range(len(rows[0]))]
+        count = count * 5 // 4
 
 
-def _recovered(rows: list[list]) -> list[int | None]:
+def _recovered(columns: list[tuple]) -> list[int | None]:
     """Return the degree of each numerator, None where there are too few values."""
-    count, width = len(rows), len(rows[0])
+    count, width = len(columns[0]), len(columns)
     points = [flint.nmod(s, PRIME) for s in range(1, count + 1)]
     powers = [s**k for s in points for k in range(count)]
     vandermonde = flint.nmod_mat(count, count, powers, PRIME)
-    right = flint.nmod_mat(count, width, [x for row in rows for x in row], PRIME)
+    right = flint.nmod_mat(
+        count, width, [x for row in zip(*columns, strict=True) for x in row], PRIME
+    )
     coefficients = vandermonde.solve(right).entries()
     modulus = flint.nmod_poly([1], PRIME)
     for s in points:
