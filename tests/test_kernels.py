@@ -598,7 +598,7 @@ def test_code_for_another_machine_works_and_with_fma_has_the_bits_of_this_one(
     name, width, monkeypatch
 ):
     fused = MACHINES[name][2]
-    scene = uneven(7, springs=True)
+    scene = uneven(3, springs=True)
     at = Evaluation(scene, *state(scene))
     found: list[list[Array]] = []
     if fused and not machine.features()[2]:

@@ -177,7 +177,7 @@ class Inline:
                 pivot = code.choose(mark, entry, pivot)
                 others.append(code.choose(mark, first, entry))
             done.append(pivot)
-            left = [code.sub(x, code.mul(f, pivot)) for x, f in zip(others, factors, strict=True)]
+            left = [code.sub(y, code.mul(f, pivot)) for y, f in zip(others, factors, strict=True)]
         x: list[str] = []
         for row, right in zip(reversed(self.upper), reversed(done), strict=True):
             for coefficient, y in zip(reversed(row[1:]), reversed(x), strict=True):
