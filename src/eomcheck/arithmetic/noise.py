@@ -14,7 +14,8 @@ of its own (Monte Carlo arithmetic: Parker 1997).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,8 @@ class Noise:
         self._random = np.random.default_rng(seed)
         self.step = step
         self._drawn = np.empty(0)
-        self._next = self._stream().__next__
+        blocks = iter(lambda: self._draw(BLOCK).tolist(), None)
+        self._next = chain.from_iterable(blocks).__next__
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return random numbers of magnitude h/2 to h."""
@@ -102,10 +104,6 @@ class Noise:
             return moved.reshape(x.shape)
         return x
 
-    def _stream(self) -> Iterator[float]:
-        while True:
-            yield from self._draw(BLOCK).tolist()
-
 
 EXACT = (np.negative, np.absolute, np.positive, np.maximum)
 """Operations of whole arrays that do not round."""
@@ -152,8 +150,8 @@ class Moved:
         return self.value
 
     def _moved(self, x: float) -> Moved:
-        size = x if x > NORMAL or x < -NORMAL else NORMAL
-        return Moved(x + self.change() * size, self.change)
+        change = self.change
+        return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
 
     # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median, quantiles
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
