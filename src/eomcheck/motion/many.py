@@ -137,7 +137,7 @@ def simulate_many(
         max_steps: give up after so many steps; 0 for no limit.
         executor: what spreads the work: a `concurrent.futures.Executor`, a dask client, anything
             with a `submit`. By default it is done in this process.
-        lanes: motions side by side: 1, 2, 4, 8 or 16.
+        lanes: motions side by side: 1, 2, 4 or 8.
 
     Returns:
         The motions. One that cannot start or go on says so by its `status` and `reason`.
@@ -148,8 +148,8 @@ def simulate_many(
     """
     formulation = formulation_for(checked_scene(scene), key)
     check_options(max_steps, t_end=t_end, rtol=rtol, atol=atol)
-    if lanes not in (1, 2, 4, 8, 16):
-        raise InputError(f"lanes = {lanes!r}, expected 1, 2, 4, 8 or 16")
+    if lanes not in (1, 2, 4, 8):
+        raise InputError(f"lanes = {lanes!r}, expected 1, 2, 4 or 8")
     if not (executor is None or hasattr(executor, "submit")):
         raise InputError(f"executor = {executor!r}, expected one that has a method submit")
     times = np.linspace(0.0, t_end, OUTPUTS) if output_times is None else output_times
