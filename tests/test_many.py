@@ -51,7 +51,7 @@ def assert_agrees(found: eomcheck.Trajectory, alone: eomcheck.Trajectory):
 @pytest.mark.parametrize("links", [2, 3])
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_each_motion_is_that_of_simulate(key: str, links: int):
-    soft = {"stiffness": [20.0, 20.0][: links - 1], "wheel_angle": [-0.4, 0.4, 0.8][:links]}
+    soft = {"stiffness": [20.0, 20.0][: links - 1], "wheel_angle": [0.0, -0.8, 0.8][-links:]}
     scene = replace(Snake.pattern(links), **soft)
     q0, u0 = near(scene, 3), np.array([[0.3, 0.2], [0.0, 0.0], [-0.5, 0.1]])
     found = simulate_many(scene, key, 0.3, q0=q0, u0=u0, output_times=TIMES)
