@@ -15,7 +15,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from eomcheck.arithmetic.absent import settle_absent
 
 import eomcheck
 from eomcheck.arithmetic.banded import solve_banded

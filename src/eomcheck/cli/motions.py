@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import MOST_LINKS, Formulations
+from eomcheck.cli.options import MOST_LINKS, Formulations, Seed, at_least_one, check_figure
 from eomcheck.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,6 +33,46 @@ def _snake(robot: Robot, links: int) -> Snake:
         raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
     makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
     return Snake.paper() if robot is Robot.PAPER else makers[robot](links)
+
+
+class _Near(NamedTuple):
+    """How motions near one are drawn, computed and drawn as a figure."""
+
+    draws: int
+    scale: float
+    seed: int
+    executor: str | None
+    plot: Path | None
+
+
+def _many(
+    scene: Snake, key: str, t_end: float, speeds: tuple[float, float], near: _Near, options: dict
+) -> bool:
+    """Integrate, print and draw motions; return whether one did not reach its end."""
+    import numpy as np
+
+    import eomcheck
+    from eomcheck.report.many import draw_many, print_many
+    from eomcheck.studies import spread
+
+    at_least_one(draws=near.draws)
+    if not 0 <= near.scale < np.inf:
+        raise InputError(f"scale = {near.scale}, expected a number that is not negative")
+    if near.plot is not None:
+        check_figure(near.plot)
+    random = np.random.default_rng(near.seed)
+    q, _ = scene.initial_state()
+    q0 = q + near.scale * random.standard_normal((near.draws, scene.n))
+    u0 = speeds + near.scale * random.standard_normal((near.draws, scene.p))
+    there = nullcontext() if near.executor is None else spread.executor(near.executor)
+    with there as pool:
+        found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
+    print_many(found)
+    finished = found.status == "finished"
+    if near.plot is not None and finished.any():
+        draw_many(found, near.plot)
+        typer.echo(f"written: {near.plot}")
+    return not finished.all()
 
 
 @app.command()
@@ -57,11 +99,22 @@ def simulate(
     projection: Annotated[
         float | None, typer.Option(help="Project the velocity at intervals of so many s.")
     ] = None,
+    draws: Annotated[
+        int | None, typer.Option(help="Integrate so many motions near this one instead.")
+    ] = None,
+    scale: Annotated[
+        float, typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s.")
+    ] = 0.01,
+    seed: Seed = 0,
+    executor: Annotated[str | None, typer.Option(help="Where to compute --draws.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
 ) -> None:
     """Integrate a motion by each formulation, and print how well it kept energy and constraints.
 
-    With --baumgarte or --projection, by each formulation to which it applies. Exit code 1 if a
-    motion does not reach its end.
+    With --baumgarte or --projection, by each formulation to which it applies. With --draws, motions
+    by one formulation, kane by default, and DOP853: a normal deviate is added to each coordinate
+    and generalized speed at the start, and printed is how far their ends are apart. Exit code 1 if
+    a motion does not reach its end.
     """
     from dataclasses import replace
 
@@ -73,6 +126,17 @@ def simulate(
     for name, value in (("stiffness", stiffness), ("damping", damping)):
         if value is not None:
             scene = replace(scene, **{name: [value] * (scene.links - 1)})
+    if draws is not None:
+        if baumgarte is not None or projection is not None or integrator != "DOP853":
+            raise InputError("draws are integrated by DOP853, without stabilization")
+        chosen = formulation or ["kane"]
+        if len(chosen) > 1:
+            raise InputError(f"formulation = {chosen}, expected one for draws")
+        options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
+        near = _Near(draws, scale, seed, executor, plot)
+        if _many(scene, chosen[0], t_end, speeds, near, options):
+            raise typer.Exit(1)
+        return
     asked = formulations_for(scene, formulation)
     if formulation is None and (baumgarte is not None or projection is not None):
         asked = tuple(one for one in asked if one.level == "acceleration")
