@@ -7,10 +7,12 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
 
 import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
@@ -253,6 +255,49 @@ def test_names_must_be_known():
     with pytest.raises(IndexError):
         reference()[2][21]
     assert len(reference()[2]) == len(list(reference()[2])) == 21
+
+
+# ---- The command ---------------------------------------------------------------------------------
+
+
+def command(*options: str):
+    from eomcheck.cli import app
+
+    return CliRunner().invoke(app, ["simulate", "pattern", "0.05", "--links", "3", *options])
+
+
+def test_the_command_prints_and_draws_how_far_motions_are_apart(tmp_path: Path):
+    plot = tmp_path / "spread.png"
+    shown = command("--draws", "12", "--scale", "0.1", "--plot", str(plot))
+    assert shown.exit_code == 0, shown.output
+    for text in ("kane, t = 0.05 s", "θ_3 / rad", "median", "energy error / J", "12 finished"):
+        assert text in shown.output
+    assert plot.stat().st_size > 10_000
+    assert "x / m" in command("--draws", "12", "--seed", "1", "--formulation", "gw").output
+
+
+def test_draws_that_fail_are_counted_and_the_exit_code_tells():
+    shown = command("--draws", "3", "--max-steps", "2")
+    assert shown.exit_code == 1
+    assert "3 motions: 3 failed" in shown.output
+    assert "motion 2 failed: 2 steps do not reach the end" in shown.output
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--draws", "0"], "draws = 0, expected at least 1"),
+        (["--draws", "2", "--scale", "-1"], "scale = -1"),
+        (["--draws", "2", "--integrator", "Radau"], "integrated by DOP853, without stabilization"),
+        (["--draws", "2", "--formulation", "im", "--formulation", "el"], "expected one for draws"),
+        (["--draws", "2", "--plot", "no/such/x.png"], "not a file in a folder that exists"),
+        (["--draws", "2", "--executor", "moon"], "executor = 'moon'"),
+    ],
+)
+def test_draws_say_what_does_not_go_with_them(options: list[str], message: str):
+    shown = command(*options)
+    assert isinstance(shown.exception, InputError)
+    assert message in str(shown.exception)
 
 
 # ---- The integrator by itself --------------------------------------------------------------------

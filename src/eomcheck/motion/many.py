@@ -119,7 +119,8 @@ def simulate_many(
     """Integrate m motions of `scene` from t = 0 to `t_end` by DOP853, several at a time.
 
     Each motion has its own steps and errors. Its results are the same bits whatever m, `lanes` and
-    the executor are.
+    the executor are. Other than by `simulate`, no matrix is looked at: one that is singular to
+    rounding only goes unnoticed.
 
     Args:
         scene: the scene.

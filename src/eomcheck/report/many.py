@@ -58,7 +58,7 @@ def _quantiles(x: Array) -> Array:
 
 
 def draw_many(found: Trajectories, path: Path) -> None:
-    """Draw the median of each coordinate over time, with half and all of the motions around it."""
+    """Draw how far half and all of the motions are from the median, coordinate by coordinate."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -76,11 +76,13 @@ def draw_many(found: Trajectories, path: Path) -> None:
         panel.set_visible(False)
     for panel, i in zip(axes.flat, shown, strict=False):
         least, low, median, high, largest = _quantiles(q[:, :, i])
-        panel.fill_between(found.t, least, largest, color=COLOR, alpha=0.18, lw=0, label="all")
-        panel.fill_between(found.t, low, high, color=COLOR, alpha=0.45, lw=0, label="half")
-        panel.plot(found.t, median, color="black", lw=1.4, label="median")
-        panel.set_ylabel(f"{scene.coordinate_names[i]} / {units(scene)[i]}")
-        panel.grid(color="0.9")
+        least, low, high, largest = (x - median for x in (least, low, high, largest))
+        panel.fill_between(found.t, least, largest, color=COLOR, alpha=0.25, lw=0, label="all")
+        panel.fill_between(found.t, low, high, color=COLOR, alpha=0.55, lw=0, label="middle half")
+        panel.axhline(0.0, color="black", lw=1.2, label="median")
+        panel.set_ylabel(f"({scene.coordinate_names[i]} - median) / {units(scene)[i]}")
+        panel.grid(color="0.85")
+        panel.set_axisbelow(True)
     for column in range(columns):
         last = [panel for panel in axes[:, column] if panel.get_visible()][-1]
         last.set_xlabel("t / s")
