@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median, quantiles
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
