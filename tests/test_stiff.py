@@ -15,7 +15,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.motion import right_hand_side
-from eomcheck.motion.right_hand_side import exact_jacobian, parameter_arrays, rates_on
+from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
 from eomcheck.motion.simulate import Motion
 from eomcheck.report.stiff import draw_stiff, print_stiff
 from eomcheck.scenes import SCENES, Snake
@@ -76,7 +76,7 @@ def test_every_scene_is_differentiated_on_the_tape_by_every_formulation(kind):
         y = motion.y0.copy()
         if formulation.state == "q, u":
             y[scene.n :] = at.u
-        tape, _, _, outputs = rates_on(scene, formulation, exact=True)
+        tape, _, _, outputs = rates_on(scene, formulation, also=JACOBIAN)
         given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
         rates = evaluated(tape, outputs["rates"], given)
         assert rates == pytest.approx(motion.rates(t, y), rel=1e-9, abs=1e-9), key
@@ -89,7 +89,7 @@ def test_jacobians_in_machine_code_are_those_on_the_tape(key):
     scene, (q, v, t) = ordinary(SCENES[key])
     for formulation in applicable(scene).values():
         y = Motion(scene, formulation, q, v).y0
-        tape, _, _, outputs = rates_on(scene, formulation, exact=True)
+        tape, _, _, outputs = rates_on(scene, formulation, also=JACOBIAN)
         given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
         expected = evaluated(tape, outputs["jacobian"], given)
         found = exact_jacobian(scene, formulation)(t, y).ravel()
