@@ -66,7 +66,8 @@ class Timing:
 def bench_state(kind: type[Scene], links: int | None) -> tuple[Scene, Array, Array]:
     """Return a scene in motion, (scene, q, u).
 
-    Snakes are gently curved, with springs, so that W does not grow, and their angles go all around.
+    Snakes are coiled as the paper's robot, by 44° from link to link: their angles go all around, as
+    those of robots do. With wheels nearly along the links W does not grow.
     """
     if kind is not Snake:
         scene = kind.example() if links is None else next(kind.structures(links))
@@ -75,7 +76,7 @@ def bench_state(kind: type[Scene], links: int | None) -> tuple[Scene, Array, Arr
     assert links is not None
     one, k = np.ones(links), np.arange(links)
     snake = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(k))
-    theta = np.radians(44.0) + 0.3 * np.sin(0.7 * k) + 0.02 * k
+    theta = np.radians(44.0) * (k + 1)
     return snake, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
 
 
