@@ -156,11 +156,11 @@ def _group(
 _kept: dict[Any, MachineCode] = {}
 
 
-def in_machine_code(function: Callable, *arguments: Any) -> Any:
+def in_machine_code(function: Callable, *arguments: Any, short: int = SHORT) -> Any:
     """Return the value of a generic function; its code is made once for all of these shapes."""
     shapes = tuple(np.shape(x) for x in leaves(arguments))
     where = repr(rebuilt(arguments, iter([0] * len(shapes))))
-    key = function, where, shapes
+    key = function, where, shapes, short
     if key not in _kept:
-        _kept[key] = MachineCode(function, *arguments)
+        _kept[key] = MachineCode(function, *arguments, short=short)
     return _kept[key](*arguments)

@@ -356,15 +356,23 @@ machine_sizes = pytest.mark.parametrize("size", [*range(1, INLINE + 3), 20, 40])
 """In registers, and in memory."""
 
 
+MANY = 200
+"""Operations beyond which loops are looked for, earlier than usual: large ones are made sooner."""
+
+
 def solved(A, b):
     return solve(A, b, "A")
+
+
+def machine_solve(A, b):
+    return in_machine_code(solved, A, b, short=MANY)
 
 
 @machine_sizes
 @columns
 def test_machine_code_solves(size, columns):
     A, b = system(size, columns)
-    x = in_machine_code(solved, A, b)
+    x = machine_solve(A, b)
     assert_solves(A, x, b)
     difference = np.abs(x - solve(A, b, "A")).max()
     assert difference <= 2 * allowed_error(np.linalg.cond(A) * np.abs(x).max())
@@ -384,24 +392,24 @@ def test_machine_code_answers_a_singular_matrix_with_nan_and_does_not_raise(size
             A[1:-1, 0] = 0.0
         case _:
             A[:, size // 2] = 0
-    assert np.isnan(in_machine_code(solved, A, b)).all()
+    assert np.isnan(machine_solve(A, b)).all()
 
 
 @machine_sizes
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_machine_code_answers_a_matrix_that_is_not_finite_with_nan(size, bad):
     A, b = system(size)
-    found = in_machine_code(solved, np.full_like(A, bad), b)
+    found = machine_solve(np.full_like(A, bad), b)
     assert np.isnan(found).all() or (size == 1 and (found == 0).all())  # 1 / inf
     A[size // 2, size // 2] = np.nan
-    assert np.isnan(in_machine_code(solved, A, b)).any()
+    assert np.isnan(machine_solve(A, b)).any()
 
 
 @machine_sizes
 @columns
 def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, columns):
     A, b = system(size, columns)
-    code = MachineCode(solved, A, b)
+    code = MachineCode(solved, A, b, short=MANY)
     block = code.block(A, b)
     before, first = block.copy(), code.run(block)
     places = code.kernel.layout.places
@@ -416,18 +424,18 @@ def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, c
 def test_machine_code_swaps_rows_where_a_pivot_is_zero(size):
     A = np.roll(np.diag(np.arange(1.0, size + 1)), 1, axis=0)
     x = np.arange(1.0, size + 1)
-    assert np.array_equal(in_machine_code(solved, A, A @ x), x)
+    assert np.array_equal(machine_solve(A, A @ x), x)
 
 
 @machine_sizes
 @columns
 def test_powers_of_two_as_units_of_rows_change_no_bit_in_machine_code(size, columns):
     A, b = system(size, columns)
-    x = in_machine_code(solved, A, b)
+    x = machine_solve(A, b)
     for seed in range(5):
         units = np.ldexp(1.0, np.random.default_rng(seed).integers(-400, 401, size))
         scaled = (b.T * units).T
-        assert np.array_equal(in_machine_code(solved, units[:, None] * A, scaled), x)
+        assert np.array_equal(machine_solve(units[:, None] * A, scaled), x)
 
 
 @machine_sizes
@@ -437,7 +445,7 @@ def test_pivots_are_chosen_by_the_rows_as_scaled_in_machine_code_too(size):
     if size > 1:
         A[:2, :2] = [[1e10, 1e30], [1.0, 1.0]]
     expected = solve(A, b, "A")
-    found = in_machine_code(solved, A, b)
+    found = machine_solve(A, b)
     assert np.abs(found - expected).max() <= 1e-15 * np.abs(expected).max()
 
 
@@ -448,15 +456,15 @@ def test_hostile_units_of_rows_and_unknowns_leave_machine_code_as_exact_as_pytho
         A, b = system(size, columns, seed)
         random = np.random.default_rng((size, seed))
         rows, unknowns = 10.0 ** random.uniform(-100, 100, (2, size))
-        x = in_machine_code(solved, rows[:, None] * A, (b.T * rows).T)
+        x = machine_solve(rows[:, None] * A, (b.T * rows).T)
         assert_solves(A, x, b)
         A = A * 10.0 ** random.uniform(-4, 4, size)
-        x, expected = in_machine_code(solved, A, b), solve(A, b, "A")
+        x, expected = machine_solve(A, b), solve(A, b, "A")
         assert_solves(A, x, b)
         assert np.abs(A @ (x - expected)).max() <= 2 * allowed_error(
             size * (np.abs(A) @ np.abs(expected)).max()
         )
-        large = in_machine_code(solved, rows[:, None] * A / unknowns, (b.T * rows).T)
+        large = machine_solve(rows[:, None] * A / unknowns, (b.T * rows).T)
         assert np.isfinite(large).all()
 
 
@@ -467,9 +475,9 @@ def test_each_lane_of_a_solve_has_the_bits_of_a_single_one(size, columns, width)
     systems = [system(size, columns, seed) for seed in range(width)]
     systems[-1][0][:] = 0.0  # a singular one leaves the others alone
     A, b = (np.stack(x, axis=-1) for x in zip(*systems, strict=True))
-    found = MachineCode(solved, *systems[0], width=width)(A, b)
+    found = MachineCode(solved, *systems[0], width=width, short=MANY)(A, b)
     for lane, (A, b) in enumerate(systems):
-        alone = in_machine_code(solved, A, b)
+        alone = machine_solve(A, b)
         assert np.array_equal(found[..., lane], alone, equal_nan=True)
         assert np.isnan(alone).all() == (lane == width - 1)
 
