@@ -165,7 +165,7 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
     with Records(tmp_path / "stiff.db") as records:
         found = measure(TINY, records, REFERENCES)
         monkeypatch.setattr(stiff, "_damped_truth", None)
-        monkeypatch.setattr(stiff, "_compiled", None)
+        monkeypatch.setattr(stiff, "_by_cyrk", None)
         assert measure(TINY, records, REFERENCES) == found
     assert {r.status for r in found} == {"done"}
     (truth,) = (r for r in found if r.study == stiff.TRUTH)

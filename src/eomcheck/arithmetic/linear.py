@@ -3,8 +3,7 @@
 Doubles go to LAPACK's LU with partial pivoting, which is watched: every matrix solved is recorded
 by name with its reciprocal condition number, and a matrix that is singular to working precision is
 refused. Object arrays go to the solver registered for their scalar type; fields without one
-(`fractions.Fraction`) are eliminated exactly. `eomcheck.arithmetic.float64` replaces the function
-in compiled code.
+(`fractions.Fraction`) are eliminated exactly.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def bench_motion(
     formulation: Timed = None,
     json: Json = None,
 ) -> None:
-    """Time a motion of the paper's robot, compiled throughout and through Python."""
+    """Time a motion of the paper's robot, in machine code and through Python."""
     check_writable(json)
     from eomcheck.studies.motion import measure_motions
     from eomcheck.report.benchmarks import print_motions, write_records  # isort: skip

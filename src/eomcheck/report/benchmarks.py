@@ -30,10 +30,10 @@ def print_rhs(records: list[Timing]) -> None:
     links = sorted({record.links for record in records})
     by_key = {(record.what, record.links): record for record in records}
     columns = (f"N = {n}" if n else records[0].scene for n in links)
-    sizes = numbers(*columns, "slope, N >= 100", "compiling")
+    sizes = numbers(*columns, "slope, N >= 100", "making it")
     shown = table([*words("right-hand side"), *sizes], show_lines=True)
     for what in dict.fromkeys(record.what for record in records):
-        cells, large, compiling = [], [], 0.0
+        cells, large, making = [], [], 0.0
         for n in links:
             record = by_key.get((what, n))
             if record is None:
@@ -41,11 +41,11 @@ def print_rhs(records: list[Timing]) -> None:
                 continue
             ratio = record.seconds / by_key[TRIGONOMETRY, n].seconds
             cells.append(f"{seconds_text(record.seconds)}\n[dim]{ratio:.3g} ×[/]")
-            compiling = max(compiling, record.compile_seconds)
+            making = max(making, record.compile_seconds)
             if n >= 100:
                 large.append((n, record.seconds))
         fitted = f"{slope(large):.3f}" if len(large) > 1 else ""
-        shown.add_row(what, *cells, fitted, seconds_text(compiling))
+        shown.add_row(what, *cells, fitted, seconds_text(making))
     console.print(shown)
     console.print(
         "Median time of one right-hand side; below it, the ratio to the sines and cosines of the N "
@@ -64,7 +64,7 @@ def _finite(value: Any) -> Any:
 
 
 def print_motions(records: list[MotionTime]) -> None:
-    """Print the time of a motion by compiled and by Python integrators, and their ratio."""
+    """Print the time of a motion by CyRK and by SciPy, and their ratio."""
     rows = [
         (
             record.formulation,
@@ -80,7 +80,7 @@ def print_motions(records: list[MotionTime]) -> None:
     console.print(table([*words("formulation"), *timed], rows))
     console.print(
         f"Best time of {END:g} s of the paper's robot by DOP853, rtol = atol = {TOLERANCE:.0e}, "
-        "with the same compiled right-hand side."
+        "with the same right-hand side in machine code."
     )
 
 

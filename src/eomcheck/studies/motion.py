@@ -52,7 +52,7 @@ def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
     scene = Snake.paper()
     found: dict[str, MotionTime] = {}
     motions = []
-    with progress("compiling and timing", (1 + ROUNDS) * len(formulations)) as advance:
+    with progress("making code and timing", (1 + ROUNDS) * len(formulations)) as advance:
         for formulation in formulations:
             motions.append(Motion(scene, formulation, *scene.initial_state()))
             advance()
@@ -71,10 +71,10 @@ def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
 
 
 def _measure(motion: Motion) -> MotionTime:
-    compiled = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
+    by_cyrk = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
     calls = motion.rates.calls
     python = run_time(lambda: _by_scipy(motion), runs=IN_PYTHON)
-    return MotionTime(motion.formulation.key, compiled.seconds, calls, python.seconds)
+    return MotionTime(motion.formulation.key, by_cyrk.seconds, calls, python.seconds)
 
 
 def _by_scipy(motion: Motion) -> None:

@@ -1,6 +1,6 @@
 """What one right-hand side costs, counted operation by operation, over the number of links.
 
-The functions that `eomcheck.motion.right_hand_side` compiles are run on numbers that count
+The functions that `eomcheck.motion.right_hand_side` traces are run on numbers that count
 (`eomcheck.arithmetic.counting` says what counts). What depends on the parameters alone is prepared
 once per scene and not counted. Linear systems are listed, and what elimination takes for them is
 kept apart: it is computed from their orders.
@@ -127,7 +127,7 @@ def count(scene: Snake, formulation: Formulation) -> Operations:
 
 
 def outline(scene: Scene, counting: Counting) -> Quantities:
-    """Return what the scene says in numbers that only count: which terms it has, uncompiled."""
+    """Return what the scene says in numbers that only count: which terms it has."""
     at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
     at.u = counting.vector(scene.p)
     return at

@@ -156,7 +156,7 @@ def _equations(settings: dict[str, Any]) -> Record:
 
 
 def _prepared(links: int, key: str) -> tuple[Motion, float]:
-    """Return the compiled motion and the seconds that compiling took."""
+    """Return the motion and the seconds that making its code took."""
     start = time.perf_counter()
     scene = scene_of(links)
     motion = Motion(scene, formulation_of(key), *scene.initial_state())

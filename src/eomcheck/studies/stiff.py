@@ -67,7 +67,7 @@ class Plan:
 
     Attributes:
         stiffnesses: k, N m/rad.
-        tolerances: rtol = atol of the compiled integrators.
+        tolerances: rtol = atol of CyRK's integrators.
         in_scipy: those of SciPy's, with and without exact Jacobians.
         formulations: keys.
     """
@@ -230,7 +230,7 @@ class _Worker:
         problem, k = settings["problem"], settings["stiffness"]
         motion, compile_seconds = self._motion(problem, k, settings["formulation"])
         truth = self._truth(problem, k)
-        solve = _compiled if settings["jacobian"] is None else _in_scipy
+        solve = _by_cyrk if settings["jacobian"] is None else _in_scipy
         found = solve(motion, end_of(problem, k), settings)
         counts = {"right-hand sides": motion.rates.calls, **found.counts}
         if found.state is None:
@@ -256,7 +256,7 @@ class _Found:
     counts: dict[str, int]
 
 
-def _compiled(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
+def _by_cyrk(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
     tolerance = settings["tolerance"]
     found = motion.solve(
         end,
@@ -271,7 +271,7 @@ def _compiled(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
 
 
 def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
-    """Integrate by SciPy, whose right-hand side is the compiled one as well."""
+    """Integrate by SciPy, whose right-hand side is the same."""
     motion.rates.reset()
     exact = settings["jacobian"] == "exact"
     # Its differences for the Jacobian try larger and larger changes of what does not matter.

@@ -1,7 +1,7 @@
 """Error against run time: formulations × integrators × tolerances × scenes, data first.
 
 Each cell is one Record. Errors are those against a stored reference solution at its output times;
-run times are those of the integration alone, compiled and warm.
+run times are those of the integration alone, in machine code and warm.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record
 
 
 def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
-    # Tolerances innermost: what is compiled for the first one serves the others.
+    # Tolerances innermost: the code made for the first one serves the others.
     for file in planned.references:
         known = applicable(load_reference(file).scene)
         keys = (key for key in planned.formulations if key in known)
@@ -108,7 +108,7 @@ class _Worker:
         self._motion = cache(self._prepared)
 
     def _prepared(self, name: str, key: str) -> tuple[Reference, Motion, float]:
-        """Return the reference, the compiled motion and the seconds that compiling took."""
+        """Return the reference, the motion and the seconds that making its code took."""
         reference = load_reference(self._files[name])
         start = time.perf_counter()
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
