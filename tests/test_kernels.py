@@ -32,6 +32,7 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import FEW_ANGLES, NotRegularError, Program, continued, program_of
 from eomcheck.model import Array, Scene
 from eomcheck.model import velocity as velocity_of_speeds
+from eomcheck.motion.observe import solves_of
 from eomcheck.motion.right_hand_side import (
     MANY_LINKS,
     SHORTER,
@@ -39,6 +40,7 @@ from eomcheck.motion.right_hand_side import (
     kernel_of,
     parameter_arrays,
     rates_on,
+    state_of,
 )
 from eomcheck.quantities import net_force
 from eomcheck.scenes import SCENES, Snake
@@ -669,3 +671,27 @@ def test_a_motion_needs_no_place_to_write(tmp_path):
     for how in (nobody(), {}):
         run(MOVED, env=environment, cwd="/" if how else tmp_path, **how)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_every_matrix_solved_in_machine_code_tells_its_condition_sign_and_refinements(key):
+    scene, formulation = Snake.paper(), FORMULATIONS[key]
+    at = Evaluation(scene, *scene.initial_state())
+    public = at.acceleration(formulation).rcond
+    found = solves_of(scene, formulation, 0.0, state_of(at, formulation))
+    assert {one.name for one in found} == set(public)
+    for one in found:
+        assert one.rcond == pytest.approx(public[one.name], rel=1e-9)
+        assert abs(one.sign) == 1.0
+        assert np.isfinite(one.log_determinant)
+        assert (one.refinements >= 1) == (key == "banded")
+
+
+def test_a_singular_matrix_in_machine_code_has_no_condition():
+    one = np.ones(3)
+    straight = Snake(one, one, one / 12, None, 0 * one)
+    at = Evaluation(straight, np.array([0.0, 0.0, 0.3, 0.3, 0.3]), np.zeros(5))
+    y = np.concatenate((at.q, np.zeros(5)))
+    (first, *_) = solves_of(straight, FORMULATIONS["el"], 0.0, y)
+    assert first.name == "a'T"
+    assert first.rcond < 1e-15

@@ -241,7 +241,7 @@ def _substitute(code: Code, size: int, upper: str, right: str, keep) -> None:
 
 def _residual(code: Code, wide: Code, size: int, scaled: str, x: str, residual: str) -> str:
     """Write b - A x to `residual`, zeros behind it, and return the backward error β."""
-    for i in range(3):
+    for i in range(ROW):
         code.store(code.constant(0.0), residual, size + i)
     minus, zero = code.constant(-1.0), ("double", code.constant(0.0))
     sizes = code.at(residual, size + 16)
@@ -257,8 +257,11 @@ def _residual(code: Code, wide: Code, size: int, scaled: str, x: str, residual: 
         turn.handed[0] = code.call("maxnum", turn.carried[0], whole)
     least = code.mul(turn.carried[0], code.constant(SMALLEST_SHARE))
     least = code.call("maxnum", least, code.constant(SMALLEST_SIZE))
-    with code.loop(size, zero) as turn:
-        whole = code.call("maxnum", code.load(sizes, turn.i), least)
-        share = code.div(code.call("fabs", code.load(residual, turn.i)), whole)
-        turn.handed[0] = code.call("maxnum", share, turn.carried[0])
-    return turn.carried[0]
+    # Behind the last row stand residuals of 0, which add nothing.
+    spread = wide.packed([least])
+    with code.loop(-(-size // ROW), (V, "zeroinitializer")) as turn:
+        at = code.integer("mul", turn.i, ROW)
+        whole = wide.call("maxnum", wide.load(code.at(sizes, at)), spread)
+        share = wide.div(wide.call("fabs", wide.load(code.at(residual, at))), whole)
+        turn.handed[0] = wide.call("maxnum", share, turn.carried[0])
+    return _folded(code, wide, turn.carried[0], lambda half, a, b: half.call("maxnum", a, b))

@@ -5,19 +5,26 @@ In machine code like the right-hand side, and with its parameters.
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
+
 import numpy as np
 
-from eomcheck.arithmetic.tape import Tape
+from eomcheck.arithmetic.banded import solve_banded
+from eomcheck.arithmetic.linear import Solve, solve, watching
+from eomcheck.arithmetic.tape import BAND, FACTORS, Tape, live
+from eomcheck.errors import RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.model import Scene
+from eomcheck.model import Array, Scene
 from eomcheck.motion.right_hand_side import (
     Traced,
     block_of,
     number_of_speeds,
     quantities_on,
+    rates_on,
     state_of,
     state_size,
     traced_kernel,
@@ -81,3 +88,47 @@ def as_integrated(at: Evaluation, formulation: Formulation) -> Evaluation:
     kernel = observer_of(at.scene, formulation)
     v = kernel(block_of(kernel, at.scene), np.array([at.t]), state_of(at, formulation))["v"]
     return Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at
+
+
+def solves_on(scene: Scene, formulation: Formulation) -> Traced:
+    """Put a right-hand side on a tape; its outputs are the matrices that it solves, by name.
+
+    A band matrix has its right-hand side behind it.
+    """
+    tape, at, y, rates = rates_on(scene, formulation)
+    used = sorted(live(tape, rates["rates"])[1])
+    groups = ((number, tape.groups[number]) for number in used)
+    matrices = {
+        f"{number} {group.kind} {group.name}": list(group.reads)
+        for number, group in groups
+        if group.kind in (FACTORS, BAND)
+    }
+    return Traced(tape, at, y, matrices)
+
+
+def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> list[Solve]:
+    """Return what there is to know of each matrix that machine code solves at a state.
+
+    Its reciprocal condition number, the sign and size of its determinant and the steps of
+    refinement are found by the law that machine code follows, from the matrix that it made.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        t: time, s.
+        y: state vector (k,).
+    """
+    sizes = {name: len(reads) for name, reads in solves_on(scene, formulation).outputs.items()}
+    kernel = traced_kernel(solves_on, scene, formulation, sizes)
+    found = kernel(block_of(kernel, scene), np.array([t]), y) if sizes else {}
+    with watching() as watch, np.errstate(all="ignore"):
+        for title, entries in found.items():
+            _, kind, name = title.split(" ", 2)
+            with suppress(RefusedError):
+                if kind == BAND:
+                    size = len(entries) // 8
+                    solve_banded(entries[: 7 * size].reshape(size, 7), entries[7 * size :], name)
+                else:
+                    size = math.isqrt(len(entries))
+                    solve(entries.reshape(size, size), np.zeros(size), name)
+    return watch.solves
