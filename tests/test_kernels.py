@@ -23,7 +23,7 @@ from eomcheck.arithmetic import tape as tapes
 from eomcheck.arithmetic.generic import NotRationalError
 from eomcheck.arithmetic.linear import solve
 from eomcheck.arithmetic.tape import Tape
-from eomcheck.errors import RefusedError
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels import machine, sincos
@@ -37,6 +37,7 @@ from eomcheck.motion.right_hand_side import (
     MANY_LINKS,
     SHORTER,
     RightHandSide,
+    exact_jacobian,
     kernel_of,
     parameter_arrays,
     rates_on,
@@ -695,3 +696,22 @@ def test_a_singular_matrix_in_machine_code_has_no_condition():
     (first, *_) = solves_of(straight, FORMULATIONS["el"], 0.0, y)
     assert first.name == "a'T"
     assert first.rcond < 1e-15
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 10])
+def test_an_infinite_pivot_gives_no_finite_solution(size):
+    def solved(A, b):
+        return solve(A, b, "A")
+
+    for place in range(size):
+        A = np.eye(size)
+        A[place, place] = np.inf
+        assert np.isnan(MachineCode(solved, A, np.ones(size))(A, np.ones(size))).any()
+
+
+def test_a_state_of_another_size_is_refused():
+    scene = Snake.coil(3)
+    rates = RightHandSide(scene, FORMULATIONS["kane"])
+    for function in (rates, exact_jacobian(scene, FORMULATIONS["kane"])):
+        with pytest.raises(InputError, match=r"y has shape \(3,\), expected \(7,\)"):
+            function(0.0, np.zeros(3))

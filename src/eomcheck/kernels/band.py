@@ -177,8 +177,9 @@ def _eliminate(
             return wide.choose(behind, after, ahead)
 
         pivot, head = among(rows), among(heads)
-        # 0 while every pivot is a number other than 0.
-        wrong = wide.compare("ueq", head, wide.constant(0.0))
+        # 0 while every pivot is a finite number other than 0.
+        large = wide.compare("ueq", wide.call("fabs", head), wide.constant(float("inf")))
+        wrong = wide.both(wide.compare("ueq", head, wide.constant(0.0)), large, "or")
         turn.handed[3] = wide.choose(wrong, wide.constant(1.0), turn.carried[3])
         single = wide.lane(head, 0)
         ahead = opposite(behind)

@@ -156,10 +156,6 @@ class Code:
         """Write entry `place` of numbers at `pointer`."""
         self.do(f"store {self.real} {x}, ptr {self.at(pointer, place)}, align 8")
 
-    def memory(self, count: int, kind: str | None = None) -> str:
-        """Return the address of room for `count` numbers on the stack, in the first block only."""
-        return self.let(f"alloca {kind or self.real}, i64 {count}, align 64")
-
     # ---- Whole numbers ---------------------------------------------------------------------------
 
     def integer(self, how: str, x: int | str, y: int | str) -> str:
@@ -226,7 +222,7 @@ class Code:
 
     @contextmanager
     def repeat(self, *carried: tuple[str, str]) -> Iterator[Turn]:
-        """Repeat what is written inside while `turn.more`, a condition set there, holds."""
+        """Repeat what is written inside while a condition, handed over as `turn.i`, holds."""
         (head,) = self.labels("while")
         before = self.block
         self.jump(head)

@@ -2,7 +2,7 @@
 
 `eomcheck.arithmetic.pivots` says how. Small matrices are eliminated in registers, where a row is
 exchanged by choosing; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by lane. Where a
-pivot is 0 or not a number, x is NaN.
+pivot is 0 or no finite number, x is NaN.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Pair:
         code = self.code
         factor = code.div(other[0], first[0])
         pivot = code.sub(other[1], code.mul(factor, first[1]))
-        return first[0], first[1], factor, _usable(code, pivot)
+        return _usable(code, first[0]), first[1], factor, _usable(code, pivot)
 
     def solve(self, b: list[str]) -> list[str]:
         """Return x (2,) of values b (2,)."""
@@ -73,9 +73,10 @@ class Pair:
 
 
 def _usable(code: Code, pivot: str) -> str:
-    """Return a pivot, NaN in the place of 0."""
-    there = code.compare("une", pivot, code.constant(0.0))
-    return code.choose(there, pivot, code.constant(float("nan")))
+    """Return a pivot; NaN where it is 0, or infinite: what is divided by that looks like 0."""
+    there = code.compare("one", pivot, code.constant(0.0))
+    finite = code.compare("one", code.call("fabs", pivot), code.constant(float("inf")))
+    return code.choose(code.both(there, finite), pivot, code.constant(float("nan")))
 
 
 def _exponent(code: Code, row: list[str]) -> str:
@@ -259,7 +260,8 @@ def factor_text(name: str, size: int, stride: int) -> str:
     # A pivot of 0, or none that is a number, must not look like a solution.
     with code.loop(size, ("double", code.constant(0.0))) as turn:
         pivot = code.load("%to", code.integer("mul", turn.i, size + 1))
-        bad = code.compare("ueq", pivot, code.constant(0.0))
+        large = code.compare("ueq", code.call("fabs", pivot), code.constant(float("inf")))
+        bad = code.both(code.compare("ueq", pivot, code.constant(0.0)), large, "or")
         turn.handed[0] = code.choose(bad, code.constant(float("nan")), turn.carried[0])
     with code.loop(size) as row:
         code.store(code.add(code.load(scales, row.i), turn.carried[0]), scales, row.i)

@@ -14,7 +14,7 @@ Programs are trees of tuples. What an operation reads is
 - ("p", j, first): what operation j of the iteration before made; in the first one it is `first`
 
 where `step` is 0 outside of loops. Items are ("op", op, x, y), ("put", x, array, place, step),
-("group", ...) as in `Read`, and ("loop", count, items).
+("group", number, kind, name, shape, inline, by, given), and ("loop", count, items).
 """
 
 from __future__ import annotations

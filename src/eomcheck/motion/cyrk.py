@@ -13,6 +13,7 @@ import sys
 from ctypes import c_bool, c_double, c_int, c_size_t, c_void_p
 from functools import cache
 from importlib.util import find_spec, module_from_spec
+from threading import Lock
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -37,12 +38,16 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
 """Name in CyRK -> result and arguments."""
 
 
+_lock = Lock()
+"""Modules are imported by one thread at a time."""
+
+
 @cache
 def library() -> Any:
     """Return CyRK's functions by name, its `methods` and `MAX_SIZE`."""
-    api, solver, common = (
-        _extension(name) for name in ("nb.numba_c_api", "cy.cysolver_api", "cy.common")
-    )
+    with _lock:
+        names = "nb.numba_c_api", "cy.cysolver_api", "cy.common"
+        api, solver, common = (_extension(name) for name in names)
     found = {
         name: ctypes.CFUNCTYPE(*kinds)(getattr(api, f"get_{name}_func_ptr")())
         for name, kinds in FUNCTIONS.items()

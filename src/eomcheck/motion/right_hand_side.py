@@ -27,6 +27,7 @@ from eomcheck.arithmetic.differentiate import jacobian
 from eomcheck.arithmetic.float64 import FLOAT64
 from eomcheck.arithmetic.generic import generic
 from eomcheck.arithmetic.tape import Tape
+from eomcheck.errors import InputError
 from eomcheck.evaluate import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
@@ -250,8 +251,8 @@ def traced_kernel(
     """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
     size = state_size(scene, formulation)
-    kind = type(scene), formulation, tuple(sizes.items()), size
-    key = trace, kind, width, tuple(options.items())
+    kind = type(scene), formulation, tuple(sizes.items()), size, scene.n, scene.r, scene.s
+    key = trace, kind, tuple(outputs.items()), width, tuple(options.items())
     if key not in _kernels:
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
         if options.get("stabilized"):
@@ -341,10 +342,27 @@ class RightHandSide:
         return ctypes.CFUNCTYPE(None, *kinds)(self.address)
 
     def __call__(self, t: float, y: Array) -> Array:
-        """Return the derivatives at time t, s, of a state vector y (size,)."""
-        y, ydot = np.ascontiguousarray(y, float), np.empty(self.kernel.size)
+        """Return the derivatives at time t, s, of a state vector y (size,).
+
+        Not for two threads at once: they would share the block.
+
+        Raises:
+            InputError: y has another shape.
+        """
+        y, ydot = state_vector(y, self.kernel.size), np.empty(self.kernel.size)
         self._function(ydot.ctypes.data, t, y.ctypes.data, self.arguments.ctypes.data)
         return ydot
+
+
+def state_vector(y: Array, size: int) -> Array:
+    """Return y (size,), contiguous doubles: machine code reads what it is given.
+
+    Raises:
+        InputError: y has another shape.
+    """
+    if np.shape(y) != (size,):
+        raise InputError(f"y has shape {np.shape(y)}, expected ({size},)")
+    return np.ascontiguousarray(y, float)
 
 
 def acceleration_in_machine_code(at: Evaluation, formulation: Formulation) -> Array:
@@ -372,8 +390,14 @@ def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
 def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, Array], Array]:
     """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
 
-    For implicit integrators that take one (SciPy's).
+    For implicit integrators that take one (SciPy's). Not for two threads at once. It raises
+    `InputError` for a y of another shape.
     """
     kernel = kernel_of(scene, formulation, also=JACOBIAN)
     block, size = block_of(kernel, scene), state_size(scene, formulation)
-    return lambda t, y: kernel(block, np.array([t]), y)["jacobian"].reshape(size, size)
+
+    def at(t: float, y: Array) -> Array:
+        found = kernel(block, np.array([t]), state_vector(y, size))
+        return found["jacobian"].reshape(size, size)
+
+    return at
