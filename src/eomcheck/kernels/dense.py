@@ -25,9 +25,7 @@ def scale_of(code: Code, largest: str) -> str:
         return code.splat_of(f"i64 {x}")
 
     moved = code.mul(largest, code.constant(ABOVE_ONE))
-    bits = code.let(
-        f"lshr {kind} {code.let(f'bitcast {code.real} {moved} to {kind}')}, {whole(52)}"
-    )
+    bits = code.let(f"lshr {kind} {_bits(code, moved)}, {whole(EXPONENT)}")
     place = code.let(f"sub {kind} {whole(2 * ONE - 1)}, {bits}")
     for how, limit in (("smax", ONE - LARGEST_EXPONENT), ("smin", ONE + LARGEST_EXPONENT)):
         suffix = kind if code.width == 1 else f"v{code.width}i64"
@@ -223,12 +221,6 @@ def _stored(code: Code, kind: str, value: object) -> str:
     return place
 
 
-def _chunks(count: int) -> list[tuple[int, int]]:
-    """Return (width, times) that make up `count`."""
-    full, left = divmod(count, LANES)
-    return [(width, times) for width, times in ((LANES, full), (1, left)) if times]
-
-
 def factor_text(name: str, size: int, stride: int) -> str:
     """Return the function (from, to) that factors a matrix (k, k) that stands column by column.
 
@@ -272,11 +264,9 @@ def factor_text(name: str, size: int, stride: int) -> str:
 
 def _placed(size: int) -> list[tuple[int, int, int]]:
     """Return (width, times, first) that make up a row of `size`."""
-    out, first = [], 0
-    for width, times in _chunks(size):
-        out.append((width, times, first))
-        first += width * times
-    return out
+    full, left = divmod(size, LANES)
+    parts = (LANES, full, 0), (1, left, full * LANES)
+    return [part for part in parts if part[1]]
 
 
 def solve_text(name: str, size: int, columns: int, stride: int) -> str:

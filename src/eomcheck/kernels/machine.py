@@ -30,16 +30,19 @@ def memory(count: int, ahead: int = 0) -> np.ndarray:
     return whole[first : first + count]
 
 
+EFFORT = 1
+"""LLVM's in generating code, of 0 to 3: more brings nothing here."""
+
+
 class Machine:
     """Functions in machine code; their addresses hold as long as this object lives.
 
     Args:
         functions: the texts of functions, each once.
-        level: LLVM's effort in generating code, 0 to 3.
     """
 
-    def __init__(self, functions: Iterable[str], level: int = 1):
-        machine = target(level)
+    def __init__(self, functions: Iterable[str]):
+        machine = target()
         module = llvm.parse_assembly("\n".join((*DECLARED, *dict.fromkeys(functions))))
         self._engine = llvm.create_mcjit_compiler(module, machine)
         self._engine.finalize_object()
@@ -64,12 +67,12 @@ def _is_arm() -> bool:
     return llvm.get_process_triple().startswith(("aarch64", "arm64"))
 
 
-def target(level: int) -> llvm.TargetMachine:
+def target() -> llvm.TargetMachine:
     """Return the machine that code is generated for: this one."""
     name, known, _ = features()
     _name_libm()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=name, features=known, opt=level, reloc="default", codemodel="jitdefault", jit=True
+        cpu=name, features=known, opt=EFFORT, reloc="default", codemodel="jitdefault", jit=True
     )
 
 
