@@ -10,16 +10,16 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import CLAIMS, FORMULATIONS, Formulation
-from eomcheck.motion.stored import load_reference
-from eomcheck.report.operations import (
+from eomcheck.lab.report.operations import (
     TOTALS,
     columns_text,
     order_text,
     polynomial_text,
     table_i_text,
 )
-from eomcheck.report.references import COLUMNS, row
-from eomcheck.studies.operations import KINDS, fit, measure, solved_systems
+from eomcheck.lab.report.references import COLUMNS, row
+from eomcheck.lab.studies.operations import KINDS, fit, measure, solved_systems
+from eomcheck.motion.stored import load_reference
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"

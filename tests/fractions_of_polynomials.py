@@ -13,8 +13,8 @@ import math
 import flint
 import numpy as np
 
-from eomcheck.arithmetic.degree import Bound, Degrees, Denominator
-from eomcheck.arithmetic.linear import solve
+from eomcheck.numbers.degree import Bound, Degrees, Denominator
+from eomcheck.numbers.linear import solve
 
 NAMES = ("x", "y", "z")
 CONTEXT = flint.fmpz_mpoly_ctx.get(NAMES, "degrevlex")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 import flint
 import numpy as np
 
-from eomcheck.model import Angles
+from eomcheck.numbers.contract import Angles
 
 PRIME = 2**61 - 1
 SPARE = 6

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic import tape as tapes
-from eomcheck.arithmetic.banded import WIDTH, full
-from eomcheck.arithmetic.tape import Tape, live
 from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import SHORT, program_of
-from eomcheck.model import Array
+from eomcheck.numbers import tape as tapes
+from eomcheck.numbers.banded import WIDTH, full
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.tape import Tape, live
 
 
 def leaves(x: Any) -> Iterator[Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eomcheck.checks.validate import Run, Selection
+from eomcheck.claims.run import Run, Selection
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.store.findings import look_at_kind
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import operations, paper, stability, work_precision
+from eomcheck.lab.studies.families import FAMILIES
 from eomcheck.scenes import Sleigh
 from eomcheck.scenes.sleigh import energies
-from eomcheck.studies import operations, paper, stability, work_precision
-from eomcheck.studies.families import FAMILIES
-from eomcheck.studies.findings import look_at_kind
-from eomcheck.studies.proofs import Proofs, proof_jobs
-from eomcheck.studies.records import Record, Records
 
 CLAIMS = ("mass-matrix", "kinetic-energy", "speeds-velocity", "equivalence", "true-error")
 KEYS = ("au", "ml", "kane")

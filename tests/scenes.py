@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from eomcheck.evaluate import Evaluation
-from eomcheck.model import Range, Scene, State
-from eomcheck.states import closed_position, consistent_velocity
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.mechanics.records import Range, State
+from eomcheck.mechanics.scene import Scene
 
 LINKS = 4
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tests.scenes import random_scene, random_state
 
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import applicable
-from eomcheck.model import Scene
+from eomcheck.lab.studies.absent import absent_terms, savings, with_zeros
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
-from eomcheck.studies.absent import absent_terms, savings, with_zeros
 
 STRUCTURES = [
     scene for kind in SCENES.values() for scene in kind.structures(3 if kind.has_links else None)

@@ -11,20 +11,20 @@ from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
 from eomcheck import acceleration, speeds_of, strategies, velocity
-from eomcheck.arithmetic import banded, linear
-from eomcheck.checks.point import Point
+from eomcheck.claims.point import Point
 from eomcheck.errors import (
     InconsistentVelocityError,
     InputError,
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import consistent_velocity
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers import banded, linear
 from eomcheck.scenes import Snake
-from eomcheck.states import consistent_velocity
 from eomcheck.strategies import NEGLIGIBLE
-from eomcheck.tolerance import allowed_error
 
 IN_SPEEDS = [f.key for f in FORMULATIONS.values() if f.in_speeds]
 IN_VELOCITIES = [key for key in FORMULATIONS if key not in IN_SPEEDS]

@@ -12,10 +12,10 @@ from tests.scenes import random_state
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Andrews
-from eomcheck.states import closed_position
 
 SCENE = Andrews()
 SCENE_KIND = Andrews

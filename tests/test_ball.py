@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eomcheck.arithmetic.ball import Balls, ball, midpoints, precision
-from eomcheck.arithmetic.linear import solve
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.ball import Balls, ball, midpoints, precision
+from eomcheck.numbers.linear import solve
 
 finite = st.floats(-1e6, 1e6)
 

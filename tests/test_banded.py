@@ -13,26 +13,26 @@ from tests.exact import ExactFloats, RandomFractions
 from tests.machine_code import MachineCode, in_machine_code
 
 from eomcheck import acceleration, enclose, simulate, velocity
-from eomcheck.arithmetic import ball, degree, finite_field
-from eomcheck.arithmetic.banded import HALF, WIDTH, full, solve_banded
-from eomcheck.arithmetic.counting import Counting, System
-from eomcheck.arithmetic.degree import Degrees
-from eomcheck.arithmetic.entries import each
-from eomcheck.arithmetic.linear import EPS, eliminate, singular_below, watching
-from eomcheck.arithmetic.noise import STEP, Noise
-from eomcheck.arithmetic.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
-from eomcheck.certified import true_error
-from eomcheck.checks.point import Point
+from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.certified import true_error
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import consistent_velocity
+from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
-from eomcheck.model import Array
 from eomcheck.motion.right_hand_side import RightHandSide
-from eomcheck.quantities import Quantities
+from eomcheck.numbers import ball, degree, finite_field
+from eomcheck.numbers.banded import HALF, WIDTH, full, solve_banded
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.counting import Counting, System
+from eomcheck.numbers.degree import Degrees
+from eomcheck.numbers.entries import each
+from eomcheck.numbers.linear import EPS, eliminate, singular_below, watching
+from eomcheck.numbers.noise import STEP, Noise
+from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
 from eomcheck.scenes import Snake
-from eomcheck.states import consistent_velocity
-from eomcheck.tolerance import allowed_error, largest
 
 SIZES = [1, 2, 3, 4, 7, 8, 30]
 sizes = pytest.mark.parametrize("size", SIZES)

@@ -7,10 +7,10 @@ import pytest
 
 from eomcheck import acceleration, simulate, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Bicycle
-from eomcheck.states import closed_position
 
 SCENE = Bicycle()
 SCENE_KIND = Bicycle

@@ -9,11 +9,11 @@ import pytest
 
 from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.formulations import applicable
 from eomcheck.scenes import Bricard
 from eomcheck.scenes.bricard import placed
-from eomcheck.states import closed_position
 
 SCENE = Bricard()
 OVERCONSTRAINED = Bricard(redundant=1.0)

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.arithmetic.pivots import EPS
-from eomcheck.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
 from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
+from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import State
+from eomcheck.mechanics.records import State
+from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
-from eomcheck.tolerance import C
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)
 PAPER = Snake.paper()

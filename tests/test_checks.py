@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 from tests.scenes import NOT_OF_SNAKES
 
 import eomcheck
-from eomcheck.checks.finding import diagnose, judge, worst_entry
-from eomcheck.checks.validate import Run, Selection
+from eomcheck.claims.finding import diagnose, judge, worst_entry
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InconsistentVelocityError, InputError, UnknownNameError
-from eomcheck.model import State
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
-from eomcheck.tolerance import INCONCLUSIVE, allowed_error
 
 SNAKE = Snake([1, 2, 1], [1, 0.5, 1], [0.1, 0.1, 0.2], [3, 4], [0.1, -0.2, 0.3])
 Q = np.array([0.0, 0.0, 0.3, 0.8, -0.4])

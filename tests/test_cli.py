@@ -12,7 +12,7 @@ from tests.scenes import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck import cli
-from eomcheck.checks.validate import Run
+from eomcheck.claims.run import Run
 from eomcheck.cli.checking import Registry
 from eomcheck.formulations import FORMULATIONS
 
@@ -287,7 +287,7 @@ def test_accuracy_is_drawn(tmp_path, monkeypatch):
 def test_bench_motion_times_the_same_motion_twice(monkeypatch, capsys, tmp_path):
     path = tmp_path / "motions.json"
     arguments = ("--formulation", "kane", "--json", str(path))
-    monkeypatch.setattr("eomcheck.studies.motion.END", 0.01)
+    monkeypatch.setattr("eomcheck.lab.studies.motion.END", 0.01)
     assert run("bench", "motion", *arguments, monkeypatch=monkeypatch) == 0
     assert "DOP853, rtol = atol = 1e-12" in capsys.readouterr().out
     (row,) = json.loads(path.read_text(encoding="utf-8"))["motions"]

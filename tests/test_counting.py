@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.arithmetic.counting import Counted, Counting, System, Tally
-from eomcheck.arithmetic.linear import solve
+from eomcheck.evaluation.point import net_force, velocity
 from eomcheck.formulations import kane
-from eomcheck.quantities import net_force, velocity
+from eomcheck.numbers.counting import Counted, Counting, System, Tally
+from eomcheck.numbers.linear import solve
 from eomcheck.scenes import Snake, snake_terms
 
 

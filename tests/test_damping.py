@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.arithmetic.generic import generic
-from eomcheck.checks.proof import prove
+from eomcheck.claims.proof import prove
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers.generic import generic
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake_energies import of_joints
 from eomcheck.scenes.snake_terms import terms

@@ -16,9 +16,9 @@ from tests.fractions_of_polynomials import (
     variables,
 )
 
-from eomcheck.arithmetic.degree import ONE, Bound, Degrees, Denominator, log_sum
-from eomcheck.arithmetic.linear import solve
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.degree import ONE, Bound, Degrees, Denominator, log_sum
+from eomcheck.numbers.linear import solve
 
 
 def symbols(count: int) -> list[Bound]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.exact import RandomFractions
 
-from eomcheck.arithmetic.dual import Dual, dual_angles, duals, rate
+from eomcheck.numbers.dual import Dual, dual_angles, duals, rate
 
 SEVEN = 7
 KINDS = {

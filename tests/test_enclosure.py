@@ -13,11 +13,11 @@ from tests.exact import ExactFloats
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.arithmetic.ball import precision
 from eomcheck.errors import InputError, RefusedError, UnknownNameError
+from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import State
-from eomcheck.quantities import Quantities
+from eomcheck.mechanics.records import State
+from eomcheck.numbers.ball import precision
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)

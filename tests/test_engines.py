@@ -11,10 +11,10 @@ from eomcheck import velocity
 from eomcheck.engines import ENGINES, DerivingEngine, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.errors import EngineError, UnknownNameError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, kane
 from eomcheck.scenes import Snake
-from eomcheck.tolerance import allowed_error, largest
 
 every_engine = pytest.mark.parametrize("key", ENGINES)
 deriving_constraints = pytest.mark.parametrize(

@@ -8,9 +8,10 @@ import pytest
 from tests import reports
 
 from eomcheck import CLAIMS
-from eomcheck.checks.validate import Run, Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
-from eomcheck.report.equivalences import (
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.report.equivalences import (
     PROVED,
     RUN,
     independent_of_run,
@@ -18,11 +19,10 @@ from eomcheck.report.equivalences import (
     ranges,
     write_equivalences,
 )
-from eomcheck.report.overview import Overview, read
+from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.store.findings import look_at_kind
+from eomcheck.lab.store.records import Records
 from eomcheck.scenes import SCENES
-from eomcheck.studies.findings import look_at_kind
-from eomcheck.studies.proofs import Proofs, proof_jobs
-from eomcheck.studies.records import Records
 
 ROOT = Path(__file__).parent.parent
 PAGE, SUITE = ROOT / "docs" / "verified-equivalences.md", ROOT / "validation"

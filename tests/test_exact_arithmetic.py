@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from tests.exact import SMALL_SCENES, RandomFractions
 
-from eomcheck.arithmetic.dual import duals, rate
-from eomcheck.checks.point import Point
+from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition, kane
 from eomcheck.formulations.projection import project
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.dual import duals, rate
 
 SEEDS = range(3)
 ALL = list(FORMULATIONS.values())

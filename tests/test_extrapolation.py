@@ -10,9 +10,9 @@ import flint
 import numpy as np
 import pytest
 
-from eomcheck.arithmetic.ball import precision
 from eomcheck.errors import InputError
 from eomcheck.motion.extrapolation import MOST, Extrapolation, GaveUpError, chosen, cost
+from eomcheck.numbers.ball import precision
 
 BITS = 200
 

@@ -9,10 +9,10 @@ import flint
 import numpy as np
 import pytest
 
-from eomcheck.arithmetic.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime
-from eomcheck.arithmetic.linear import solve
-from eomcheck.checks.point import Point
+from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime
+from eomcheck.numbers.linear import solve
 from eomcheck.scenes import Snake
 
 LOW, HIGH = PRIMES

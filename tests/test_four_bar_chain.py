@@ -11,10 +11,10 @@ from scipy.special import ellipj, ellipk
 import eomcheck
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import FourBarChain
-from eomcheck.states import closed_position
 
 BENCHMARK = FourBarChain.rods(2)
 UNEVEN = FourBarChain(

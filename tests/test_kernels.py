@@ -19,19 +19,17 @@ from tests.machine_code import MachineCode, in_machine_code
 from tests.scenes import ordinary
 
 from eomcheck import acceleration, velocity
-from eomcheck.arithmetic import tape as tapes
-from eomcheck.arithmetic.generic import NotRationalError
-from eomcheck.arithmetic.linear import solve
-from eomcheck.arithmetic.tape import Tape
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.point import net_force
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels import machine, sincos
 from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import FEW_ANGLES, NotRegularError, Program, continued, program_of
-from eomcheck.model import Array, Scene
-from eomcheck.model import velocity as velocity_of_speeds
+from eomcheck.mechanics.records import velocity as velocity_of_speeds
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.observe import solves_of
 from eomcheck.motion.right_hand_side import (
     MANY_LINKS,
@@ -43,9 +41,12 @@ from eomcheck.motion.right_hand_side import (
     rates_on,
     state_of,
 )
-from eomcheck.quantities import net_force
+from eomcheck.numbers import tape as tapes
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.linear import solve
+from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.tolerance import allowed_error
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 PARTITIONED = [f.key for f in FORMULATIONS.values() if f.partitioned]

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.machine_code import MachineCode, in_machine_code
 
-from eomcheck.arithmetic import linear
-from eomcheck.arithmetic.linear import column_scale, eliminate, singular_below, solve, watching
-from eomcheck.arithmetic.noise import STEP
-from eomcheck.certified import accuracy
 from eomcheck.errors import RefusedError
+from eomcheck.evaluation.certified import accuracy
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.program import INLINE
-from eomcheck.studies.families.ratios import MASS_RATIO
-from eomcheck.tolerance import allowed_error
+from eomcheck.lab.studies.families.ratios import MASS_RATIO
+from eomcheck.numbers import linear
+from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching
+from eomcheck.numbers.noise import STEP
 
 SIZES = [1, 2, 3, INLINE, INLINE + 1, 20]
 sizes = pytest.mark.parametrize("size", SIZES)

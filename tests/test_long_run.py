@@ -7,10 +7,10 @@ import pytest
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report.long_run import draw_long_run, print_long_run
-from eomcheck.studies import long_run
-from eomcheck.studies.long_run import FULL, REMEDIES, Plan, measure, plan, record_of
-from eomcheck.studies.records import Records
+from eomcheck.lab.report.long_run import draw_long_run, print_long_run
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.studies import long_run
+from eomcheck.lab.studies.long_run import FULL, REMEDIES, Plan, measure, plan, record_of
 
 SHORT = Plan(6.0, 1e-6, ("au", "kane"))
 

@@ -18,9 +18,9 @@ import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
+from eomcheck.lab.store.workers import executor
 from eomcheck.motion import starts
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.studies.spread import executor
 
 TOLERANCE = 1e-9
 TIMES = (0.0, 0.1, 0.25, 0.3)

@@ -26,11 +26,11 @@ import pytest
 from tests.lines import PRIME, Line, numerator_degrees
 from tests.scenes import NOT_OF_SNAKES
 
-from eomcheck.arithmetic.degree import Bound, Degrees
-from eomcheck.checks.point import Point
-from eomcheck.checks.rational import IDENTITIES, Key, look_at
+from eomcheck.claims.point import Point
+from eomcheck.claims.rational import IDENTITIES, Key, look_at
 from eomcheck.formulations import FORMULATIONS, Partition
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.degree import Bound, Degrees
 from eomcheck.scenes import Snake
 
 ALL = tuple(FORMULATIONS.values())

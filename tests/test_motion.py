@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError, UnknownNameError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import Snake
-from eomcheck.states import acceleration, velocity
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)
 integrators = pytest.mark.parametrize("integrator", INTEGRATORS)

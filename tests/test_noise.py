@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eomcheck import acceleration, velocity
-from eomcheck.arithmetic.linear import EPS, solve, watching
-from eomcheck.arithmetic.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Angles
+from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.linear import EPS, solve, watching
+from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise
 from eomcheck.scenes import Snake
-from eomcheck.tolerance import INCONCLUSIVE, C, allowed_error, largest
 
 seeds = pytest.mark.parametrize("seed", range(5))
 ROUNDING = 8 * EPS

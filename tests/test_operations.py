@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from flint import fmpq_poly
 
-from eomcheck.arithmetic.counting import Counted, Counting, System
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.motion import right_hand_side
-from eomcheck.report.operations import order_text, polynomial_text, table_i_text
-from eomcheck.scenes import Snake
-from eomcheck.studies import operations
-from eomcheck.studies.operations import (
+from eomcheck.lab.report.operations import order_text, polynomial_text, table_i_text
+from eomcheck.lab.studies import operations
+from eomcheck.lab.studies.operations import (
     KINDS,
     Operations,
     compare_springs,
@@ -28,6 +25,9 @@ from eomcheck.studies.operations import (
     measure,
     solved_systems,
 )
+from eomcheck.motion import right_hand_side
+from eomcheck.numbers.counting import Counted, Counting, System
+from eomcheck.scenes import Snake
 
 SIZES = range(2, 13)
 

@@ -21,14 +21,15 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.arithmetic.generic import NotRationalError, generic
 from eomcheck.engines import ENGINES, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable, formulations_for
-from eomcheck.model import Bodies, Scene, Speeds, Terms
+from eomcheck.mechanics.records import Bodies, Speeds, Terms
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
-from eomcheck.tolerance import allowed_error
+from eomcheck.numbers.generic import NotRationalError, generic
 
 
 class Masses(NamedTuple):

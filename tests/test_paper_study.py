@@ -11,11 +11,12 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report.paper import print_paper, sheets, write_sheets
-from eomcheck.report.paper_figures import draw_paper
-from eomcheck.studies import paper
-from eomcheck.studies.paper import FULL, PAPER, QUICK, STUDY, Found, Plan, Solver, measure
-from eomcheck.studies.paper_claims import (
+from eomcheck.lab.report.paper import print_paper, sheets, write_sheets
+from eomcheck.lab.report.paper_figures import draw_paper
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import paper
+from eomcheck.lab.studies.paper import FULL, PAPER, QUICK, STUDY, Found, Plan, Solver, measure
+from eomcheck.lab.studies.paper_claims import (
     PAPER_CLAIMS,
     Evidence,
     PaperClaim,
@@ -23,7 +24,6 @@ from eomcheck.studies.paper_claims import (
     judgements,
     verdict_of,
 )
-from eomcheck.studies.records import Record, Records
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
 LINKS = (2, 7, 20)

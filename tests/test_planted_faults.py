@@ -16,14 +16,14 @@ from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
 from tests.scenes import random_scene, random_state
 
 import eomcheck
-from eomcheck.arithmetic.generic import GENERIC
-from eomcheck.checks import Finding, identities
-from eomcheck.checks.validate import Run, Selection
+from eomcheck.claims import Finding, identities
+from eomcheck.claims.run import Run, Selection
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Scene
+from eomcheck.mechanics.assembled import _made
+from eomcheck.mechanics.parameters import Parametric
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import GENERIC
 from eomcheck.scenes import SCENES, ChainPendulum, Snake
-from eomcheck.scenes.assembled import _made
-from eomcheck.scenes.fields import Parametric
 
 PACKAGE = Path(eomcheck.__file__).parent
 KINDS = {

@@ -9,10 +9,10 @@ from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
 from tests.scenes import LINKS
 from tests.test_planted_faults import KINDS, PACKAGE, changed, formulation_in, kind_in, planted
 
-from eomcheck.checks import CLAIMS, Finding, identities
-from eomcheck.checks.proof import prove_structure
+from eomcheck.claims import CLAIMS, Finding, identities
+from eomcheck.claims.proof import prove_structure
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
 
 SEED = 0

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 import eomcheck
-from eomcheck.arithmetic.generic import generic
-from eomcheck.scenes.assembled import Assembled, Jacobians
+from eomcheck.mechanics.assembled import Assembled, Jacobians
+from eomcheck.numbers.generic import generic
 
 
 class Parameters(NamedTuple):

@@ -11,17 +11,18 @@ import pytest
 from tests.scenes import NOT_OF_SNAKES
 from tests.test_own_scene import Free, MarkedFree, free_terms
 
-from eomcheck.arithmetic.finite_field import PRIME_COUNT
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import solve
-from eomcheck.checks import CLAIMS, Finding
-from eomcheck.checks.point import Point
-from eomcheck.checks.proof import failure_probability, prove, prove_structure
-from eomcheck.checks.rational import IDENTITIES
+from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims.point import Point
+from eomcheck.claims.proof import failure_probability, prove, prove_structure
+from eomcheck.claims.rational import IDENTITIES
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split
-from eomcheck.model import Scene, Speeds, Terms
+from eomcheck.mechanics.records import Speeds, Terms
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.finite_field import PRIME_COUNT
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, Snake
 
 ALL = tuple(FORMULATIONS.values())
@@ -378,7 +379,7 @@ def test_a_mistake_in_a_call_is_no_finding():
 
 
 def test_sides_of_different_shapes_are_disproved(monkeypatch):
-    monkeypatch.setattr("eomcheck.checks.proof.check_shapes", lambda scene: None)
+    monkeypatch.setattr("eomcheck.claims.proof.check_shapes", lambda scene: None)
     scene = changed(Belt, "constraint", lambda c, *_: np.concatenate((c, c)))
     first = failed(prove(scene, points=1, seed=0))[0]
     assert (first.claim, first.verdict) == ("constraint-jacobian", "failed")

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.studies import proofs
-from eomcheck.studies.proofs import Proofs, proof_jobs
+from eomcheck.lab import proofs
+from eomcheck.lab.proofs import Proofs, proof_jobs
 
 
 def jobs(links=(1, 2, 3), points=1, seed=5, formulations=None):

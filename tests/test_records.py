@@ -19,10 +19,10 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
-from eomcheck.report.records import columns, write_csv
-from eomcheck.studies import records as module
-from eomcheck.studies.provenance import blas_threads, machine, versions
-from eomcheck.studies.records import Record, Records, key_of, run_cells
+from eomcheck.lab.report.records import columns, write_csv
+from eomcheck.lab.store import records as module
+from eomcheck.lab.store.provenance import blas_threads, machine, versions
+from eomcheck.lab.store.records import Record, Records, key_of, run_cells
 
 
 @pytest.fixture
@@ -96,7 +96,8 @@ def test_threads_that_nothing_sets_are_unknown(monkeypatch):
 
 def test_versions_are_read_without_importing_libraries():
     code = (
-        "from eomcheck.studies import records; import sys; print(records.Record('s', {}).versions);"
+        "import sys\n"
+        "from eomcheck.lab.store.records import Record; print(Record('s', {}).versions);"
         "print(*{'numpy', 'scipy', 'numba', 'casadi', 'CyRK', 'distributed'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -377,7 +378,7 @@ def test_only_cells_that_are_left_advance_the_bar(path: Path, monkeypatch):
 
 STUDY = """
 import sys, time
-from eomcheck.studies.records import Record, Records, run_cells
+from eomcheck.lab.store.records import Record, Records, run_cells
 
 path, log, cells, seconds = sys.argv[1:]
 
@@ -431,7 +432,7 @@ def test_kill_9_loses_at_most_the_cell_in_flight(path: Path, tmp_path: Path):
 
 WRITER = """
 import sys
-from eomcheck.studies.records import Record, Records
+from eomcheck.lab.store.records import Record, Records
 
 path, who = sys.argv[1:]
 with Records(path) as records:

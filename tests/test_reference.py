@@ -16,9 +16,6 @@ import pytest
 from tests.test_own_scene import Free, OnBelt
 
 from eomcheck import cli
-from eomcheck.arithmetic.ball import precision
-from eomcheck.arithmetic.linear import eliminate, solve
-from eomcheck.arithmetic.taylor import Expressions
 from eomcheck.errors import (
     EngineError,
     InconsistentVelocityError,
@@ -26,14 +23,18 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.model import Bodies, Scene, Speeds, Terms
+from eomcheck.lab import references
+from eomcheck.lab.references import CASES, case_of, produce
+from eomcheck.mechanics.records import Bodies, Speeds, Terms
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import reference
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
 from eomcheck.motion.run import DIGITS, Run, decimals, difference
 from eomcheck.motion.stored import load_reference, save_reference
+from eomcheck.numbers.ball import precision
+from eomcheck.numbers.linear import eliminate, solve
+from eomcheck.numbers.taylor import Expressions
 from eomcheck.scenes import Snake
-from eomcheck.studies import references
-from eomcheck.studies.references import CASES, case_of, produce
 
 FOLDER = Path(__file__).parent.parent / "validation" / "references"
 PATHS = sorted(FOLDER.glob("*.json"))
@@ -290,7 +291,7 @@ def test_a_solve_of_expressions_is_the_solution(heyoka, size: int, columns: tupl
 
 
 def test_nothing_else_needs_heyoka():
-    modules = "eomcheck.cli, eomcheck.motion.stored, eomcheck.studies.references"
+    modules = "eomcheck.cli, eomcheck.motion.stored, eomcheck.lab.references"
     code = f"import sys, {modules}; assert 'heyoka' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -13,15 +13,15 @@ from tests.test_cli import run
 
 from eomcheck import CLAIMS, check
 from eomcheck.errors import InputError
-from eomcheck.report.figures import COLORS
-from eomcheck.report.junit import write_junit
-from eomcheck.report.markdown import write_markdown
-from eomcheck.report.overview import Overview, read
-from eomcheck.report.page import CONTRAST, DARK, contrast, on_dark, write_page
-from eomcheck.report.sections import SECTIONS, sections_of
-from eomcheck.studies.findings import RUNS, STATES, kept_in
-from eomcheck.studies.operations import operations_of
-from eomcheck.studies.records import Record, Records
+from eomcheck.lab.report.junit import write_junit
+from eomcheck.lab.report.markdown import write_markdown
+from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
+from eomcheck.lab.report.sections import SECTIONS, sections_of
+from eomcheck.lab.show.figures import COLORS
+from eomcheck.lab.store.findings import RUNS, STATES, kept_in
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies.operations import operations_of
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import pytest
 from tests import reports
 
-from eomcheck.report.figures import COLORS
-from eomcheck.report.overview import Overview, read
-from eomcheck.report.page import DARK, LIGHT, on_dark, write_page
+from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.page import DARK, LIGHT, on_dark, write_page
+from eomcheck.lab.show.figures import COLORS
 
 sync_api = pytest.importorskip("playwright.sync_api")
 NAMES = ("chromium", "chromium-browser", "google-chrome")

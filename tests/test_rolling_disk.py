@@ -13,7 +13,7 @@ from sympy.physics import mechanics
 import eomcheck
 from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import RollingDisk
 

@@ -7,12 +7,12 @@ import pytest
 from tests.scenes import ordinary
 
 import eomcheck
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import SCENES
-from eomcheck.tolerance import allowed_error
 
 
 def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):

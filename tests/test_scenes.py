@@ -8,16 +8,16 @@ from tests.scenes import LINKS, ordinary
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.arithmetic.counting import Counting
-from eomcheck.arithmetic.float64 import FLOAT64
-from eomcheck.checks.proof import prove
+from eomcheck.claims.proof import prove
 from eomcheck.engines import ENGINES
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.model import Scene
-from eomcheck.quantities import Quantities
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.counting import Counting
+from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.scenes import SCENES
-from eomcheck.states import check_consistent
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 every_formulation_of_every_kind = pytest.mark.parametrize(

@@ -8,9 +8,9 @@ from tests.scenes import LINKS
 from tests.test_trailer import TRAILER, Q, trailer
 
 import eomcheck
-from eomcheck.checks.shapes import check_shapes
+from eomcheck.claims.shapes import check_shapes
 from eomcheck.errors import InputError
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, FourBarChain, Snake
 
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent, velocity
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import OF_JOINTS
-from eomcheck.states import check_consistent, velocity
-from eomcheck.tolerance import allowed_error
 
 VALID = {
     "mass": [1.0, 2.0, 3.0],

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 from eomcheck.errors import InputError, RefusedError, UnknownNameError, WorkerError
-from eomcheck.studies import spread as spread_module
-from eomcheck.studies.spread import check_place, executor, guarded, place_of, spread
+from eomcheck.lab.store import workers as spread_module
+from eomcheck.lab.store.workers import check_place, executor, guarded, place_of, spread
 
 WORK = '''
 """What workers do; each call leaves a line (item, process) in a file of its own."""
@@ -161,7 +161,7 @@ from functools import partial
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {path!r})
 import spread_work
-from eomcheck.studies.spread import spread
+from eomcheck.lab.store.workers import spread
 
 {guard}
     for item, result in spread("local:2", partial(spread_work.square, {notes!r}, {seconds}), range(50)):

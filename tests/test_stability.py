@@ -11,20 +11,19 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from eomcheck.arithmetic.pivots import EPS
-from eomcheck.certified import DIGITS_OF_DOUBLES, accuracy
 from eomcheck.errors import RefusedError, UnknownNameError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, accuracy
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.report.stability import draw_all, print_stability
-from eomcheck.scenes import SCENES
-from eomcheck.states import check_consistent
-from eomcheck.studies import stability
-from eomcheck.studies.families import FAMILIES
-from eomcheck.studies.families.base import decades
-from eomcheck.studies.families.dependent import DEPENDENT, TwoWheels
-from eomcheck.studies.records import Record, Records
-from eomcheck.studies.stability import (
+from eomcheck.lab.report.stability import draw_all, print_stability
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import stability
+from eomcheck.lab.studies.families import FAMILIES
+from eomcheck.lab.studies.families.base import decades
+from eomcheck.lab.studies.families.dependent import DEPENDENT, TwoWheels
+from eomcheck.lab.studies.stability import (
     STUDY,
     Method,
     Outcome,
@@ -38,7 +37,8 @@ from eomcheck.studies.stability import (
     plan,
     steps,
 )
-from eomcheck.tolerance import C
+from eomcheck.numbers.pivots import EPS
+from eomcheck.scenes import SCENES
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 

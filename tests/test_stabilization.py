@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eomcheck.arithmetic.counting import Counting
 from eomcheck.cli import app
 from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.motion import stabilization
 from eomcheck.motion.errors import constraint_error
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.motion.stabilization import fed_back, projected
+from eomcheck.numbers.counting import Counting
 from eomcheck.scenes import Snake
-from eomcheck.states import velocity
 
 ONE = np.ones(3)
 SOFT = Snake(ONE, ONE, ONE / 12, 20.0 * ONE[1:], [0.1, 0.2, 0.3])

@@ -10,19 +10,19 @@ import pytest
 from tests.machine_code import evaluated
 from tests.scenes import ordinary
 
-from eomcheck.arithmetic import tape
 from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS, applicable
+from eomcheck.lab.report.stiff import draw_stiff, print_stiff
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import stiff
+from eomcheck.lab.studies.stiff import COMPILED, Plan, cheapest, crossover, measure, plan, scene_of
 from eomcheck.motion import right_hand_side
 from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
 from eomcheck.motion.simulate import Motion
-from eomcheck.report.stiff import draw_stiff, print_stiff
+from eomcheck.numbers import tape
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.states import velocity
-from eomcheck.studies import stiff
-from eomcheck.studies.records import Record, Records
-from eomcheck.studies.stiff import COMPILED, Plan, cheapest, crossover, measure, plan, scene_of
 
 KANE = FORMULATIONS["kane"]
 REFERENCES = Path("validation/references")

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import Phase, given, settings
 
 from eomcheck import acceleration, strategies
-from eomcheck.checks.refusals import MAY_REFUSE
+from eomcheck.claims.refusals import MAY_REFUSE
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.states import check_consistent
-from eomcheck.tolerance import allowed_error
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 

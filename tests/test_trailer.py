@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.checks import CLAIMS, Finding
-from eomcheck.model import Scene
+from eomcheck.claims import CLAIMS, Finding
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.named import kinds_of
 
 TRAILER = Path(__file__).parents[1] / "docs" / "guides" / "trailer.py"

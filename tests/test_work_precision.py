@@ -18,11 +18,11 @@ import pytest
 from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.report import work_precision as report
-from eomcheck.report.work_precision import ERRORS, draw_work_precision, print_work_precision
-from eomcheck.studies import work_precision
-from eomcheck.studies.records import Record, Records
-from eomcheck.studies.work_precision import (
+from eomcheck.lab.report import work_precision as report
+from eomcheck.lab.report.work_precision import ERRORS, draw_work_precision, print_work_precision
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import work_precision
+from eomcheck.lab.studies.work_precision import (
     STUDY,
     disturbed,
     fastest_to,
@@ -234,7 +234,7 @@ def test_a_record_tells_the_drift_of_what_drifts(
 CLI = """
 import sys, time
 from eomcheck import cli
-from eomcheck.studies import work_precision
+from eomcheck.lab.studies import work_precision
 
 log = sys.argv.pop(1)
 simulate = work_precision.simulate

@@ -13,7 +13,8 @@ from hypothesis.strategies import SearchStrategy
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.model import Scene, State
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
 
 

@@ -6,15 +6,15 @@
 import numpy as np
 import pytest
 
-from eomcheck.certified import true_error, true_state
-from eomcheck.checks import Case
+from eomcheck.claims import Case
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.certified import true_error, true_state
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Array
 from eomcheck.motion.right_hand_side import RightHandSide
+from eomcheck.numbers.contract import Array
 from eomcheck.scenes import Snake
-from eomcheck.tolerance import largest
 
 
 def drawn(links: int, **given) -> Snake:

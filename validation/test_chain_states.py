@@ -13,11 +13,11 @@ from scipy.integrate import solve_ivp
 from tests.machine_code import MachineCode
 
 import eomcheck
-from eomcheck.arithmetic.float64 import FLOAT64
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Array
 from eomcheck.motion.stored import load_reference
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.float64 import FLOAT64
 
 REFERENCES = Path(__file__).with_name("references")
 TOLERANCES = (1e-6, 1e-9, 1e-12)

@@ -1,5 +1,5 @@
 from eomcheck import strategies
-from eomcheck.checks.validate import Run, Selection
+from eomcheck.claims.run import Run, Selection
 
 
 def test_at_least_95_percent_of_ordinary_states_are_solved_by_all_formulations(links, examples):

@@ -1,7 +1,7 @@
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.studies.draws import draw
+from eomcheck.lab.draws import draw
 from validation.harness import holds
 
 test_enclosures_of_all_formulations_have_a_point_in_common = holds("enclosures")

@@ -14,16 +14,17 @@ from hypothesis import strategies as st
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.arithmetic.ball import Balls, ball, precision
-from eomcheck.certified import true_error
 from eomcheck.errors import EomcheckError, RefusedError
+from eomcheck.evaluation.certified import true_error
+from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.tolerance import NOTICEABLE, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Scene, State
-from eomcheck.quantities import Quantities
+from eomcheck.lab.studies.families import FAMILIES, Posed
+from eomcheck.lab.studies.stability import methods_of
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.scenes import Snake
-from eomcheck.studies.families import FAMILIES, Posed
-from eomcheck.studies.stability import methods_of
-from eomcheck.tolerance import NOTICEABLE, largest
 
 METHODS = tuple(methods_of(FORMULATIONS))
 MOST_LINKS = 30

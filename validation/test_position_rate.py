@@ -3,7 +3,7 @@ from hypothesis import given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 
 # Snakes and whatever else only rolls have no positions to close.

@@ -4,7 +4,7 @@ from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.model import State
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations.base import Formulation
 from eomcheck.formulations.gw import system
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import solve
 
 
 @generic

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.scenes.assembled import Assembled, Jacobians
+from eomcheck.mechanics.assembled import Assembled, Jacobians
+from eomcheck.numbers.generic import generic
 
 
 class Parameters(NamedTuple):

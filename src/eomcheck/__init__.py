@@ -13,11 +13,9 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from eomcheck import scenes, strategies
-    from eomcheck.certified import Accuracy, accuracy
-    from eomcheck.checks import CLAIMS, Claim, Finding, Proof
-    from eomcheck.checks.proof import prove
-    from eomcheck.checks.validate import check, validate
-    from eomcheck.enclosure import Enclosure, enclose
+    from eomcheck.claims import CLAIMS, Claim, Finding, Proof
+    from eomcheck.claims.proof import prove
+    from eomcheck.claims.run import check, validate
     from eomcheck.engines import ENGINES
     from eomcheck.errors import (
         EngineError,
@@ -27,30 +25,32 @@ if TYPE_CHECKING:
         RefusedError,
         UnknownNameError,
     )
-    from eomcheck.evaluate import Acceleration
+    from eomcheck.evaluation.certified import Accuracy, accuracy
+    from eomcheck.evaluation.doubles import Acceleration
+    from eomcheck.evaluation.dynamics import acceleration, speeds_of, velocity
+    from eomcheck.evaluation.enclosure import Enclosure, enclose
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.many import Trajectories, simulate_many
     from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
-    from eomcheck.states import acceleration, speeds_of, velocity
 
 _HOME = {
-    "acceleration": "states",
-    "Acceleration": "evaluate",
-    "velocity": "states",
-    "speeds_of": "states",
-    "enclose": "enclosure",
-    "Enclosure": "enclosure",
-    "accuracy": "certified",
-    "Accuracy": "certified",
-    "check": "checks.validate",
-    "validate": "checks.validate",
-    "prove": "checks.proof",
-    "Proof": "checks",
-    "Finding": "checks",
-    "Claim": "checks",
-    "CLAIMS": "checks",
+    "acceleration": "evaluation.dynamics",
+    "Acceleration": "evaluation.doubles",
+    "velocity": "evaluation.dynamics",
+    "speeds_of": "evaluation.dynamics",
+    "enclose": "evaluation.enclosure",
+    "Enclosure": "evaluation.enclosure",
+    "accuracy": "evaluation.certified",
+    "Accuracy": "evaluation.certified",
+    "check": "claims.run",
+    "validate": "claims.run",
+    "prove": "claims.proof",
+    "Proof": "claims",
+    "Finding": "claims",
+    "Claim": "claims",
+    "CLAIMS": "claims",
     "ENGINES": "engines",
     "FORMULATIONS": "formulations",
     "Formulation": "formulations",

@@ -25,11 +25,12 @@ from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
-from eomcheck.model import Range, Scene, State, finite_array
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.mechanics.parameters import whole_links
+from eomcheck.mechanics.records import Range, State
+from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.scenes import Snake
-from eomcheck.scenes.fields import whole_links
-from eomcheck.states import closed_position, consistent_velocity
 
 S = TypeVar("S", bound=Scene)
 

@@ -27,9 +27,9 @@ def bench_rhs(
 ) -> None:
     """Time one right-hand side of each formulation, over the number of links where there is one."""
     check_writable(json)
+    from eomcheck.lab.studies.rhs import measure_all
     from eomcheck.scenes.named import kinds_of
-    from eomcheck.studies.rhs import measure_all
-    from eomcheck.report.benchmarks import print_rhs, write_records  # isort: skip
+    from eomcheck.lab.report.benchmarks import print_rhs, write_records  # isort: skip
 
     records = []
     for kind in kinds_of(scene):
@@ -47,8 +47,8 @@ def bench_motion(
 ) -> None:
     """Time a motion of the paper's robot, in machine code and through Python."""
     check_writable(json)
-    from eomcheck.studies.motion import measure_motions
-    from eomcheck.report.benchmarks import print_motions, write_records  # isort: skip
+    from eomcheck.lab.studies.motion import measure_motions
+    from eomcheck.lab.report.benchmarks import print_motions, write_records  # isort: skip
 
     records = measure_motions(formulation)
     print_motions(records)
@@ -64,7 +64,7 @@ def bench_tolerance(
 ) -> None:
     """Measure observed / (κ ε scale) per claim: what the constant C of the tolerances rests on."""
     low, high = interval(links)
-    from eomcheck.report.benchmarks import print_tolerance
-    from eomcheck.studies.tolerance import measure_constant
+    from eomcheck.lab.report.benchmarks import print_tolerance
+    from eomcheck.lab.studies.tolerance import measure_constant
 
     print_tolerance(measure_constant(low, high, examples, seed))

@@ -65,11 +65,11 @@ def validate(
     check_writable(json)
     check_output(report, [records] if records else [])
 
-    from eomcheck.checks.validate import Run, Selection
+    from eomcheck.claims.run import Run, Selection
     from eomcheck.console import console, progress
-    from eomcheck.report.findings import print_run, print_scenes, write_json
+    from eomcheck.lab.report.findings import print_run, print_scenes, write_json
+    from eomcheck.lab.store.findings import look_at_kind
     from eomcheck.scenes.named import kinds_of
-    from eomcheck.studies.findings import look_at_kind
 
     kinds = kinds_of(scene)
     if links is not None and not any(kind.has_links for kind in kinds):
@@ -127,9 +127,9 @@ def prove(
     numbers = None if links is None else whole_numbers(links)
     check_writable(json)
 
-    from eomcheck.report.proofs import print_proofs
-    from eomcheck.studies.proofs import Proofs, proof_jobs
-    from eomcheck.studies.spread import check_place
+    from eomcheck.lab.proofs import Proofs, proof_jobs
+    from eomcheck.lab.report.proofs import print_proofs
+    from eomcheck.lab.store.workers import check_place
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
@@ -156,14 +156,14 @@ def list_registry(
     registry: Annotated[Registry, typer.Argument(help="What to list.")],
 ) -> None:
     """List formulations, scenes, engines or claims."""
-    from eomcheck.report.registries import print_registry
+    from eomcheck.lab.report.registries import print_registry
 
     print_registry(registry.value)
 
 
 def _write_page(records: list[Path], path: Path) -> None:
-    from eomcheck.report.overview import Overview, read
-    from eomcheck.report.page import write_page
+    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.page import write_page
 
     write_page(Overview(read(records)), path)
     typer.echo(f"written: {path}")
@@ -196,11 +196,11 @@ def report(
         check_output(path, records)
     from functools import partial
 
-    from eomcheck.report.equivalences import write_equivalences
-    from eomcheck.report.junit import write_junit
-    from eomcheck.report.markdown import write_markdown
-    from eomcheck.report.overview import Overview, read
-    from eomcheck.report.page import write_page
+    from eomcheck.lab.report.equivalences import write_equivalences
+    from eomcheck.lab.report.junit import write_junit
+    from eomcheck.lab.report.markdown import write_markdown
+    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.page import write_page
 
     overview = Overview(read(records))
     for path, write in (
@@ -229,8 +229,8 @@ def export_records(
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
-    from eomcheck.report.records import write_csv
-    from eomcheck.studies.records import Records
+    from eomcheck.lab.report.records import write_csv
+    from eomcheck.lab.store.records import Records
 
     with Records(records, readonly=True) as opened:
         found = opened.all()
@@ -252,9 +252,9 @@ def reference(
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     check_folder(folder)
-    from eomcheck.report.references import print_references
-    from eomcheck.studies.references import CASES, case_of, produce_all, write_reference
-    from eomcheck.studies.spread import check_place
+    from eomcheck.lab.references import CASES, case_of, produce_all, write_reference
+    from eomcheck.lab.report.references import print_references
+    from eomcheck.lab.store.workers import check_place
 
     cases = {name: case_of(name) for name in names or CASES}
     for name in cases:

@@ -22,8 +22,8 @@ def draw_agreement(
     """Draw how far the formulations are apart on random snakes."""
     at_least_one(**{"links": links, "per-size": per_size})
     check_figure(path)
-    from eomcheck.report import figures
-    from eomcheck.studies.agreement import measure_agreement
+    from eomcheck.lab.show import figures
+    from eomcheck.lab.studies.agreement import measure_agreement
 
     figures.draw_agreement(measure_agreement(links, per_size, seed), path)
     typer.echo(f"written: {path}")
@@ -40,8 +40,8 @@ def draw_accuracy(
     check_figure(path)
     low, high = interval(links)
     at_least_one(examples=examples)
-    from eomcheck.report import figures
-    from eomcheck.studies.accuracy import measure_accuracy
+    from eomcheck.lab.show import figures
+    from eomcheck.lab.studies.accuracy import measure_accuracy
 
     figures.draw_accuracy(measure_accuracy(low, high, examples, seed), path)
     typer.echo(f"written: {path}")

@@ -52,8 +52,8 @@ def _many(
     import numpy as np
 
     import eomcheck
-    from eomcheck.report.many import draw_many, print_many
-    from eomcheck.studies import spread
+    from eomcheck.lab.report.many import draw_many, print_many
+    from eomcheck.lab.store import workers as spread
 
     at_least_one(draws=near.draws)
     if not 0 <= near.scale < np.inf:
@@ -121,7 +121,7 @@ def simulate(
     import eomcheck
     from eomcheck.console import progress
     from eomcheck.formulations import formulations_for
-    from eomcheck.report.trajectories import print_trajectories
+    from eomcheck.lab.report.trajectories import print_trajectories
 
     scene = _snake(robot, links)
     for name, value in (("stiffness", stiffness), ("damping", damping)):
@@ -177,7 +177,7 @@ def acceleration(
 
     Exit code 1 if one refuses.
     """
-    from eomcheck.report.accelerations import print_accelerations
+    from eomcheck.lab.report.accelerations import print_accelerations
 
     scene = _snake(robot, links)
     if print_accelerations(scene, speeds, formulation):

@@ -14,7 +14,7 @@ import typer
 from eomcheck.errors import InputError
 
 if TYPE_CHECKING:
-    from eomcheck.studies.records import Records
+    from eomcheck.lab.store.records import Records
 
 MOST_LINKS = 100_000
 SUITE = Path("validation")
@@ -77,7 +77,7 @@ def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]
     """Return the Records in a file, to enter; None without a file."""
     if path is None:
         return nullcontext()
-    from eomcheck.studies.records import Records
+    from eomcheck.lab.store.records import Records
 
     return Records(path)
 
@@ -90,7 +90,7 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
         EngineError: there is to be a page, and what draws it is not installed.
     """
     if page is not None:
-        from eomcheck.report.page import check_installed
+        from eomcheck.lab.report.page import check_installed
 
         check_installed()
     spare = TemporaryDirectory() if page is not None and path is None else nullcontext()

@@ -50,9 +50,9 @@ def study_accuracy(
     low, high = interval(links)
     at_least_one(examples=examples)
     check_writable(json)
-    from eomcheck.report.accuracy import print_accuracy
-    from eomcheck.report.benchmarks import write_records
-    from eomcheck.studies.accuracy import measure_accuracy
+    from eomcheck.lab.report.accuracy import print_accuracy
+    from eomcheck.lab.report.benchmarks import write_records
+    from eomcheck.lab.studies.accuracy import measure_accuracy
 
     records = measure_accuracy(low, high, examples, seed, hostile)
     print_accuracy(records)
@@ -84,8 +84,8 @@ def study_operations(
     if scene is not None:
         _study_absent(scene, high, formulation, repeats, json)
         return
-    from eomcheck.report.operations import print_operations, write_operations
-    from eomcheck.studies.operations import (
+    from eomcheck.lab.report.operations import print_operations, write_operations
+    from eomcheck.lab.studies.operations import (
         compare_springs,
         fit,
         measure,
@@ -110,9 +110,9 @@ def _study_absent(
 ) -> None:
     if repeats < 0:
         raise InputError(f"repeats = {repeats}, expected at least 0")
-    from eomcheck.report.absent import print_savings, write_savings
+    from eomcheck.lab.report.absent import print_savings, write_savings
+    from eomcheck.lab.studies.absent import savings
     from eomcheck.scenes.named import kinds_of
-    from eomcheck.studies.absent import savings
 
     found = savings(kinds_of(scene), links, formulation, repeats)
     print_savings(found)
@@ -142,9 +142,9 @@ def study_work_precision(
 ) -> None:
     """Measure error against run time: formulations, integrators and tolerances."""
     check_figure(figure)
-    from eomcheck.report.work_precision import draw_work_precision, print_work_precision
-    from eomcheck.studies.records import Records
-    from eomcheck.studies.work_precision import measure, plan
+    from eomcheck.lab.report.work_precision import draw_work_precision, print_work_precision
+    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.studies.work_precision import measure, plan
 
     planned = plan(references, reference, formulation, integrator, tolerance)
     with Records(records) as kept:
@@ -177,11 +177,11 @@ def study_stability(
 ) -> None:
     """Drive every formulation through states of growing severity, and certify what it delivers."""
     check_folder(figures)
-    from eomcheck.report.stability import draw_all, print_stability
+    from eomcheck.lab.report.stability import draw_all, print_stability
+    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.store.workers import check_place
+    from eomcheck.lab.studies.stability import Outcome, measure, outcome, plan
     from eomcheck.scenes.named import kinds_of
-    from eomcheck.studies.records import Records
-    from eomcheck.studies.spread import check_place
-    from eomcheck.studies.stability import Outcome, measure, outcome, plan
 
     planned = plan(family, formulation, quick, kinds_of(scene))
     check_place(executor)
@@ -213,9 +213,9 @@ def study_stiff(
 ) -> None:
     """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
     check_folder(figures)
-    from eomcheck.report.stiff import draw_stiff, print_stiff
-    from eomcheck.studies.records import Records
-    from eomcheck.studies.stiff import measure, plan
+    from eomcheck.lab.report.stiff import draw_stiff, print_stiff
+    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.studies.stiff import measure, plan
 
     planned = plan(quick, stiffness, formulation)
     with Records(records) as kept:
@@ -239,9 +239,9 @@ def study_long_run(
 ) -> None:
     """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
     check_figure(figure)
-    from eomcheck.report.long_run import draw_long_run, print_long_run
-    from eomcheck.studies.long_run import measure, plan
-    from eomcheck.studies.records import Records
+    from eomcheck.lab.report.long_run import draw_long_run, print_long_run
+    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.studies.long_run import measure, plan
 
     planned = plan(quick, t_end, tolerance, formulation)
     with Records(records) as kept:
@@ -265,10 +265,10 @@ def study_paper(
 ) -> None:
     """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
     check_folder(figures)
-    from eomcheck.report.paper import print_paper, write_sheets
-    from eomcheck.report.paper_figures import draw_paper
-    from eomcheck.studies.paper import FULL, QUICK, Found, measure
-    from eomcheck.studies.records import Records
+    from eomcheck.lab.report.paper import print_paper, write_sheets
+    from eomcheck.lab.report.paper_figures import draw_paper
+    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.studies.paper import FULL, QUICK, Found, measure
 
     with Records(records) as kept:
         found = measure(QUICK if quick else FULL, kept, fresh)

@@ -8,7 +8,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.errors import required as required
-from eomcheck.model import Array, Scene
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
 
 
 class EngineAcceleration(NamedTuple):

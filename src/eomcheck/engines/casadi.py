@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.float64 import FLOAT64
-from eomcheck.arithmetic.symbolic import Symbols
 from eomcheck.engines.base import DerivingEngine, EngineAcceleration
 from eomcheck.errors import required
-from eomcheck.model import Array, Scene
-from eomcheck.tolerance import largest
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.symbolic import Symbols
 
 
 class CasadiEngine(DerivingEngine):

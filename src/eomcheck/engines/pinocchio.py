@@ -10,8 +10,10 @@ import numpy as np
 
 from eomcheck.engines.base import Engine, EngineAcceleration
 from eomcheck.errors import EngineError, required
-from eomcheck.model import Array, Scene, Tree
-from eomcheck.tolerance import largest
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
 
 
 class PinocchioEngine(Engine):

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from eomcheck.errors import InputError, distinct, named
 from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
 from eomcheck.formulations.base import Formulation, Partition
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 
 FORMULATIONS: dict[str, Formulation] = {
     formulation.key: formulation

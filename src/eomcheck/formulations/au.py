@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations.base import Formulation
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import solve
 
 
 @generic

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.banded import solve_banded
-from eomcheck.arithmetic.generic import generic
 from eomcheck.formulations.base import Formulation
+from eomcheck.numbers.banded import solve_banded
+from eomcheck.numbers.generic import generic
 
 
 @generic

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 
 
 class Partition(NamedTuple):

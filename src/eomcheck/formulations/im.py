@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.linear import solve
 from eomcheck.formulations import au
 from eomcheck.formulations.base import Formulation
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import solve
 
 
 @generic

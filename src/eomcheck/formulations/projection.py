@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
+from eomcheck.numbers.generic import generic
 
 
 @generic

@@ -1,13 +1,15 @@
-"""Band solves in machine code: `eomcheck.arithmetic.banded`, a row to a register.
+"""Band solves in machine code: `eomcheck.numbers.banded`, a row to a register.
 
 A row of the matrix, 7 entries from 3 places before the diagonal on, and its right-hand side fill
 one vector. Rows are scaled, the largest of four entries becomes the pivot, and x is refined, all by
-the law of `eomcheck.arithmetic.pivots`. Where that refuses, x is NaN.
+the law of `eomcheck.numbers.pivots`. Where that refuses, x is NaN.
 """
 
 from __future__ import annotations
 
-from eomcheck.arithmetic.pivots import (
+from eomcheck.kernels.code import Code
+from eomcheck.kernels.dense import scale_of
+from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
     REFINED,
@@ -15,8 +17,6 @@ from eomcheck.arithmetic.pivots import (
     SMALLEST_SIZE,
     STALLED,
 )
-from eomcheck.kernels.code import Code
-from eomcheck.kernels.dense import scale_of
 
 ROW = 8
 """Doubles of a row: its entries and its right-hand side."""

@@ -1,6 +1,6 @@
 """Solves in machine code: rows scaled, largest pivots, no branch and no exception.
 
-`eomcheck.arithmetic.pivots` says how. Small matrices are eliminated in registers, where a row is
+`eomcheck.numbers.pivots` says how. Small matrices are eliminated in registers, where a row is
 exchanged by choosing; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by lane. Where a
 pivot is 0 or no finite number, x is NaN.
 """
@@ -10,15 +10,15 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 
-from eomcheck.arithmetic.pivots import ABOVE_ONE, LARGEST_EXPONENT
 from eomcheck.kernels.code import LANES, Code
+from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52
 """The exponent of 1 in the bits of a double, and where it stands."""
 
 
 def scale_of(code: Code, largest: str) -> str:
-    """Return the powers of two that `eomcheck.arithmetic.pivots.scale_of` gives."""
+    """Return the powers of two that `eomcheck.numbers.pivots.scale_of` gives."""
     kind = code.like("i64")
 
     def whole(x: int) -> str:

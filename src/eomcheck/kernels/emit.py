@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from eomcheck.arithmetic import tape as t
 from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.code import LANES, Code
 from eomcheck.kernels.program import Program, Tree
+from eomcheck.numbers import tape as t
 
 CALLS, FAILED, FAILURE_TIME, TIME = range(4)
 HEADER = 4

@@ -10,7 +10,7 @@ from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, 
 from eomcheck.kernels.machine import Machine, memory
 from eomcheck.kernels.program import Program
 from eomcheck.kernels.repeat import along
-from eomcheck.model import Array
+from eomcheck.numbers.contract import Array
 
 
 class Kernel:

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic import tape as t
-from eomcheck.arithmetic.tape import Tape, live
 from eomcheck.errors import EomcheckError
 from eomcheck.kernels.sincos import room
+from eomcheck.numbers import tape as t
+from eomcheck.numbers.tape import Tape, live
 
 INLINE = 9
 """Up to this order a matrix is eliminated in registers; larger ones are written to memory."""

@@ -9,9 +9,10 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
-from eomcheck.model import Array, Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference
+from eomcheck.numbers.contract import Array
 
 
 def constraint_error(trajectory: Trajectory) -> Array:

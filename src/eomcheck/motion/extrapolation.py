@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.model import Array
+from eomcheck.numbers.contract import Array
 
 MOST = 24
 """Midpoint results that are extrapolated at most: order 48."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError, named
-from eomcheck.model import Array
 from eomcheck.motion.cyrk import library
+from eomcheck.numbers.contract import Array
 
 MEMORY = 2000
 """Most memory for the steps of one run, MB."""

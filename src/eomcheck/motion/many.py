@@ -12,17 +12,18 @@ import numpy as np
 
 from eomcheck.console import progress
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.kernels import dop853
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.machine import memory
-from eomcheck.model import Array, Scene, checked_scene
+from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.motion.integrators import MOST_STEPS
 from eomcheck.motion.observe import observer_of
 from eomcheck.motion.right_hand_side import kernel_of
 from eomcheck.motion.simulate import Trajectory, check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
+from eomcheck.numbers.contract import Array
 
 OUTPUTS = 101
 """Output times unless the caller gives others."""

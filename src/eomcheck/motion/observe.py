@@ -10,15 +10,12 @@ from contextlib import suppress
 
 import numpy as np
 
-from eomcheck.arithmetic.banded import solve_banded
-from eomcheck.arithmetic.linear import Solve, solve, watching
-from eomcheck.arithmetic.tape import BAND, FACTORS, Tape, live
 from eomcheck.errors import RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.model import Array, Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import (
     Traced,
     block_of,
@@ -29,6 +26,10 @@ from eomcheck.motion.right_hand_side import (
     state_size,
     traced_kernel,
 )
+from eomcheck.numbers.banded import solve_banded
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.linear import Solve, solve, watching
+from eomcheck.numbers.tape import BAND, FACTORS, Tape, live
 
 
 def observations_on(scene: Scene, formulation: Formulation) -> Traced:

@@ -17,14 +17,15 @@ from typing import Any
 import flint
 import numpy as np
 
-from eomcheck.arithmetic.ball import Balls, ball, precision
-from eomcheck.arithmetic.taylor import BITS, Expressions
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
+from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.motion.extrapolation import Extrapolation, GaveUpError
 from eomcheck.motion.run import DIGITS, Run, decimals
-from eomcheck.quantities import Quantities
+from eomcheck.numbers.ball import Balls, ball, precision
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.taylor import BITS, Expressions
 
 EXTENDED_BITS, TOLERANCE = 160, 1e-28
 """Precision of the second integration, and the error that it allows in each step."""

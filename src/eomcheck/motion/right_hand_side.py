@@ -23,20 +23,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.differentiate import jacobian
-from eomcheck.arithmetic.float64 import FLOAT64
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.tape import Tape
 from eomcheck.errors import InputError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.point import Quantities, net_force
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
-from eomcheck.model import Array, Scene, velocity
+from eomcheck.mechanics.records import velocity
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import fed_back, joints_fed_back
-from eomcheck.quantities import Quantities, net_force
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.differentiate import jacobian
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.tape import Tape
 
 MANY_LINKS = 48
 """A longer chain continues the programs of shorter ones."""

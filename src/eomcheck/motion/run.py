@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.model import Array
+from eomcheck.numbers.contract import Array
 
 DIGITS = 36
 """Significant decimal digits that are kept: as many as quad precision has."""

@@ -9,10 +9,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent, velocity
+from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.em import velocity_of_independent
-from eomcheck.model import Array, Scene, checked_scene, finite_array
+from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 from eomcheck.motion.observe import observer_of
 from eomcheck.motion.right_hand_side import (
@@ -24,8 +26,7 @@ from eomcheck.motion.right_hand_side import (
     state_of,
 )
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
-from eomcheck.states import check_consistent, velocity
-from eomcheck.tolerance import allowed_error, largest
+from eomcheck.numbers.contract import Array
 
 
 @dataclass(frozen=True)

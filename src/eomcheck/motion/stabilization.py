@@ -24,13 +24,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluate import Evaluation
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.banded import joint_gaps
-from eomcheck.model import Array, Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.integrators import Steps
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import generic
 
 
 @generic

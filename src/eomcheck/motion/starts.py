@@ -13,13 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.entries import each
-from eomcheck.arithmetic.noise import SAMPLES, STEP, Noise
-from eomcheck.arithmetic.tape import Tape
 from eomcheck.errors import EomcheckError, InputError, named
+from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.model import Array, Scene, finite_array
+from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.motion.right_hand_side import (
     Traced,
     number_of_speeds,
@@ -29,7 +27,10 @@ from eomcheck.motion.right_hand_side import (
     traced_kernel,
 )
 from eomcheck.motion.simulate import Motion, initial
-from eomcheck.tolerance import NOTICEABLE, allowed_error
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.entries import each
+from eomcheck.numbers.noise import SAMPLES, STEP, Noise
+from eomcheck.numbers.tape import Tape
 
 MARGIN = 100.0
 """Of digits lost, for numbers are moved where they come in only."""

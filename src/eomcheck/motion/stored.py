@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.model import Array, Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.run import Run, decimals, difference
+from eomcheck.numbers.contract import Array
 from eomcheck.scenes import SCENES
 
 

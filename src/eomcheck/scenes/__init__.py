@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.bicycle import Bicycle
 from eomcheck.scenes.bricard import Bricard

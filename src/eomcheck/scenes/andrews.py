@@ -22,10 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.model import Arithmetic, Array, Range, Tree
-from eomcheck.scenes.assembled import Assembled, Jacobians
-from eomcheck.scenes.fields import Parametric, parameter
+from eomcheck.mechanics.assembled import Assembled, Jacobians
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Range, Tree
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
 
 JOINT = 6, 0, 1, 2, 3, 4, 5
 """Body -> coordinate that turns it against what it is pinned to."""

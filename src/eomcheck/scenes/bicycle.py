@@ -30,11 +30,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.model import Arithmetic, Array, Range, Symmetry
-from eomcheck.scenes import bicycle_axes, bicycle_energies, bicycle_jacobians, plane
-from eomcheck.scenes.assembled import Assembled
+from eomcheck.mechanics import plane
+from eomcheck.mechanics.assembled import Assembled
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.scenes import bicycle_axes, bicycle_energies, bicycle_jacobians
 from eomcheck.scenes.bicycle_axes import (
     FORK,
     FRAME,
@@ -46,7 +49,6 @@ from eomcheck.scenes.bicycle_axes import (
     REAR_SPIN,
     WHEEL,
 )
-from eomcheck.scenes.fields import Parametric, parameter
 
 
 class Parameters(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
+from eomcheck.numbers.generic import generic
 
 REAR, FRAME, FORK, FRONT = range(4)
 """Bodies: rear wheel, rear frame with the rider, front frame, front wheel."""

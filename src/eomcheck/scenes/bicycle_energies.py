@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
+from eomcheck.mechanics.space import rotated
+from eomcheck.numbers.generic import generic
 from eomcheck.scenes.bicycle_axes import (
     FORK,
     FRAME,
@@ -26,7 +27,6 @@ from eomcheck.scenes.bicycle_axes import (
     steered,
     vertical,
 )
-from eomcheck.scenes.space import rotated
 
 
 @generic

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.scenes.assembled import Jacobians, gyroscopic_moments
+from eomcheck.mechanics.assembled import Jacobians, gyroscopic_moments
+from eomcheck.mechanics.space import along, combined, cross, plane_of, rotated, swing, turn
+from eomcheck.numbers.generic import generic
 from eomcheck.scenes.bicycle_axes import (
     FORK,
     FRAME,
@@ -25,7 +26,6 @@ from eomcheck.scenes.bicycle_axes import (
     STEER,
     WHEEL,
 )
-from eomcheck.scenes.space import along, combined, cross, plane_of, rotated, swing, turn
 
 JOINT = HEADING, LEAN, PITCH, STEER, REAR_SPIN, FRONT_SPIN
 """Coordinate that turns about each of the axes k, h, b_3, the steering axis, b_3, g_3."""

@@ -25,12 +25,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
-from eomcheck.model import Arithmetic, Array, Range, Symmetry
-from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
-from eomcheck.scenes.fields import Parametric, parameter
-from eomcheck.scenes.space import along, cross, plane_of, rotated, swing, turn
+from eomcheck.mechanics.assembled import Assembled, Jacobians, gyroscopic_moments
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.space import along, cross, plane_of, rotated, swing, turn
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
 
 RODS = 5
 COORDINATE = 4, 0, 1, 2, 3

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
-from eomcheck.model import Arithmetic, Array, Range, Tree
-from eomcheck.scenes.assembled import Assembled, Jacobians
-from eomcheck.scenes.fields import Parametric, of_links, parameter, whole_links
+from eomcheck.mechanics.assembled import Assembled, Jacobians
+from eomcheck.mechanics.parameters import Parametric, of_links, parameter, whole_links
+from eomcheck.mechanics.records import Range, Tree
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
 from eomcheck.scenes.snake_terms import carried
 
 

@@ -20,11 +20,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.model import Arithmetic, Array, Range, Scene, Symmetry
-from eomcheck.scenes import plane
-from eomcheck.scenes.assembled import Assembled, Jacobians, gyroscopic_moments
-from eomcheck.scenes.fields import Parametric, parameter
+from eomcheck.mechanics import plane
+from eomcheck.mechanics.assembled import Assembled, Jacobians, gyroscopic_moments
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
 
 ROD, BALL = 0.3, 5.0
 """Of the benchmark's arms, kg; the rod is 1 m long."""

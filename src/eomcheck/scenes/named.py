@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from eomcheck.errors import InputError, named
-from eomcheck.model import Scene
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 
 ALL = "all"

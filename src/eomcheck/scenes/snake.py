@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.arithmetic.pivots import EPS
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.model import Arithmetic, Array, Range, Symmetry, Tree
-from eomcheck.scenes import plane, snake_chain, snake_energies, snake_speeds, snake_terms
-from eomcheck.scenes.fields import Parametric, of_joints, of_links, parameter, whole_links
+from eomcheck.mechanics import plane
+from eomcheck.mechanics.parameters import Parametric, of_joints, of_links, parameter, whole_links
+from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.pivots import EPS
+from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
 
 
 class Parameters(NamedTuple):

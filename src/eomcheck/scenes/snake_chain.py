@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.model import Chain
+from eomcheck.mechanics.records import Chain
+from eomcheck.numbers.generic import generic
 
 
 @generic

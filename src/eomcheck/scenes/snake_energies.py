@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
+from eomcheck.numbers.generic import generic
 
 
 @generic

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.model import Bodies, Speeds
+from eomcheck.mechanics.records import Bodies, Speeds
+from eomcheck.numbers.generic import generic
 from eomcheck.scenes.snake_terms import joint_torque
 
 

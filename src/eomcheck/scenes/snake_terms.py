@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
-from eomcheck.model import Terms
+from eomcheck.mechanics.records import Terms
+from eomcheck.numbers.generic import generic
 
 
 @generic

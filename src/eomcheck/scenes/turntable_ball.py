@@ -17,11 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.arithmetic.generic import generic
 from eomcheck.errors import InputError
-from eomcheck.model import Arithmetic, Array, Bodies, Range, Scene, Speeds, Symmetry, Terms
-from eomcheck.scenes import plane
-from eomcheck.scenes.fields import Parametric, parameter
+from eomcheck.mechanics import plane
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Bodies, Range, Speeds, Symmetry, Terms
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
 
 
 class Parameters(NamedTuple):

@@ -1,0 +1,192 @@
+"""A `Finding`: what one claim came to at one state. Checks return Findings and alone decide."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
+
+Verdict = Literal["passed", "failed", "inconclusive"]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a proof by random points rests on; the bounds are derived in docs/proof.md.
+
+    Attributes:
+        degree: bound on the total degree of the numerator of left - right.
+        height: bound on the sum of its coefficients' magnitudes, as a power of two (bits).
+        primes: the primes, one per point looked at.
+        draws: points drawn, those included at which a divisor vanished.
+        failure_probability: bound on the probability that all points agree by chance.
+    """
+
+    degree: int
+    height: float
+    primes: tuple[int, ...]
+    draws: int
+    failure_probability: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One claim at one state, or for all states at once.
+
+    Attributes:
+        claim: id of the claim, a key of `eomcheck.claims.CLAIMS`.
+        subject: what it is about there, such as "au ~ kane" or "pinocchio".
+        scene: the scene.
+        state: (q, v, t), or None where it holds for all states of all scenes of this structure.
+        observed: largest error seen, in the units of the quantity; for a proof, the number of
+            points at which the sides differ.
+        allowed: largest error that rounding explains.
+        verdict: "passed", "failed", or "inconclusive" where `allowed` is so large that nothing was
+            checked.
+        evidence: level of the evidence and what it rests on.
+        detail: for a failure, the term, the row and what is wrong with it.
+        proof: what a proof rests on, or None.
+        digits: decimal digits of a result in doubles that are certainly right, or None.
+    """
+
+    claim: str
+    subject: str
+    scene: Scene
+    state: State | None
+    observed: float
+    allowed: float
+    verdict: Verdict
+    evidence: str
+    detail: str = ""
+    proof: Proof | None = None
+    digits: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        """observed / allowed."""
+        return ratio(self.observed, self.allowed)
+
+    def __str__(self) -> str:
+        if self.state is None:
+            text = f"{self.claim} [{self.subject}] {self.evidence} on {self.scene.structure}"
+            return f"{text} ({self.detail})" if self.detail else text
+        text = (
+            f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}: observed "
+            f"{self.observed:.3g}, allowed {self.allowed:.3g}"
+        )
+        return f"{text} ({self.detail})" if self.detail else text
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding as plain data, numbers in full precision."""
+        if self.state is None:
+            where: dict[str, Any] = {"structure": self.scene.structure}
+        else:
+            where = {
+                "scene": repr(self.scene),
+                "q": self.state.q.tolist(),
+                "v": self.state.v.tolist(),
+                "t": self.state.t,
+            }
+        row: dict[str, Any] = {
+            "claim": self.claim,
+            "subject": self.subject,
+            **where,
+            "observed": self.observed if np.isfinite(self.observed) else None,
+            "allowed": self.allowed if np.isfinite(self.allowed) else None,
+            "verdict": self.verdict,
+            "evidence": self.evidence,
+            "detail": self.detail,
+        }
+        if self.proof is not None:
+            row["proof"] = asdict(self.proof) | {"primes": list(self.proof.primes)}
+        if self.digits is not None:
+            row["digits"] = self.digits
+        return row
+
+    def as_python(self) -> str:
+        """Return Python code that shows the finding again."""
+        return python_of(self.scene, self.state)
+
+
+def ratio(observed: float, allowed: float) -> float:
+    """Return observed / allowed; of 0 and 0 it is 0."""
+    if allowed > 0:
+        return observed / allowed
+    return 0.0 if observed == 0 else float("inf")
+
+
+def python_of(scene: Scene, state: State | None) -> str:
+    """Return Python code that prints what fails in a state, or for all states where it is None."""
+    kind = type(scene)
+    home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
+    head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {scene!r}\n"
+    if state is None:
+        loop = "for finding in eomcheck.prove(scene):\n"
+    else:
+        loop = (
+            f"q = {state.q.tolist()}\n"
+            f"v = {state.v.tolist()}\n"
+            f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False):\n"
+        )
+    return head + loop + '    if finding.verdict == "failed":\n        print(finding)\n'
+
+
+def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]:
+    """Return (allowed, verdict) of an observed error.
+
+    Args:
+        observed: the error.
+        spread: κ · scale of the computation, see `eomcheck.evaluation.tolerance`.
+        scale: size of what was compared; for a sum that should vanish, of its terms.
+    """
+    allowed = allowed_error(spread)
+    if not np.isfinite(scale):
+        return allowed, "inconclusive"  # it overflows: nothing to compare with
+    if not np.isfinite(observed):
+        return allowed, "failed"
+    if not np.isfinite(allowed):
+        return allowed, "inconclusive"
+    if allowed > INCONCLUSIVE * scale and not (observed == 0.0 and allowed <= UNDERFLOW):
+        return allowed, "inconclusive"
+    if allowed < observed <= UNDERFLOW:
+        return allowed, "inconclusive"
+    return allowed, "passed" if observed <= allowed else "failed"
+
+
+def diagnose(found: Array, expected: Array, allowed: float) -> str:
+    """Return what `found` looks like beside `expected`, as a person would put it."""
+    worst = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
+    x, y = float(found[worst]), float(expected[worst])
+    near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
+    if found.ndim == 2 and found.shape[0] == found.shape[1] and largest(found - expected.T) <= near:
+        return "transposed"
+    if abs(x + y) <= near:
+        return "sign"
+    if abs(x) <= near:
+        return "missing"
+    if abs(y) <= near:
+        return "should vanish"
+    for factor in (2.0, 0.5, 4.0, 0.25):
+        if abs(x - factor * y) <= near:
+            return f"{factor:g} times too large"
+    return f"{x:.6g}, expected {y:.6g}"
+
+
+def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
+    """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
+    index = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
+    return entry_name(tuple(int(i) for i in index), names)
+
+
+def entry_name(index: tuple[int, ...], names: tuple[tuple[str, ...], ...]) -> str:
+    """Return the name of one entry: "row θ_3", "entry (x, θ_3)", or "value" without axes."""
+    named = [axis[i] for axis, i in zip(names, index, strict=True)]
+    if len(named) < 2:
+        return f"row {named[0]}" if named else "value"
+    return f"entry ({', '.join(named)})"

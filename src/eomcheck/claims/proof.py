@@ -1,0 +1,207 @@
+"""`prove`: claims as identities of rational functions, tested at random points of finite fields.
+
+An identity that holds at a random point modulo a random prime holds as an identity, but for a
+probability that the degree and the coefficients of its two sides bound. Nothing is rounded: one
+point at which the sides differ disproves it. See docs/proof.md for the reasoning.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import traceback
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from eomcheck.claims.draws import REDRAWS, Draws
+from eomcheck.claims.finding import Finding, Proof
+from eomcheck.claims.point import Point
+from eomcheck.claims.rational import Formulations, Key, Skipped, look_at
+from eomcheck.claims.shapes import check_shapes
+from eomcheck.errors import InputError, RefusedError, distinct, whole_number
+from eomcheck.evaluation import point as quantities
+from eomcheck.formulations import formulations_for
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.degree import Bound, Degrees
+from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, DomainError
+from eomcheck.numbers.generic import NotRationalError
+
+
+def prove(
+    scene: Scene | type[Scene],
+    links: int | Iterable[int] | None = None,
+    points: int = 4,
+    *,
+    seed: int | None = None,
+    formulations: Iterable[str] | None = None,
+) -> list[Finding]:
+    """Prove the algebraic claims for all parameters, angles and speeds of a scene at once.
+
+    Args:
+        scene: a scene, which stands for all that have its size and its absent terms; or a kind of
+            scene, of which all `links` are proved, with and without the terms that can be absent.
+        links: numbers of links, for a kind of scene that has one.
+        points: random points per identity, each modulo a prime of its own.
+        seed: of the draws; by default from the operating system, as the probabilities assume.
+        formulations: keys of the formulations to look at, by default all that apply.
+
+    Returns:
+        One Finding per identity, each with its `proof`, which holds the bounds, the primes and the
+        probability that all points agree by chance.
+
+    Raises:
+        InputError: `points` or a number of links below 1; a kind of scene without its `links`; a
+            formulation that does not apply to the scene; a function of the scene that returns an
+            array of wrong shape.
+        UnknownNameError: no such formulation.
+    """
+    keys = None if formulations is None else distinct("formulations", formulations)
+    points = whole_number("points", points)
+    seed = new_seed() if seed is None else seed
+    findings: list[Finding] = []
+    for structure in structures(scene, links):
+        findings += prove_structure(structure, formulations_for(structure, keys), points, seed)
+    return findings
+
+
+def new_seed() -> int:
+    """Return a seed from the operating system.
+
+    It has more bits than the smallest failure probability: no event of a generator with b bits of
+    seed is rarer than 2^-b.
+    """
+    return random.SystemRandom().getrandbits(256)
+
+
+def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) -> Iterator[Scene]:
+    """Yield the scenes that `prove` is about.
+
+    Raises:
+        InputError: see `prove`.
+    """
+    if links is None and isinstance(scene, Scene):
+        yield scene
+        return
+    kind = type(scene) if isinstance(scene, Scene) else scene
+    if not (isinstance(kind, type) and issubclass(kind, Scene)):
+        raise InputError(f"scene = {scene!r}, expected a scene or a kind of scene such as Snake")
+    if links is None:
+        if kind.has_links:
+            raise InputError(f"links = None: {scene!r} is no scene, so its links must be given")
+        yield from kind.structures()
+        return
+    counts = tuple(links) if isinstance(links, Iterable) else (links,)
+    if not counts:
+        raise InputError(f"links = {links!r} holds no number of links")
+    for count in counts:
+        yield from kind.structures(count)
+
+
+def prove_structure(
+    scene: Scene, formulations: Formulations, points: int, seed: int
+) -> list[Finding]:
+    """Return the Findings about all scenes of the structure of `scene`.
+
+    Raises:
+        InputError: see `check_shapes`.
+    """
+    check_shapes(scene)
+    draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
+    try:
+        for _ in range(points):
+            draws.look()
+        bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
+    except (TypeError, DomainError) as error:
+        return [_not_rational(scene, error)]
+    except (RefusedError, ZeroDivisionError) as error:
+        return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
+    findings = [
+        _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
+        for key, what in draws.refused.items()
+    ]
+    for key, outcome in draws.outcomes.items():
+        if not outcome.primes:
+            findings.append(_skipped(scene, key, outcome.skipped))
+            continue
+        if outcome.differs:
+            findings.append(_failed(scene, key, outcome.differs, outcome.detail))
+            continue
+        degree, height = bounds[key]
+        primes = tuple(outcome.primes)
+        # A partition that was drawn is one of so many that might have been.
+        choices = scene.n if key[1].endswith("drawn") else 1
+        chance = failure_probability(degree, height, len(primes), draws.count, choices)
+        basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
+        evidence = f"proved: {_points(len(primes))}, {basis}"
+        proof = Proof(degree, height, primes, draws.count, chance)
+        findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
+    return findings
+
+
+def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
+    evidence = f"disproved: {_points(points)}"
+    return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
+
+
+def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
+    return Finding(*key, scene, None, 0.0, 0.0, "inconclusive", "not looked at", reason)
+
+
+def _not_rational(scene: Scene, error: Exception) -> Finding:
+    """Return the Finding on a function that exact numbers cannot run.
+
+    Raises:
+        TypeError: the error is no such thing, but a mistake in a call.
+    """
+    *_, last = traceback.extract_tb(error.__traceback__)
+    home = Path(last.filename)
+    ours = home.parent == Path(__file__).parent or home == Path(quantities.__file__)
+    if ours and not isinstance(error, NotRationalError):
+        raise error
+    detail = f"not rational, in {last.name}: {error}"
+    key = ("finite-terms", "terms")
+    return Finding(*key, scene, None, 0.0, 0.0, "failed", "not looked at", detail)
+
+
+def _points(count: int) -> str:
+    return "1 point" if count == 1 else f"{count} points"
+
+
+def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int, float]]:
+    """Return, per identity, bounds of the numerator of left - right.
+
+    Returns:
+        (degree, height): the total degree, and log2 of the sum of the coefficients' magnitudes; the
+        largest over all entries.
+    """
+    bounds: dict[Key, tuple[int, float]] = {}
+    for key, sides in look_at(at, formulations):
+        if isinstance(sides, Skipped):
+            continue
+        found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
+        if found.shape != expected.shape:
+            continue  # sides that cannot be equal need no bound
+        entries = [x for x in np.ravel(found - expected) if isinstance(x, Bound)]
+        degree = max((x.degree for x in entries), default=0)
+        bounds[key] = degree, max((x.height for x in entries), default=0.0)
+    return bounds
+
+
+def failure_probability(
+    degree: int, height: float, points: int, draws: int, choices: int = 1
+) -> float:
+    """Bound the probability that a false identity holds at all points (docs/proof.md).
+
+    Args:
+        degree: bound on the total degree of the numerator of left - right.
+        height: bound on log2 of the sum of its coefficients' magnitudes.
+        points: points at which it was looked at.
+        draws: points drawn; any of them might have been looked at.
+        choices: identities of which this one was chosen at random.
+    """
+    # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
+    bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
+    chance = 2 * degree / (PRIMES[0] - 1) + bad_primes / PRIME_COUNT
+    return min(1.0, choices * math.comb(draws, points) * chance**points)

@@ -1,0 +1,179 @@
+"""The claim that a formulation refuses only where it must."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space, solve_triangular
+
+from eomcheck.claims.claim import CLAIMS, Case, Claim, claim
+from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import HUGE, largest
+from eomcheck.formulations import Formulation
+from eomcheck.formulations.gw import MOBILITY
+from eomcheck.mechanics.records import Chain, State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.linear import column_scale
+
+
+def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
+    """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
+
+    Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
+    first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
+    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a
+    refusal agree to a factor of the order, which is taken off. An overflow is justified by inputs
+    large enough for it.
+    """
+    at = case.at
+    M, _, _, a, _, _ = at.terms
+    if np.isnan(refusal.rcond):
+        return 0.0 if max(largest(x) for x in (at.v, at.F, M)) > HUGE else 1.0
+    needed = [M]
+    if a is not None:
+        needed.append(_kkt(M, a))
+        if formulation.partitioned:
+            needed.append(a[:, at.partition.dependent])
+    if formulation.uses == "chain":
+        needed.append(_kkt(np.diag(at.chain.mass), _joints(at.chain)))
+    rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
+    if a is not None and (formulation.partitioned or formulation.in_speeds):
+        # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
+        Z = null_space(a)
+        R = Z[at.partition.independent]
+        if formulation.in_speeds:
+            R = _speeds_map(at) @ Z
+            rcond.append(_rcond_of_speeds(at))
+        rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
+    if a is not None and refusal.what == MOBILITY:
+        # The square of another matrix, it is singular to working precision long before that.
+        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
+    return min(rcond)
+
+
+def _by_energy(M: Array, a: Array) -> Array:
+    """Return a L⁻ᵀ with L Lᵀ = M, or a where doubles do not hold M that well."""
+    try:
+        return solve_triangular(np.linalg.cholesky(M), a.T, lower=True).T
+    except np.linalg.LinAlgError:
+        return a
+
+
+def _kkt(M: Array, a: Array) -> Array:
+    return np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]])
+
+
+def _joints(chain: Chain) -> Array:
+    """Return the matrix (2 (n_b-1), s) of the joints' equations in ẋ."""
+    J = np.zeros((chain.rest.size, chain.mass.size))
+    for j in range(len(chain.before)):
+        i = 2 * j
+        J[i : i + 2, i : i + 2] = chain.before[j]
+        J[i : i + 2, i + 2 : i + 4] = chain.after[j]
+    return J
+
+
+def _balanced(matrix: Array) -> Array:
+    return matrix * column_scale(matrix.T)[:, None]
+
+
+def _speeds_map(at: Evaluation) -> Array:
+    """Return the matrix (p, n) of the linear map from v to u."""
+    speeds, unit = at.scene.speeds_of, np.eye(at.scene.n)
+    return np.array([at.call(speeds, at.parameters, at.prepared, at.q, e) for e in unit]).T
+
+
+def _rcond_of_speeds(at: Evaluation) -> float:
+    """Return the reciprocal condition number of the linear map from v to (a v, u)."""
+    # Velocities are measured by the energy in them, and so have no units of their own.
+    energy = np.sqrt(np.diagonal(at.terms.M))
+    u_of_v = _speeds_map(at) / energy
+    u_of_v = u_of_v / np.abs(u_of_v).max(axis=1, keepdims=True)
+    a = at.terms.a / energy
+    return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
+
+
+def _rcond(matrix: Array) -> float:
+    if matrix.size == 0:  # as many constraints as coordinates: no speeds to be found
+        return 1.0
+    if not np.isfinite(matrix).all():
+        return 0.0
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    return float(singular[-1] / singular[0] / singular.size) if singular[0] > 0 else 0.0
+
+
+@claim("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
+def refusals(case: Case) -> Iterator[Finding]:
+    """Every refusal is justified by a reciprocal condition number computed independently."""
+    assert case.claim is not None
+    for formulation in case.formulations:
+        try:
+            case.at.acceleration(formulation)
+        except RefusedError as refusal:
+            rcond = independent_rcond(formulation, refusal, case)
+            justified = rcond <= refusal.threshold
+            yield Finding(
+                case.claim.id,
+                formulation.key,
+                case.at.scene,
+                case.state,
+                rcond,
+                refusal.threshold,
+                "passed" if justified else "failed",
+                "property-tested",
+                str(refusal)
+                if justified
+                else f"{formulation.key}, {refusal.what}: refused in vain",
+            )
+
+
+MAY_REFUSE = 0.05
+"""Largest share of ordinary states that some formulation may refuse."""
+
+CLAIMS["coverage"] = Claim(
+    "coverage",
+    f"at least {1 - MAY_REFUSE:.0%} of ordinary states are solved by all formulations",
+    "",
+    "coverage",
+    None,
+)
+
+
+ENOUGH = 20
+"""Fewer states than this say nothing about a share of 5 %."""
+
+
+class Drawn(NamedTuple):
+    """A state that was drawn, and the formulations that refused it."""
+
+    scene: Scene
+    state: State
+    refused: tuple[str, ...]
+
+
+def coverage(drawn: list[Drawn]) -> Finding:
+    """Return the Finding on the share of drawn states that some formulation refused."""
+    refused = [one for one in drawn if one.refused]
+    example = (refused or drawn)[0]
+    share = len(refused) / len(drawn)
+    verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
+    by_key = Counter(key for one in refused for key in one.refused)
+    named = "".join(f"; {key} refused {count}" for key, count in by_key.items())
+    return Finding(
+        "coverage",
+        "all",
+        example.scene,
+        example.state,
+        share,
+        MAY_REFUSE,
+        verdict if len(drawn) >= ENOUGH else "inconclusive",
+        f"property-tested: {len(drawn)} states",
+        f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
+        + named,
+    )

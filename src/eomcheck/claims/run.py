@@ -1,0 +1,267 @@
+"""Run the claims: on one state, on random states of a scene, on random scenes.
+
+hypothesis draws the cases. When a claim fails it also shrinks: the last Finding is then the
+smallest case found on which that same claim still fails.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import hypothesis
+from hypothesis import HealthCheck, Phase, Verbosity
+from hypothesis.strategies import SearchStrategy
+
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS, Case, Finding, State
+from eomcheck.claims.claim import look
+from eomcheck.claims.refusals import Drawn, coverage
+from eomcheck.claims.shapes import check_shapes
+from eomcheck.engines import ENGINES, Engine, engine_of
+from eomcheck.errors import distinct, named, whole_number
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.formulations import Formulation, formulations_among
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.scenes import Snake
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What takes part in a run: all that is registered, unless named."""
+
+    formulations: tuple[Formulation, ...]
+    engines: tuple[type[Engine], ...]
+    claims: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        formulations: Iterable[str] | None = None,
+        engines: Iterable[str] | None = None,
+        claims: Iterable[str] | None = None,
+        *,
+        scenes: Sequence[Scene | type[Scene]] = (Snake,),
+    ) -> Selection:
+        """Look the names up; None stands for all that apply to any scene, an empty list for none.
+
+        Raises:
+            InputError: a formulation applies to none of `scenes`.
+            UnknownNameError: a name is not registered.
+        """
+        names = ENGINES if engines is None else distinct("engines", engines)
+        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
+        for one in ids:
+            named("claim", one, CLAIMS)
+        return cls(formulations_among(scenes, formulations), tuple(map(engine_of, names)), ids)
+
+
+@dataclass
+class Run:
+    """What a run has come to so far.
+
+    Attributes:
+        findings: every Finding, in the order made.
+        seconds: time spent per claim.
+        cases: number of states looked at.
+        drawn: the states that hypothesis drew, and who refused them.
+        refused: keys of the formulations that refused the last state looked at.
+        minimal: the smallest failing case, if a claim failed.
+    """
+
+    findings: list[Finding] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    cases: int = 0
+    drawn: list[Drawn] = field(default_factory=list)
+    refused: tuple[str, ...] = ()
+    minimal: Finding | None = None
+
+    def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
+        """Look at one state, keep the Findings and return them."""
+        case = _case(scene, state, selection)
+        new: list[Finding] = []
+        for one in selection.claims:
+            start = time.perf_counter()
+            new += look(case, CLAIMS[one]) if case.finite or one == "finite-terms" else []
+            self.seconds[one] += time.perf_counter() - start
+        self.findings += new
+        self.cases += 1
+        self.refused = case.refused if case.finite else ()
+        return new
+
+    def explore(
+        self,
+        cases: SearchStrategy[tuple[Scene, State]],
+        selection: Selection,
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at `examples` drawn cases; stop at the first failure and shrink it.
+
+        Raises:
+            InputError: `examples` is less than 1, or `seed` no whole number.
+        """
+        examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
+        failing: str | None = None
+
+        def examine(drawn: tuple[Scene, State]) -> None:
+            nonlocal failing
+            if failing is None:
+                new = self.look_at(*drawn, selection)
+                scene, state = drawn
+                state = (new[0].state if new else None) or state
+                self.drawn.append(Drawn(scene, state, self.refused))
+                on_case()
+            else:
+                new = look(_case(*drawn, selection), CLAIMS[failing])
+            for finding in new:
+                if finding.verdict == "failed":
+                    failing = finding.claim
+                    raise _Falsified(finding)
+
+        settings = hypothesis.settings(
+            max_examples=examples,
+            database=None,
+            deadline=None,
+            derandomize=False,
+            report_multiple_bugs=False,
+            suppress_health_check=[
+                HealthCheck.too_slow,
+                HealthCheck.data_too_large,
+                HealthCheck.large_base_example,
+            ],
+            phases=(Phase.generate, Phase.shrink),
+            verbosity=Verbosity.quiet,
+        )
+        try:
+            hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
+        except _Falsified as falsified:
+            self.minimal = falsified.finding
+
+    def look_at_kind(
+        self,
+        kind: type[Scene],
+        selection: Selection,
+        links: tuple[int, int],
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at the example of a kind, at rest and moving, and at `examples` random scenes.
+
+        Args:
+            kind: the kind of scene.
+            selection: what takes part.
+            links: smallest and largest number of links, for a kind that has one.
+            examples: number of random scenes, each in one state.
+            seed: of the draws.
+            on_case: called after each case.
+        """
+        example = kind.example()
+        self.look_at(example, State(*example.initial_state()), selection)
+        on_case()
+        moving = strategies.states(example).map(lambda state: (example, state))
+        self.explore(moving, selection, 1, seed, on_case)
+        if self.minimal is None:
+            drawn = strategies.scene_states(strategies.scenes(kind, *links))
+            self.explore(drawn, selection, examples, seed, on_case)
+
+    def finish(self, selection: Selection) -> list[Finding]:
+        """Add what can be said of the run as a whole, and return every Finding."""
+        if "coverage" in selection.claims and self.drawn:
+            self.findings.append(coverage(self.drawn))
+        if self.minimal is not None:
+            self.findings.append(self.minimal)
+        return self.findings
+
+
+class _Falsified(AssertionError):
+    def __init__(self, finding: Finding):
+        self.finding = finding
+        super().__init__(str(finding))
+
+
+def _case(scene: Scene, state: State, selection: Selection) -> Case:
+    check_shapes(scene)
+    engines = tuple(engine(scene) for engine in selection.engines if engine.represents(scene))
+    formulations = tuple(f for f in selection.formulations if f.applies_to(scene))
+    return Case(Evaluation(scene, *state), formulations, engines)
+
+
+def check(
+    scene: Scene,
+    q,
+    v,
+    t: float = 0.0,
+    *,
+    formulations: Iterable[str] | None = None,
+    engines: Iterable[str] | None = None,
+    claims: Iterable[str] | None = None,
+    consistent: bool = True,
+) -> list[Finding]:
+    """Check one state of a scene and return every Finding.
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        v: velocities (n,), consistent with the constraints.
+        t: time, s.
+        formulations: keys of the formulations to look at, by default all that apply.
+        engines: keys of the engines to compare with, all that can by default.
+        claims: ids of the claims to look at, all by default.
+        consistent: refuse a v that violates the constraints. With False claims fail that hold for
+            consistent velocities only, but a scene whose own a is wrong can be looked at.
+
+    Raises:
+        InputError: bad shapes, also of what the scene's functions return, or values that are not
+            finite.
+        InconsistentVelocityError: v violates the constraints.
+        UnknownNameError: an unknown key or id.
+        EngineError: an engine is not installed.
+    """
+    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
+    state = State(*scene.check_state(q, v, t), t)
+    check_shapes(scene)
+    if consistent:
+        check_consistent(Evaluation(scene, *state))
+    return Run().look_at(scene, state, selection)
+
+
+def validate(
+    scene: Scene,
+    *,
+    examples: int = 25,
+    seed: int = 0,
+    formulations: Iterable[str] | None = None,
+    engines: Iterable[str] | None = None,
+    claims: Iterable[str] | None = None,
+) -> list[Finding]:
+    """Check a scene in its initial state and in random consistent states.
+
+    Args:
+        scene: the scene.
+        examples: number of random states.
+        seed: of the draws.
+        formulations: keys of the formulations to look at, by default all that apply.
+        engines: keys of the engines to compare with, all that can by default.
+        claims: ids of the claims to look at, all by default.
+
+    Returns:
+        Every Finding. If a claim fails, the drawing stops and the last Finding is the smallest
+        failing case.
+
+    Raises:
+        InputError: `examples` is less than 1, or a function of the scene returns an array of wrong
+            shape.
+        UnknownNameError: an unknown key or id.
+        EngineError: an engine is not installed.
+    """
+    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
+    run = Run()
+    run.look_at(scene, State(*scene.initial_state()), selection)
+    run.explore(strategies.states(scene).map(lambda s: (scene, s)), selection, examples, seed)
+    return run.finish(selection)

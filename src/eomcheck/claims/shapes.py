@@ -1,0 +1,90 @@
+"""The shapes that the contract asks of a scene's functions, looked at before any claim is.
+
+Numbers of wrong shape would end in an error deep inside a formulation, or be broadcast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluation.point import Quantities
+from eomcheck.mechanics.assembled import Assembled
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.float64 import FLOAT64
+
+Shape = tuple[int, ...]
+Returned = tuple[str, str, Any, Shape]
+"""Name of the function, of what it returns, that itself, and the shape it should have."""
+
+_looked_at: set[tuple[type[Scene], str]] = set()
+
+
+def check_shapes(scene: Scene) -> None:
+    """Check what each function of `scene` returns, once for each structure; None is allowed.
+
+    Raises:
+        InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
+    """
+    which = type(scene), scene.structure
+    if which in _looked_at:
+        return
+    with np.errstate(all="ignore"):
+        for function, name, found, shape in _returned(scene):
+            if found is not None and np.shape(found) != shape:
+                whose = f"{type(scene).__name__}.{function}: {name}"
+                raise InputError(f"{whose} has shape {np.shape(found)}, expected {shape}")
+    _looked_at.add(which)
+
+
+def _returned(scene: Scene) -> Iterator[Returned]:
+    """Yield what the functions return at some point, those first that others are made of."""
+    random = np.random.default_rng(0)
+    n, r, p = scene.n, scene.r, scene.p
+    at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, n))
+    at.v, at.u = random.uniform(0.1, 1.0, n), random.uniform(0.1, 1.0, p)
+    place = at.parameters, at.prepared, at.q
+    here = *place, at.v
+
+    V, omega = scene.velocities(*here)
+    bodies, d, e = np.size(at.parameters.mass), np.shape(V)[-1], np.shape(omega)[-1]
+    yield "velocities", "V", V, (bodies, d)
+    yield "velocities", "ω", omega, (bodies, e)
+    if isinstance(scene, Assembled):
+        shapes = (bodies, d, n), (bodies, e, n), (bodies, d), (bodies, e), (bodies, e)
+        yield from _fields("jacobians", scene.jacobians(*here), shapes)
+        yield "drift", "gamma", scene.drift(*here), (r,)
+        yield "forces", "Q", scene.forces(*here), (n,)
+        yield "potential", "U", scene.potential(*place), ()
+    if hasattr(scene, "constraints"):  # a scene that never moves may do without
+        a, b = scene.constraints(*place)
+        yield "constraints", "a", a, (r, n)
+        yield "constraints", "b", b, (r,)
+    yield from _fields("terms", at.terms, ((n, n), (n,), (n,), (r, n), (r,), (r,)))
+    yield "constraint", "c", scene.constraint(*here), (r,)
+    T, U = scene.energies(*here)
+    yield "energies", "T", T, ()
+    yield "energies", "U", U, ()
+    if scene.dissipation is not None:
+        yield "dissipation", "R", scene.dissipation(*here), ()
+    if scene.position_residual is not None:
+        rows = len(range(r)[scene.holonomic])
+        yield "position_residual", "Φ", scene.position_residual(*place), (rows,)
+    yield "speeds_of", "u", scene.speeds_of(*here), (p,)
+    try:
+        yield from _fields("speeds", at.speeds, ((n, p), (n,), (n,)))
+        # Components that vanish may be left out here.
+        d, e = (np.shape(partial)[1] for partial in at.bodies[:2])
+        shapes = (bodies, d, p), (bodies, e, p), (bodies, d), (bodies, e)
+        shapes = *shapes, (bodies,), (bodies, e, e), (bodies, e), (p,)
+        yield from _fields("bodies", at.bodies, shapes)
+    except RefusedError:
+        return  # no generalized speeds here
+
+
+def _fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[Returned]:
+    for name, found, shape in zip(record._fields, record, shapes, strict=True):
+        yield function, name, found, shape

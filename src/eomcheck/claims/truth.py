@@ -1,0 +1,76 @@
+"""Claims about the true acceleration, enclosed in balls of as many digits as it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from eomcheck.claims.claim import Case, claim, pairs
+from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
+from eomcheck.evaluation.enclosure import Enclosure, enclosure
+from eomcheck.formulations import Formulation
+
+EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
+
+
+def _enclosed(case: Case, formulation: Formulation) -> Enclosure | str:
+    """Return the enclosure, or why there is none."""
+    at = case.at
+    try:
+        return enclosure(at.scene, formulation, at.q, {"u": at.u}, at.t, TRUE_DIGITS, at.partition)
+    except RefusedError as refusal:
+        return str(refusal)
+    except TypeError as error:
+        return f"not rational: {error}"
+
+
+def _finding(case: Case, claim: str, subject: str, apart: int, verdict: Verdict, detail: str):
+    return Finding(
+        claim, subject, case.at.scene, case.state, float(apart), 0.0, verdict, EVIDENCE, detail
+    )
+
+
+@claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
+def enclosures(case: Case) -> Iterator[Finding]:
+    """The enclosures by all formulations have a point in common, pair by pair."""
+    if not case.has_speeds or not np.isfinite(case.at.u).all():
+        return
+    found: list[tuple[Formulation, Enclosure]] = []
+    for f in case.solved:
+        x = _enclosed(case, f)
+        if isinstance(x, str):
+            yield _finding(case, "enclosures", f.key, 0, "inconclusive", x)
+        else:
+            found.append((f, x))
+    for (f, x), (g, y) in pairs(tuple(found)):
+        apart = np.flatnonzero(~x.overlaps(y))
+        rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
+        detail = f"acceleration, row {rows}: the balls are disjoint" if apart.size else ""
+        verdict: Verdict = "failed" if apart.size else "passed"
+        yield _finding(case, "enclosures", f"{f.key} ~ {g.key}", apart.size, verdict, detail)
+
+
+@claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
+def true_errors(case: Case) -> Iterator[Finding]:
+    """The error in doubles, against the enclosed truth, is what rounding explains."""
+    here = case.at
+    if not case.has_speeds or not np.isfinite(here.u).all():
+        return
+    try:
+        truth, at = true_state(here.scene, here.q, here.u, here.t)
+    except (RefusedError, TypeError) as error:
+        yield _finding(case, "true-error", "all", 0, "inconclusive", str(error))
+        return
+    true = Case(at, case.formulations, case.engines, case.claim)
+    for formulation in true.solved:
+        found = certify(formulation, truth, at)
+        spread = true.vdot_spread(formulation)
+        yield replace(
+            true.compare(formulation.key, found.vdot, truth.doubles(), spread, evidence=EVIDENCE),
+            digits=found.digits,
+            state=case.state,
+        )

@@ -1,0 +1,1 @@
+"""A scene and its formulations at one state: any numbers, doubles, balls."""

@@ -1,0 +1,179 @@
+"""How many digits of a result in doubles are right: measured against the enclosed truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import representable
+from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
+from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.numbers.ball import ball, midpoints
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
+
+TRUTH = "kane"
+"""The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
+
+TRUE_DIGITS = 30
+"""Digits of the truth; twice those of doubles would do."""
+
+DIGITS_OF_DOUBLES = -math.log10(EPS / 2)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What a formulation delivers in doubles at one state.
+
+    Attributes:
+        key: the formulation.
+        vdot: its v̇ (n,) in doubles.
+        truth: the enclosed v̇.
+        error: |v̇ - true v̇| (n,), rounded up: nowhere is the error larger.
+        ulps: the error of each entry (n,) in units in the last place of its true value; infinite
+            where that may be 0 and the result is not exact.
+        relative: largest error over largest true entry, rounded up, of numbers too small for
+            doubles as well; infinite if the largest true entry is 0 and the error not.
+        relative_bound: error bound that `eomcheck.acceleration` reports over largest true entry.
+        condition: condition number of each matrix solved, by name.
+        kappa: how strongly this computation amplifies relative changes (docs/tolerance.md);
+            infinite where no bound can be measured or the truth is 0.
+        ratio: observed error / (κ ε scale): what the constant C of the tolerances must exceed; NaN
+            where nothing is foreseen, because κ is infinite or there is nothing to lose.
+    """
+
+    key: str
+    vdot: Array
+    truth: Enclosure
+    error: Array
+    ulps: Array
+    relative: float
+    relative_bound: float
+    condition: dict[str, float]
+    kappa: float
+    ratio: float
+
+    @property
+    def digits(self) -> float:
+        """Decimal digits of v̇ that are right, relative to its largest entry."""
+        return certified_digits(self.relative)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the result is wrong and does not say so."""
+        return self.relative > max(NOTICEABLE, self.relative_bound)
+
+
+def certified_digits(relative: float) -> float:
+    """Return the decimal digits that a relative error leaves, at most those that doubles have."""
+    if not relative > 0:
+        return DIGITS_OF_DOUBLES if relative == 0 else 0.0
+    return min(max(-math.log10(relative), 0.0), DIGITS_OF_DOUBLES)
+
+
+def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
+    """Return the true v̇ at (q, u, t), and the evaluation in doubles of the same state.
+
+    Its velocity is the true one, W u + offset, rounded. One that was found in doubles would be that
+    of other speeds, by rounding times the largest entry of W.
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+        RefusedError: the truth has no digits here, or the velocity overflows.
+    """
+    truth = enclose(scene, TRUTH, q, u, t, TRUE_DIGITS)
+    at = Evaluation(scene, q, representable("v", midpoints(truth.v)), t)
+    at.u = np.array(u, dtype=np.float64)
+    return truth, at
+
+
+def true_error(vdot: Array, truth: Enclosure) -> Array:
+    """Return |v̇ - true v̇| (n,), rounded up."""
+    errors = [abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True)]
+    nearest = midpoints(np.array(errors, object))
+    return np.where([error == 0 for error in errors], 0.0, np.nextafter(nearest, np.inf))
+
+
+def relative_error(vdot: Array, truth: Enclosure) -> float:
+    """Return max |v̇ - true v̇| / max |true v̇|, rounded up."""
+    error = max(abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True))
+    return math.nextafter(_over(error, truth), math.inf) if error > 0 else 0.0
+
+
+def _over(error, truth: Enclosure) -> float:
+    """Return an error over the largest true entry, which may be too small for doubles."""
+    size = max(y.abs_lower() for y in truth.vdot)
+    if error == 0 or not size > 0:
+        return 0.0 if error == 0 else math.inf
+    return float((ball(error) / size).mid())
+
+
+def accuracy(
+    scene: Scene, key: str, q, u=None, t: float = 0.0, *, v=None, pivoted: bool = False
+) -> Accuracy:
+    """Return the true error of one formulation in doubles, with what it solved on the way.
+
+    From u, formulations in Lagrange's terms are given the true velocity W u + offset, rounded to
+    doubles; those in generalized speeds are given u. The truth is the same for all. With v given
+    instead, consistent or not, each is compared with its own exact answer to these doubles.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        u: generalized speeds (p,), or
+        v: velocities (n,).
+        t: time, s.
+        pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
+
+    Raises:
+        InputError, UnknownNameError: as `eomcheck.enclose`.
+        RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
+    """
+    formulation = formulation_for(checked_scene(scene), key)
+    if v is None:
+        return certify(formulation, *true_state(scene, q, u, t), pivoted)
+    truth = enclose(scene, key, q, u, t, TRUE_DIGITS, v=v, pivoted=pivoted)
+    return certify(formulation, truth, Evaluation(scene, q, v, t), pivoted)
+
+
+def certify(
+    formulation: Formulation, truth: Enclosure, at: Evaluation, pivoted: bool = False
+) -> Accuracy:
+    """Return the `Accuracy` of `formulation` at what `true_state` returned.
+
+    Raises:
+        InputError: `pivoted`, and the formulation has no partition.
+        RefusedError: the formulation refuses the state in doubles.
+    """
+    result = at.acceleration(formulation, pivoted)
+    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    exact, error = truth.doubles(), true_error(result.vdot, truth)
+    scale = largest(exact)
+    nonzero = [not x.contains(0) for x in truth.vdot]
+    with np.errstate(all="ignore"):
+        ulps = np.where(nonzero, error / np.spacing(np.abs(exact)), np.inf)
+    ulps[error == 0] = 0.0
+    return Accuracy(
+        formulation.key,
+        result.vdot,
+        truth,
+        error,
+        ulps,
+        relative_error(result.vdot, truth),
+        _over(allowed_error(spread), truth),
+        {name: 1.0 / rcond for name, rcond in result.rcond.items()},
+        spread / scale if scale > 0 else math.inf,
+        _ratio(largest(error), spread, scale),
+    )
+
+
+def _ratio(error: float, spread: float, scale: float) -> float:
+    if not math.isfinite(spread) or scale == 0:
+        return math.nan
+    return error / (EPS * spread)

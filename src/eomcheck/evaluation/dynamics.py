@@ -1,0 +1,185 @@
+"""States that keep the constraints, and what a formulation says in one: the public way.
+
+Positions that close, velocities of generalized speeds and back, and the check of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from eomcheck.errors import InconsistentVelocityError, RefusedError
+from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
+from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
+from eomcheck.formulations import formulation_for
+from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
+from eomcheck.numbers.contract import Array
+
+
+def acceleration(
+    scene: Scene,
+    key: str,
+    q,
+    v,
+    t: float = 0.0,
+    *,
+    consistent: bool = True,
+    pivoted: bool = False,
+) -> Acceleration:
+    """Return the constrained acceleration of `scene` by one formulation, with its error bound.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        v: velocities q̇ (n,).
+        t: time, s.
+        consistent: refuse a v that violates the constraints. With False the formulations in
+            generalized speeds take those of v and ignore the rest, so that they answer a different
+            question from the others.
+        pivoted: for El and Em, choose the dependent coordinates by pivoted QR instead of the
+            paper's first r.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, `pivoted` without a partition, a
+            formulation that does not apply to the scene.
+        UnknownNameError: no such formulation.
+        InconsistentVelocityError: v violates the constraints.
+        RefusedError: the formulation cannot handle this state.
+    """
+    formulation = formulation_for(checked_scene(scene), key)
+    at = Evaluation(scene, q, v, t)
+    at.partition_for(formulation, pivoted)
+    if consistent:
+        check_consistent(at)
+    result = at.acceleration(formulation, pivoted)
+    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    # What underflows on the way is below what any change of the inputs can show.
+    return replace(result, error_bound=max(allowed_error(spread), UNDERFLOW))
+
+
+def check_consistent(at: Evaluation) -> None:
+    """Check |a v + b| <= C eps (|a| |v| + |b|), row by row.
+
+    Raises:
+        InconsistentVelocityError: names the worst row, its residual and what is allowed.
+    """
+    if at.terms.a is None:
+        return
+    residual, allowed = violation(at, at.v)
+    with np.errstate(invalid="ignore"):
+        excess = np.abs(residual) - allowed
+    if (excess > 0).any():
+        row = int(np.argmax(excess))
+        raise InconsistentVelocityError(
+            f"v violates the constraint of {at.scene.constraint_names[row]}: |a v + b| = "
+            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g} (consistent=False lets it "
+            "pass)"
+        )
+
+
+def consistent_velocity(at: Evaluation, v: Array) -> Array:
+    """Return v (n,) with the smallest correction that makes it satisfy the constraints at `at`.
+
+    A v that satisfies them to well within the tolerance of `check_consistent` is returned as it is.
+    """
+    if at.terms.a is None:
+        return v
+    for _ in range(3):
+        residual, allowed = violation(at, v)
+        if (np.abs(residual) <= allowed / 4).all():
+            break
+        v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
+    return v
+
+
+CLOSING_STEPS = 50
+"""Newton steps after which the search for a closed position gives up."""
+
+
+def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
+    """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
+
+    Newton's method, with the smallest correction in each step.
+
+    Raises:
+        InputError: wrong shape, or values that are not finite.
+        RefusedError: no such position is found.
+    """
+    q, v = scene.check_state(q, np.zeros(scene.n), t)
+    if scene.position_residual is None:
+        return q
+    step = np.inf
+    for _ in range(CLOSING_STEPS):
+        at = Evaluation(scene, q, v, t)
+        residual = at.call(scene.position_residual, at.parameters, at.prepared, at.q)
+        rates = at.terms.a[scene.holonomic]
+        last, correction = step, np.linalg.lstsq(rates, residual, rcond=None)[0]
+        step, q = largest(correction), q - correction
+        # Steps shrink until nothing but rounding is left.
+        if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
+            return q
+    raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
+
+
+def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
+    """Return v = W u + offset (n,) of generalized speeds u (p,).
+
+    Where W has grown large and W u cancels, rounding would violate the constraints; the smallest
+    correction that restores them is added then.
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+        RefusedError: the scene has no generalized speeds here, v overflows, or rounding may change
+            it by more than 1e-6 of its largest entry.
+    """
+    u = finite_array("u", u, (checked_scene(scene).p,))
+    at = Evaluation(scene, q, np.zeros(scene.n), t)
+    for one in (at, *at.moved()):
+        one.u = u
+    v = representable("v", at.velocity)
+    _check_digits("v", at, lambda e: e.velocity)
+    return representable("v", consistent_velocity(at, v))
+
+
+def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
+    """Return the generalized speeds u (p,) of a velocity v (n,).
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+        RefusedError: u overflows, or rounding may change it by more than 1e-6 of its largest
+            entry.
+    """
+    at = Evaluation(scene, q, v, t)
+    for one in at.moved():
+        one.v = at.v
+    u = representable("u", at.u)
+    _check_digits("u", at, lambda e: e.u)
+    return u
+
+
+def _check_digits(name: str, at: Evaluation, quantity: Callable[[Evaluation], Array]) -> None:
+    """Check that rounding leaves a quantity its digits."""
+    size, spread = largest(quantity(at)), at.spread(quantity, can_be_lost=True)
+    if allowed_error(spread) > NOTICEABLE * size > 0:
+        least = allowed_error(1.0) / NOTICEABLE
+        raise RefusedError(
+            name,
+            size / spread,
+            least,
+            f"{name} cancels: its reciprocal condition number is {size / spread:.2g}, six digits "
+            f"need {least:.2g}",
+        )
+
+
+def representable(name: str, x: Array) -> Array:
+    """Return x, an array of doubles.
+
+    Raises:
+        RefusedError: an entry is not finite.
+    """
+    if not np.isfinite(x).all():
+        raise RefusedError(name, float("nan"), 0.0, f"{name} overflows: doubles cannot hold it")
+    return x

@@ -1,0 +1,240 @@
+"""What a scene and its formulations say at one point, in any kind of number, each on first use.
+
+`Quantities` is the one place where the functions of a scene and those of the formulations meet: the
+scene's terms, speeds and bodies go in, accelerations come out. Doubles, balls, elements of a finite
+field, bounds and counters all pass through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.formulations import Formulation, Partition
+from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.dual import Dual, Recorder, Replay, duals
+from eomcheck.numbers.entries import each, map_record
+from eomcheck.numbers.generic import NotRationalError, generic
+
+
+class Solution(NamedTuple):
+    """What a formulation says: v̇ (n,), and λ (r,) or None."""
+
+    vdot: Any
+    multipliers: Any
+
+
+@generic
+def net_force(M, Q, B):
+    """Return F = Q - B (n,), either of them None where it is absent."""
+    if Q is None:
+        if B is None:
+            return np.zeros(M.shape[0], M.dtype)
+        return -B
+    if B is None:
+        return Q
+    return Q - B
+
+
+@generic
+def rate_of_velocity(udot, W, rest):
+    """Return v̇ = W u̇ + rest (n,); u̇ itself without W."""
+    if W is None:
+        return udot
+    return W @ udot + rest
+
+
+def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
+    """Return a record in which whole numbers that the code writes are numbers of an arithmetic.
+
+    Raises:
+        NotRationalError: an array of doubles that are not whole.
+    """
+
+    def number(x: Any) -> Any:
+        return literal(x) if isinstance(x, int) else x
+
+    def numbers(part: Any) -> Any:
+        if not isinstance(part, np.ndarray):
+            return number(part)
+        if part.dtype == object:
+            return each(number, part)
+        if (part != np.rint(part)).any():
+            raise NotRationalError(f"an array of doubles, {part.ravel()[:3]} ...")
+        return each(lambda x: literal(int(x)), part)
+
+    return map_record(numbers, record)
+
+
+class Quantities:
+    """The quantities of `scene` at one point, in the numbers of `arithmetic`.
+
+    Either `v` or `u` is to be set from outside; the other one then follows from it.
+
+    Args:
+        scene: the scene.
+        arithmetic: the kind of number.
+        q: coordinates (n,), numbers of `arithmetic`.
+        t: time, s, as well.
+    """
+
+    def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
+        self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function."""
+        return function(*arguments)
+
+    def keep(self, record: Any) -> Any:
+        """Return `record` as it is used from here on."""
+        return self.in_numbers(record)
+
+    def in_numbers(self, record: Any) -> Any:
+        """Return `record` with its literals as numbers of the arithmetic."""
+        literal = getattr(self.arithmetic, "literal", None)
+        return record if literal is None else with_literals(record, literal)
+
+    @cached_property
+    def parameters(self) -> Any:
+        """The scene's parameters."""
+        return self.keep(self.scene.parameters(self.arithmetic))
+
+    @cached_property
+    def prepared(self) -> Any:
+        """What is not rational in q and t."""
+        prepare, parameters = self.scene.prepare, self.parameters
+        return self.in_numbers(prepare(self._recorder, parameters, self.q, self.t))
+
+    @cached_property
+    def _recorder(self) -> Recorder:
+        return Recorder(self.preparing)
+
+    @property
+    def preparing(self) -> Arithmetic:
+        """The arithmetic that prepares what is not rational."""
+        return self.arithmetic
+
+    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+        """Return (prepared, q) while q changes at `qdot`, in dual numbers.
+
+        Args:
+            qdot: rates of the coordinates (n,).
+            clock: whether time passes, or q changes at a fixed time.
+        """
+        self.prepared  # noqa: B018  (what it is made of is needed)
+        q, t = duals(self.q, qdot), Dual(self.t, int(clock))
+        replay = Replay(self._recorder.made)
+        return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
+
+    @cached_property
+    def v(self) -> Array:
+        """Velocities (n,): those of u."""
+        return self.velocity
+
+    @cached_property
+    def u(self) -> Array:
+        """Generalized speeds (p,): those of v."""
+        return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
+
+    @cached_property
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.terms, *arguments))
+
+    @cached_property
+    def F(self) -> Array:
+        """F = Q - B (n,)."""
+        M, Q, B, *_ = self.terms
+        return net_force(M, Q, B)
+
+    @cached_property
+    def kinematics(self) -> Any:
+        """What speeds and bodies share."""
+        arguments = self.parameters, self.prepared, self.q, self.u
+        return self.keep(self.call(self.scene.kinematics, *arguments))
+
+    @cached_property
+    def speeds(self) -> Speeds:
+        """W, rest, offset."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self.keep(self.call(self.scene.speeds, *arguments))
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Partial velocities and what goes with them."""
+        arguments = self.parameters, self.prepared, self.kinematics
+        return self.keep(self.call(self.scene.bodies, *arguments))
+
+    @cached_property
+    def x(self) -> Array:
+        """Quasi-velocities (s,) of a chain: those of v."""
+        arguments = self.parameters, self.prepared, self.q, self.v
+        return self.keep(self.call(self.scene.quasi_velocities, *arguments))
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The bodies as a chain."""
+        arguments = self.parameters, self.prepared, self.q, self.x
+        return self.keep(self.call(self.scene.chain, *arguments))
+
+    def dissipation(self, v: Array) -> Any:
+        """Return R at the velocity v (n,), of any numbers; None where nothing is dissipated."""
+        function = self.scene.dissipation
+        return None if function is None else function(self.parameters, self.prepared, self.q, v)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """W u + offset (n,): v again, if v is consistent."""
+        with np.errstate(all="ignore"):
+            return velocity(self.u, self.speeds.W, self.speeds.offset)
+
+    @cached_property
+    def qdot(self) -> Array:
+        """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
+        if self.scene.qdot is None:
+            return self.velocity
+        return self.call(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
+
+    @cached_property
+    def partition(self) -> Partition:
+        """The paper's partition: the first r columns of a are dependent."""
+        columns = np.arange(self.scene.n)
+        return Partition(columns[: self.scene.r], columns[self.scene.r :])
+
+    def speeds_read(self, formulation: Formulation) -> Array:
+        """Return the speeds that the functions of `formulation` read beside q: v, u or x."""
+        if formulation.uses == "terms":
+            return self.v
+        return self.x if formulation.uses == "chain" else self.u
+
+    def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
+        """Return what `formulation` says, by the paper's partition unless another is given.
+
+        Raises:
+            RefusedError: a matrix is singular, or the generalized speeds do not exist.
+        """
+        if formulation.uses == "terms":
+            M, _, _, a, gamma, _ = self.terms
+            partition = self.partition if partition is None else partition
+            return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
+        if formulation.uses == "chain":
+            return self._along_chain(formulation)
+        W, rest, _ = self.speeds
+        if formulation.uses == "speeds":
+            udot = formulation.solution(self.terms.M, self.F, W, rest)
+        else:
+            udot = formulation.solution(*self.bodies)
+        return Solution(rate_of_velocity(udot, W, rest), None)
+
+    def _along_chain(self, formulation: Formulation) -> Solution:
+        here = self.parameters, self.prepared
+        xdot, forces = formulation.solution(*self.chain)
+        vdot = self.call(self.scene.chain_acceleration, *here, self.x, xdot)
+        multipliers = self.scene.chain_multipliers
+        return Solution(vdot, self.call(multipliers, *here, self.chain, self.x, forces))

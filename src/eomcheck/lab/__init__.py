@@ -1,0 +1,1 @@
+"""Studies: what is measured, kept, shown and reported."""

@@ -1,0 +1,223 @@
+"""Reference solutions: which ones there are, and how each is produced.
+
+    eomcheck reference NAME
+
+computes one anew, twice, and writes it to `validation/references`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from eomcheck import __version__
+from eomcheck.console import progress
+from eomcheck.errors import named
+from eomcheck.lab.store.workers import spread
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
+from eomcheck.motion.run import difference
+from eomcheck.motion.stored import Reference, reference_of, save_reference
+from eomcheck.numbers.contract import Array
+from eomcheck.scenes import (
+    Andrews,
+    Bicycle,
+    Bricard,
+    ChainPendulum,
+    FlyballGovernor,
+    FourBarChain,
+    RollingDisk,
+    Sleigh,
+    Snake,
+    TurntableBall,
+)
+
+FOLDER = Path("validation/references")
+"""Where references are kept, from the root of the repository."""
+
+PERCENT = 100
+
+SHORTER = 3.0
+"""The Taylor series runs again with steps shorter than its longest one by this factor."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`.
+
+    It can be pickled, so `scene` is no lambda.
+    """
+
+    description: str
+    scene: Callable[[], Scene]
+    u0: tuple[float, ...] = (0.0, 0.0)
+    end: float = 1.0
+    """s."""
+    parts: int = 20
+    minutes: float = 1.0
+    """What it takes about, on one core."""
+
+    @property
+    def times(self) -> Array:
+        """Output times (parts + 1,), s."""
+        return np.arange(self.parts + 1) * self.end / self.parts
+
+
+def _without_springs() -> Snake:
+    return replace(Snake.coil(3), stiffness=None)
+
+
+def _pendulum() -> ChainPendulum:
+    return next(ChainPendulum.structures(3))
+
+
+def _raised_bars() -> FourBarChain:
+    return replace(FourBarChain.rods(2), angle=1.0)
+
+
+def _swinging_table() -> TurntableBall:
+    return TurntableBall(swing=1.0, frequency=3.0)
+
+
+CASES: dict[str, Case] = {
+    "paper-rest": Case("the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0),
+    "paper-rolling": Case(
+        "the paper's seven-link robot, started with u = (1 m/s, 0.5 rad/s)",
+        Snake.paper,
+        (1.0, 0.5),
+        minutes=4.0,
+    ),
+    "coil-2": Case(
+        "two links coiled by 308°, released at rest", partial(Snake.coil, 2), minutes=2.0
+    ),
+    # A second of it would take the second integration half an hour.
+    "coil-20": Case(
+        "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
+        partial(Snake.coil, 20),
+        end=0.25,
+        parts=5,
+        minutes=10.0,
+    ),
+    "free-3": Case(
+        "three links without springs, started with u = (1 m/s, 0.5 rad/s), 10 s",
+        _without_springs,
+        (1.0, 0.5),
+        end=10.0,
+    ),
+    "pendulum-3": Case("three rods swung, 2 s", _pendulum, (1.0, 0.5, -0.5), end=2.0),
+    "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
+    "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
+    "turntable": Case(
+        "a ball on a turntable whose spin swings, 2 s", _swinging_table, (1.0, 0.5, 2.0), end=2.0
+    ),
+    "four-bar-2": Case("two windows of the four-bar chain, 1 s", _raised_bars, (1.0,)),
+    "andrews": Case(
+        "Andrews' squeezing mechanism, released at rest, 0.03 s", Andrews, (0.0,), end=0.03
+    ),
+    "governor": Case(
+        "the flyball governor, its springs and dampers as published, 0.1 s",
+        FlyballGovernor,
+        (0.0, 6.0, 0.0, 0.0),
+        end=0.1,
+    ),
+    "bricard": Case("Bricard's mechanism, released along a cube's edges, 1 s", Bricard, (0.0,)),
+    "bicycle": Case(
+        "the benchmark bicycle at 4.6 m/s, pushed to lean, 1 s", Bicycle, (0.5, 0.0, 4.6 / 0.3)
+    ),
+}
+"""Name -> case."""
+
+
+def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator[Reference]:
+    """Yield the `Reference` of each case as it is known; several are spread over processes.
+
+    Args:
+        cases: name -> case.
+        where: see `eomcheck.lab.store.workers.executor`.
+
+    Raises:
+        EngineError: heyoka is not installed.
+        RefusedError: a motion cannot be followed to its end.
+        WorkerError, InputError: see `eomcheck.lab.store.workers.spread`.
+    """
+    if len(cases) < 2:
+        for name, case in cases.items():
+            yield produce(name, case)
+        return
+    # The longest first: begun last, it would be waited for alone.
+    items = sorted(cases.items(), key=lambda item: -item[1].minutes)
+    with progress("references", len(items)) as advance:
+        for _, made in spread(where, _produce_quietly, items):
+            advance()
+            yield made
+
+
+def _produce_quietly(item: tuple[str, Case]) -> Reference:
+    return _produce(*item, advance=lambda: None)
+
+
+def produce(name: str, case: Case) -> Reference:
+    """Return the `Reference` of `case`, computed by both methods, under a progress bar.
+
+    Raises:
+        EngineError: heyoka is not installed.
+        RefusedError: the motion cannot be followed to its end.
+    """
+    with progress(f"{name}, about {case.minutes:g} min", PERCENT) as advance:
+        return _produce(name, case, advance)
+
+
+def _produce(name: str, case: Case, advance: Callable[[], None]) -> Reference:
+    done = 0
+
+    def watch(t: float) -> None:
+        # The second integration takes nearly all the time.
+        nonlocal done
+        while done < int(PERCENT * t / case.end):
+            advance()
+            done += 1
+
+    scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
+    q0, _ = scene.initial_state()
+    first = taylor_reference(scene, q0, u0, times)
+    limit = first.facts["longest_step"] / SHORTER
+    again = taylor_reference(scene, q0, u0, times, longest_step=limit)
+    second = extended_reference(
+        scene,
+        q0,
+        consistent_velocity(scene, q0, u0),
+        times,
+        watch=watch,
+    )
+    check = {
+        "longest_step": limit,
+        "steps": again.facts["steps"],
+        "energy_drift": again.drift,
+        "largest_difference": max(difference(first, again)),
+    }
+    return reference_of(name, case.description, scene, q0, u0, (first, second), check)
+
+
+def case_of(name: str) -> Case:
+    """Return the case called `name`.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    return named("reference", name, CASES)
+
+
+def write_reference(reference: Reference, folder: Path) -> Path:
+    """Write `reference` to `folder` under its name and return the path.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    path = folder / f"{reference.name}.json"
+    command = f"eomcheck reference {reference.name}"
+    save_reference(reference, path, made_by=command, eomcheck=__version__)
+    return path

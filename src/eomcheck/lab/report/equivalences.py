@@ -1,0 +1,206 @@
+"""The page of verified equivalences: every claim, its evidence, and the test that shows it.
+
+Generated from Records of `validate` and `prove` and from the sources of the validation suite, never
+by hand. `independent_of_run` takes away what another run would say otherwise, so that a test can
+tell whether a page is that of this suite.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from eomcheck import __version__
+from eomcheck.claims import CLAIMS, Claim
+from eomcheck.errors import InputError
+from eomcheck.lab.report.findings import group
+from eomcheck.lab.report.overview import LEVELS, Cell, Judged, Overview, made
+from eomcheck.lab.show.templating import render
+from eomcheck.lab.store.findings import PROOFS, RUNS, STATES, Kept
+from eomcheck.scenes import SCENES
+
+PROVED = LEVELS[0]
+RUN = "## The run"
+"""Heading of the section that is about one run alone."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One level of evidence for a claim on one kind of scene."""
+
+    scene: str
+    level: str
+    cell: Cell
+
+    @property
+    def links(self) -> str:
+        """The numbers of links covered, "" for a scene that has none."""
+        return ranges(row.links for row in self.cell.rows if row.links is not None)
+
+    @property
+    def worst(self) -> Kept | None:
+        """Where observed / allowed is largest; for a proof there is no such state."""
+        return None if self.level == PROVED else self.cell.worst
+
+    @property
+    def failure_probability(self) -> float | None:
+        """Bound on the probability that one of its proofs is a mistake."""
+        return Judged(CLAIMS[self.cell.rows[0].claim], self.cell.rows).failure_probability
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A claim of the page."""
+
+    claim: Claim
+    rows: tuple[Row, ...]
+    tests: tuple[str, ...]
+
+    @property
+    def levels(self) -> list[str]:
+        """Levels of evidence, strongest first."""
+        return [level for level in LEVELS if any(row.level == level for row in self.rows)]
+
+
+def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
+    """Write the page.
+
+    Args:
+        overview: Records of a validation that came to its end, and of proofs.
+        path: where.
+        suite: folder of the validation suite.
+
+    Raises:
+        InputError: the Records hold no finished validation, or one in which a claim fails; there is
+            no suite; a claim has no test in it.
+        EngineError: jinja2 is not installed.
+    """
+    if not overview.runs or overview.verdict in ("not finished", "nothing checked"):
+        raise InputError(f"no finished validation in the records: {overview.headline}")
+    if overview.failed:
+        raise InputError(f"not all claims hold: {overview.headline}")
+    of_run = [one for one in overview.records if one.study in (STATES, RUNS, PROOFS)]
+    text = render(
+        "equivalences.md.j2",
+        overview=overview,
+        entries=list(entries(overview, suite)),
+        version=__version__,
+        heading=RUN,
+        commands=list(dict.fromkeys(commands(overview))),
+        provenance=list(dict.fromkeys(made(one) for one in of_run)),
+        versions={name: version for one in of_run for name, version in one.versions.items()},
+    )
+    path.write_text(text, encoding="utf-8")
+
+
+def commands(overview: Overview) -> Iterator[str]:
+    """Yield the commands that made the Records; of `prove`, for each kind of scene."""
+    asked = {one.settings["scene"]: one.counts for one in overview.runs}
+    same = len({tuple(counts.items()) for counts in map(_options, asked.values())}) == 1
+    whole = same and asked.keys() == SCENES.keys()
+    for scene, counts in asked.items():
+        options = "".join(f" --{name} {value}" for name, value in _options(counts).items())
+        yield f"eomcheck validate --scene {'all' if whole else scene}{options}"
+    proofs = group(overview.of(PROOFS), lambda one: one.settings["scene"])
+    links = {one.settings["links"] for one in overview.of(PROOFS)} - {None}
+    every = proofs.keys() == SCENES.keys()
+    for scene, records in proofs.items():
+        mine = links if every else {one.settings["links"] for one in records} - {None}
+        of = f" --links {ranges(mine, '..', ',')}" if mine else ""
+        yield f"eomcheck prove --scene {'all' if every else scene}{of}"
+
+
+def _options(counts: dict[str, int]) -> dict[str, int | str]:
+    links = f"{counts['first links']}..{counts['last links']}"
+    return {"examples": counts["examples"], "links": links, "seed": counts["seed"]}
+
+
+def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
+    """Yield every claim, with its evidence and its tests.
+
+    Raises:
+        InputError: see `write_equivalences`.
+    """
+    tests = named_tests(suite)
+    for judged in overview.claims:
+        key = judged.claim.id
+        looked_at = [row for row in judged.rows if row.level in LEVELS]
+        of = group(looked_at, lambda row: (row.scene, row.level))
+        order = sorted(of, key=lambda at: (overview.scenes.index(at[0]), LEVELS.index(at[1])))
+        rows = tuple(Row(scene, level, Cell.of(of[scene, level])) for scene, level in order)
+        shown = tests.get(key, ())
+        if any(row.level == PROVED for row in rows):
+            shown += tests.get(PROVED, ())
+        if not shown:
+            raise InputError(f"claim {key!r} has no test in {str(suite)!r}")
+        yield Entry(judged.claim, rows, shown)
+
+
+def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
+    """Return whole numbers as "1 to 4, 20"."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)
+
+
+# ---- Tests ---------------------------------------------------------------------------------------
+
+
+def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
+    """Return the tests of each claim: those that name it. Those that prove are under "proved".
+
+    Raises:
+        InputError: there is no such folder, or no test in it.
+    """
+    files = sorted(suite.glob("test_*.py"))
+    if not files:
+        raise InputError(f"{str(suite)!r} holds no validation suite")
+    found: dict[str, tuple[str, ...]] = {}
+    for file in files:
+        for name, statement in _tests_in(file):
+            for key in sorted(_claims_in(statement)):
+                found[key] = (*found.get(key, ()), f"{suite.name}/{file.name}::{name}")
+    return found
+
+
+def _tests_in(file: Path) -> Iterator[tuple[str, ast.stmt]]:
+    for statement in ast.parse(file.read_text(encoding="utf-8")).body:
+        match statement:
+            case ast.FunctionDef(name=name) | ast.Assign(targets=[ast.Name(id=name)]):
+                if name.startswith("test_"):
+                    yield name, statement
+
+
+def _claims_in(statement: ast.stmt) -> set[str]:
+    named = {node.value for node in ast.walk(statement) if isinstance(node, ast.Constant)}
+    calls = {
+        node.func.attr
+        for node in ast.walk(statement)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    }
+    return {key for key in CLAIMS if key in named} | ({PROVED} if "prove" in calls else set())
+
+
+# ---- What another run says too -------------------------------------------------------------------
+
+
+def independent_of_run(page: str) -> list[str]:
+    """Return the lines of a page that do not depend on the run that it was made from.
+
+    Those are the claims with statements, equations, scenes, levels of evidence and tests; numbers
+    of links and of states, errors, places, dates, versions and machines are taken away.
+    """
+    lines, in_run = [], False
+    for line in page.splitlines():
+        if line.startswith("## "):
+            in_run = line == RUN
+        if in_run or not line:
+            continue
+        lines.append("|".join(line.split("|")[:3]) if line.startswith("| ") else line)
+    return lines

@@ -1,0 +1,86 @@
+"""Findings as JUnit XML: a suite per kind of scene, a test case per claim."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+from eomcheck.lab.report.overview import Cell, Judged, Overview
+
+FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML cannot hold."""
+
+
+def write_junit(overview: Overview, path: Path) -> None:
+    """Write every claim on every scene: failed, skipped where nothing could be checked, or passed.
+
+    A run that did not come to its end is an error of its suite.
+    """
+    root = ElementTree.Element("testsuites", name="eomcheck")
+    seconds = _seconds(overview)
+    unfinished = {run.settings["scene"] for run in overview.runs if run.status != "done"}
+    for scene in dict.fromkeys([*overview.scenes, *unfinished]):
+        suite = ElementTree.SubElement(root, "testsuite", name=scene)
+        for judged in overview.claims:
+            cell = judged.scenes.get(scene)
+            if cell is not None:
+                _case(suite, scene, judged, cell, seconds.get((scene, judged.claim.id), 0.0))
+        if scene in unfinished:
+            case = _test_case(suite, scene, "run", 0.0)
+            ElementTree.SubElement(case, "error", message="the run did not come to its end")
+        _count(suite)
+    _count(root)
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _seconds(overview: Overview) -> dict[tuple[str, str], float]:
+    return {
+        (run.settings["scene"], claim): seconds
+        for run in overview.runs
+        for claim, seconds in zip(run.series["claims"], run.series["seconds"], strict=True)
+    }
+
+
+def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float):
+    of = {"classname": f"eomcheck.{scene}", "name": name, "time": f"{seconds:.3f}"}
+    return ElementTree.SubElement(suite, "testcase", of)
+
+
+def _case(
+    suite: ElementTree.Element, scene: str, judged: Judged, cell: Cell, seconds: float
+) -> None:
+    case = _test_case(suite, scene, judged.claim.id, seconds)
+    if cell.kind == "open":
+        ElementTree.SubElement(case, "skipped", message="inconclusive: nothing could be checked")
+    for row in judged.failed:
+        if row.scene != scene:
+            continue
+        message = (
+            f"[{row.subject}] {row.evidence}: observed {row.observed:.3g}, "
+            f"allowed {row.allowed:.3g}, {row.place}. {row.detail}"
+        )
+        failure = ElementTree.SubElement(case, "failure", message=_clean(message))
+        failure.text = _clean(row.python)
+    out = ElementTree.SubElement(case, "system-out")
+    out.text = _clean(
+        f"{judged.claim.statement} {judged.claim.equations}: {len(cell.rows)} findings, "
+        f"{cell.open} inconclusive, largest error {cell.text} of the error allowed"
+    )
+
+
+def _clean(text: str) -> str:
+    return FORBIDDEN.sub("?", text)
+
+
+def _count(element: ElementTree.Element) -> None:
+    for name, tag in (
+        ("tests", "testcase"),
+        ("failures", "testcase[failure]"),
+        ("errors", "testcase[error]"),
+        ("skipped", "testcase[skipped]"),
+    ):
+        element.set(name, str(len(element.findall(f".//{tag}"))))
+    total = sum(float(case.get("time", 0)) for case in element.iter("testcase"))
+    element.set("time", f"{total:.3f}")

@@ -1,0 +1,19 @@
+"""The report as Markdown, for the summary page of a CI system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eomcheck.lab.report.overview import Overview
+from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.templating import render
+
+
+def write_markdown(overview: Overview, path: Path) -> None:
+    """Write verdict, failures, claims by scene, and the tables of the studies.
+
+    Raises:
+        EngineError: jinja2 is not installed.
+    """
+    text = render("report.md.j2", overview=overview, sections=sections_of(overview))
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,251 @@
+"""What a report says: the Records of one or more files, and the findings in them by claim.
+
+Everything that a report shows is decided here, once; HTML, Markdown and JUnit only lay it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from eomcheck.claims import CLAIMS, Claim
+from eomcheck.engines import ENGINES
+from eomcheck.errors import InputError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.report.findings import group, parties, percent, worst
+from eomcheck.lab.store.findings import PROOFS, RUNS, Kept, kept_in
+from eomcheck.lab.store.records import Record, Records, key_of
+
+Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
+
+LEVELS = ("proved", "enclosed", "property-tested", "compared")
+"""Levels of evidence, strongest first."""
+
+
+def read(paths: Iterable[Path]) -> list[Record]:
+    """Return the Records of all files; of one cell that is in several, the last one given.
+
+    Raises:
+        InputError: a file is missing, is not one of Records, or all of them are empty.
+    """
+    paths = list(paths)
+    found: dict[tuple[str, str], Record] = {}
+    for path in paths:
+        with Records(path, readonly=True) as records:
+            found |= {(one.study, key_of(one.settings)): one for one in records.all()}
+    if not found:
+        raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}")
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What was found on one claim by one formulation or engine, or on one scene.
+
+    Attributes:
+        kind: "failed", "passed", "open" where nothing could be checked, or "none".
+        text: the largest observed / allowed, in percent.
+        rows: the Findings.
+    """
+
+    kind: str
+    text: str
+    rows: tuple[Kept, ...]
+
+    @classmethod
+    def of(cls, rows: Iterable[Kept]) -> Cell:
+        """Return the cell of some Findings."""
+        rows = tuple(rows)
+        found: Kept | None = worst(rows)
+        if found is None:
+            return cls("none", "·", rows)
+        if found.verdict == "failed":
+            return cls("failed", "FAIL", rows)
+        if found.verdict == "inconclusive":
+            return cls("open", "?", rows)
+        return cls("passed", percent(found.ratio), rows)
+
+    @property
+    def worst(self) -> Kept | None:
+        """The Finding that the text is about."""
+        return worst(self.rows)
+
+    @property
+    def states(self) -> int:
+        """Number of states looked at."""
+        return len({(row.scene, row.case) for row in self.rows if row.case is not None})
+
+    @property
+    def open(self) -> int:
+        """Number of Findings that are inconclusive."""
+        return sum(row.verdict == "inconclusive" for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim and all that was found on it."""
+
+    claim: Claim
+    rows: tuple[Kept, ...]
+
+    @property
+    def whole(self) -> Cell:
+        """All Findings."""
+        return Cell.of(self.rows)
+
+    def of(self, name: str) -> Cell:
+        """Return the Findings about one formulation or engine."""
+        return Cell.of(row for row in self.rows if name in parties(row))
+
+    @property
+    def scenes(self) -> dict[str, Cell]:
+        """Key of a scene -> the Findings on it."""
+        return {key: Cell.of(rows) for key, rows in group(self.rows, lambda r: r.scene).items()}
+
+    @property
+    def levels(self) -> dict[str, Cell]:
+        """Level of evidence -> the Findings of that level, strongest first."""
+        found = group(self.rows, lambda r: r.level)
+        order = [*LEVELS, *(level for level in found if level not in LEVELS)]
+        return {level: Cell.of(found[level]) for level in order if level in found}
+
+    @property
+    def failed(self) -> list[Kept]:
+        """The first failure of each subject on each scene."""
+        failures = [row for row in self.rows if row.verdict == "failed"]
+        return [rows[0] for rows in group(failures, lambda r: (r.subject, r.scene)).values()]
+
+    @property
+    def failure_probability(self) -> float | None:
+        """Bound on the probability that any of its proofs is a mistake, None without proofs."""
+        found = [row.proof["failure_probability"] for row in self.rows if row.proof is not None]
+        return sum(found) if found else None
+
+
+class Overview:
+    """The Records of a report.
+
+    Attributes:
+        records: all of them.
+        rows: the Findings in them.
+    """
+
+    def __init__(self, records: Sequence[Record]):
+        self.records = list(records)
+        self.rows = kept_in(records)
+
+    def of(self, study: str) -> list[Record]:
+        """Return the Records of one study."""
+        return [record for record in self.records if record.study == study]
+
+    @cached_property
+    def runs(self) -> list[Record]:
+        """The validations, one per kind of scene."""
+        return self.of(RUNS)
+
+    @cached_property
+    def claims(self) -> list[Judged]:
+        """Every claim on which something was found, in the order of the registry."""
+        found = group(self.rows, lambda r: r.claim)
+        unknown = {key: Claim(key, "", "", "", None) for key in found if key not in CLAIMS}
+        known = CLAIMS | unknown
+        return [Judged(known[key], tuple(found[key])) for key in known if key in found]
+
+    @cached_property
+    def columns(self) -> list[str]:
+        """The formulations and engines that took part."""
+        seen = {name for row in self.rows for name in parties(row)}
+        return [key for key in (*FORMULATIONS, *ENGINES) if key in seen]
+
+    @cached_property
+    def scenes(self) -> list[str]:
+        """The kinds of scenes looked at."""
+        return list(dict.fromkeys(row.scene for row in self.rows))
+
+    @property
+    def states(self) -> int:
+        """Number of states looked at."""
+        return sum(run.counts["states"] for run in self.runs)
+
+    @property
+    def structures(self) -> int:
+        """Number of structures on which identities were proved."""
+        return len(self.of(PROOFS))
+
+    @property
+    def open(self) -> int:
+        """Number of Findings that are inconclusive."""
+        return Cell.of(self.rows).open
+
+    @cached_property
+    def failed(self) -> list[Judged]:
+        """The claims that fail somewhere."""
+        return [judged for judged in self.claims if judged.whole.kind == "failed"]
+
+    @property
+    def verdict(self) -> Verdict:
+        """What it all comes to."""
+        if self.failed:
+            return "failed"
+        if any(run.status != "done" for run in self.runs):
+            return "not finished"
+        return "passed" if any(row.verdict == "passed" for row in self.rows) else "nothing checked"
+
+    @property
+    def headline(self) -> str:
+        """The verdict as a sentence."""
+        if self.verdict == "nothing checked":
+            return "No claim was checked."
+        of = f"of {_count(len(self.claims), 'claim')}"
+        if self.verdict == "failed":
+            first = ", ".join(judged.claim.id for judged in self.failed)
+            fails = "fails" if len(self.failed) == 1 else "fail"
+            return f"{len(self.failed)} {of} {fails}: {first}."
+        if self.verdict == "not finished" and not self.claims:
+            return "The run did not come to its end; no claim was checked."
+        if self.verdict == "not finished":
+            return f"The run did not come to its end; until then none {of} failed."
+        checked = [judged for judged in self.claims if judged.whole.kind == "passed"]
+        if len(checked) < len(self.claims):
+            return f"{len(checked)} {of} hold; on the others nothing could be checked."
+        return f"All {_count(len(checked), 'claim')} hold."
+
+    @property
+    def basis(self) -> str:
+        """What the verdict rests on, in a sentence."""
+        parts = [f"{len(self.rows)} findings"]
+        if self.states:
+            parts.append(_count(self.states, "state"))
+        if self.structures:
+            parts.append(f"{_count(self.structures, 'structure')} proved")
+        said = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
+        return f"{said}; {self.open} inconclusive." if self.open else f"{said}."
+
+    @property
+    def engines(self) -> list[str]:
+        """Names and versions of the engines compared with."""
+        found = (version for run in self.runs for version in run.series["engine versions"])
+        return list(dict.fromkeys(found))
+
+    @property
+    def provenance(self) -> list[str]:
+        """When, by which sources and where the Records were made, each once."""
+        return list(dict.fromkeys(map(made, sorted(self.records, key=lambda one: one.when))))
+
+
+def made(record: Record) -> str:
+    """Return where a Record comes from: day, version, commit or digest, machine."""
+    versions, machine = record.versions, record.machine
+    source = versions.get("commit") or f"sources {versions.get('sources', 'unknown')}"
+    return (
+        f"{record.when[:10]}, eomcheck {versions.get('eomcheck', '?')} ({source}), "
+        f"{machine.get('cpu', '?')} ({machine.get('cores', '?')} cores), "
+        f"Python {machine.get('python', '?')}"
+    )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -1,0 +1,119 @@
+"""The report as one HTML file that needs no network: style, scripts and data are in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eomcheck import __version__
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.report.overview import Judged, Overview
+from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.figures import COLORS
+from eomcheck.lab.show.templating import environment, render
+from eomcheck.lab.store.findings import Kept
+
+LIGHT, DARK = "#ffffff", "#15181c"
+"""Backgrounds of the page."""
+CONTRAST = 4.0
+"""Least contrast of a formulation's colour with the background (WCAG asks 3 of graphics)."""
+
+
+def check_installed() -> None:
+    """Raise EngineError if jinja2 or plotly is not installed."""
+    from eomcheck.lab.show.charts import plotly_js
+
+    environment()
+    plotly_js()
+
+
+def write_page(overview: Overview, path: Path) -> None:
+    """Write the report.
+
+    Raises:
+        EngineError: jinja2 or plotly is not installed.
+    """
+    from eomcheck.lab.show.charts import plotly_js
+
+    sections = [(section, list(section.charts())) for section in sections_of(overview)]
+    charts = [chart for _, charts in sections for chart in charts]
+    page = render(
+        "page.html.j2",
+        overview=overview,
+        version=__version__,
+        sections=sections,
+        charts=charts,
+        states=_states(overview),
+        anchor=anchor,
+        formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
+        light=COLORS,
+        dark={key: on_dark(color) for key, color in COLORS.items()},
+        plotly=plotly_js() if charts else "",
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def overview_formulations(overview: Overview, charts: list) -> list[str]:
+    """Return the formulations that the report shows anywhere, in the order of the registry."""
+    drawn = {
+        line.name
+        for chart in charts
+        for panel in chart.panels.values()
+        for line in panel.figure.data
+    }
+    return [key for key in FORMULATIONS if key in drawn or key in overview.columns]
+
+
+def anchor(row: Kept) -> str:
+    """Return the id of the state of a Finding in the page."""
+    case = "proof" if row.case is None else str(row.case)
+    return "-".join(("state", row.scene, *([] if row.links is None else [str(row.links)]), case))
+
+
+def _states(overview: Overview) -> list[Kept]:
+    """Return one Finding of each state that the page points at: failures, and the worst of all."""
+    pointed = [row for judged in overview.claims for row in _pointed(judged)]
+    # Failures first.
+    pointed.sort(key=lambda row: row.verdict != "failed")
+    return list({anchor(row): row for row in reversed(pointed)}.values())[::-1]
+
+
+def _pointed(judged: Judged) -> list[Kept]:
+    worst = [cell.worst for cell in judged.scenes.values()]
+    return [*judged.failed, *(row for row in worst if row is not None)]
+
+
+# ---- Colours in the dark -------------------------------------------------------------------------
+
+
+def on_dark(color: str) -> str:
+    """Return a colour for the dark page: black is white, others as light as they must be."""
+    rgb = _rgb(color)
+    if rgb == (0.0, 0.0, 0.0):
+        return "#ffffff"
+    white = 0.0
+    while contrast(_hex(_mixed(rgb, white)), DARK) < CONTRAST:
+        white += 0.05
+    return _hex(_mixed(rgb, white))
+
+
+def contrast(one: str, other: str) -> float:
+    """Return the contrast of two colours, 1 to 21 (WCAG 2)."""
+    high, low = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def _rgb(color: str) -> tuple[float, ...]:
+    return tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
+
+
+def _hex(rgb: tuple[float, ...]) -> str:
+    return "#" + "".join(f"{round(255 * x):02x}" for x in rgb)
+
+
+def _mixed(rgb: tuple[float, ...], white: float) -> tuple[float, ...]:
+    return tuple((1 - white) * x + white for x in rgb)
+
+
+def _luminance(color: str) -> float:
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in _rgb(color)]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

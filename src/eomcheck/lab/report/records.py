@@ -1,0 +1,60 @@
+"""Records as a table of plain columns."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import fields
+from typing import Any, TextIO
+
+from eomcheck.lab.store.records import Record
+
+GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
+"""Fields with names of their own: one column per name, `errors.energy`."""
+
+
+def _flat(record: Record) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name in (field.name for field in fields(Record)):
+        value = getattr(record, name)
+        if name in GROUPS:
+            row |= {f"{name}.{entry}": value[entry] for entry in sorted(value)}
+        elif name == "quartiles":
+            row["quartiles.low"], row["quartiles.high"] = value or (None, None)
+        else:
+            row[name] = value
+    return row
+
+
+def columns(records: list[Record]) -> list[str]:
+    """Return the columns of a table: in the order of Record's fields, names sorted in each."""
+    order = [field.name for field in fields(Record)]
+    names = dict.fromkeys(name for record in records for name in _flat(record))
+
+    def rank(name: str) -> tuple[int, str]:
+        group, _, entry = name.partition(".")
+        return order.index(group), "" if group == "quartiles" else entry
+
+    return sorted(names, key=rank)
+
+
+def _cell(value: Any) -> str:
+    match value:
+        case None:
+            return ""
+        case str():
+            return value
+        case float():
+            return repr(value)  # the shortest text that reads back as this very number
+        case _:
+            return json.dumps(value, ensure_ascii=False)
+
+
+def write_csv(records: list[Record], file: TextIO) -> None:
+    """Write one line per Record; what a Record does not have is empty."""
+    names = columns(records)
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(names)
+    for record in records:
+        row = _flat(record)
+        writer.writerow([_cell(row.get(name)) for name in names])

@@ -1,0 +1,1 @@
+"""Tables, charts, figures and files."""

@@ -1,0 +1,331 @@
+"""Records: the cells of a study, kept in one SQLite file, each committed as it finishes."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+from eomcheck.console import progress
+from eomcheck.errors import EomcheckError, InputError, RefusedError
+from eomcheck.lab.store.provenance import blas_threads, machine, now, versions
+
+Settings = dict[str, Any]
+"""What a study varies -> its value in this cell; values are numbers, text, None, lists, dicts."""
+
+Status = Literal["done", "failed", "refused"]
+
+APPLICATION = int.from_bytes(b"eomc", "big")
+"""SQLite's application id: tells our files from those of others."""
+SCHEMA = 1
+BUSY_SECONDS = 60.0
+"""How long a writer waits for another one. A write takes milliseconds."""
+
+_TABLE = """
+CREATE TABLE IF NOT EXISTS records (
+    id INTEGER PRIMARY KEY,
+    study TEXT NOT NULL,
+    settings TEXT NOT NULL,
+    record TEXT NOT NULL,
+    UNIQUE (study, settings)
+)
+"""
+_ADD = """
+INSERT INTO records (study, settings, record) VALUES (?, ?, ?)
+ON CONFLICT (study, settings) DO UPDATE SET record = excluded.record
+"""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One cell of a study. What is not given is that of this process, now.
+
+    Attributes:
+        study: which study.
+        settings: what the study varies: scene, formulation, integrator, rtol, ...
+        status: "done", "failed" (it went wrong) or "refused" (an honest "cannot").
+        reason: why, where it is not done.
+        seconds: best run time, or None where nothing was timed.
+        quartiles: lower and upper quartile of the run times.
+        cpu_seconds: CPU time of the best run, less than `seconds` where it had to share its core.
+        runs: number of timed runs.
+        compile_seconds: what compiling took, apart from `seconds`.
+        counts: right-hand sides, steps, ...
+        errors: kind of error -> its size; infinities and NaN are kept.
+        series: what was found over time, or over coordinates -> its values, a list (of lists).
+        machine: cpu, cores, os, python; of a timed cell also core and load, see `RunTime`.
+        versions: of eomcheck (and the digest of its sources) and of the libraries installed.
+        threads: BLAS threads that the environment sets, None if it does not.
+        when: UTC, ISO 8601.
+    """
+
+    study: str
+    settings: Settings
+    status: Status = "done"
+    reason: str = ""
+    seconds: float | None = None
+    quartiles: tuple[float, float] | None = None
+    cpu_seconds: float | None = None
+    runs: int = 0
+    compile_seconds: float | None = None
+    counts: dict[str, int] = field(default_factory=dict)
+    errors: dict[str, float] = field(default_factory=dict)
+    series: dict[str, list] = field(default_factory=dict)
+    machine: dict[str, Any] = field(default_factory=machine)
+    versions: dict[str, str] = field(default_factory=versions)
+    threads: int | None = field(default_factory=blas_threads)
+    when: str = field(default_factory=now)
+
+    def __post_init__(self):
+        if self.status not in get_args(Status):
+            raise InputError(f"status = {self.status!r}, expected one of {get_args(Status)}")
+        # What is read back must equal what was written: no tuples, no scalars of numpy.
+        plain: dict[str, Any] = {
+            "settings": json.loads(_json("settings", self.settings)),
+            "series": json.loads(_json("series", self.series)),
+            "counts": {name: int(value) for name, value in self.counts.items()},
+            "errors": {name: float(value) for name, value in self.errors.items()},
+        }
+        for name in ("seconds", "cpu_seconds", "compile_seconds"):
+            value = getattr(self, name)
+            plain[name] = None if value is None else float(value)
+        if self.quartiles is not None:
+            low, high = self.quartiles
+            plain["quartiles"] = (float(low), float(high))
+        for name, value in plain.items():
+            object.__setattr__(self, name, value)
+
+
+def _json(what: str, given: object) -> str:
+    """Return JSON (with Python's Infinity and NaN), sorted.
+
+    Raises:
+        InputError: something in `given` would not come back as it is; the message says `what`.
+    """
+    if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
+        raise InputError(f"{what} = {given!r}, expected a dict with names as keys")
+    try:
+        return json.dumps(given, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} = {given!r}: {error}") from None
+
+
+def key_of(settings: Settings) -> str:
+    """Return the canonical JSON of settings: names sorted, and 1.0 is 1."""
+    return _json("settings", _canonical(settings))
+
+
+def _canonical(value: Any) -> Any:
+    match value:
+        case dict():
+            return {name: _canonical(entry) for name, entry in value.items()}
+        case list() | tuple():
+            return [_canonical(entry) for entry in value]
+        case float() if value.is_integer() and abs(value) <= 2**53:
+            return int(value)
+        case _:
+            return value
+
+
+class Records:
+    """The Records in one SQLite file; the key is the study and its settings.
+
+    Each `add` is one transaction: `kill -9` loses nothing that was added. Two processes may write
+    to one file at the same time (on one machine: SQLite's log needs shared memory).
+
+    Args:
+        path: the file, made if there is none.
+        readonly: change nothing, and do not make the file.
+
+    Raises:
+        InputError: the file cannot be used, is damaged, or is not one of Records. Methods raise it
+            too.
+    """
+
+    def __init__(self, path: str | Path, *, readonly: bool = False):
+        self.path = Path(path)
+        if readonly and not self.path.is_file():
+            raise InputError(f"{str(path)!r}: no such file")
+        where = f"{self.path.absolute().as_uri()}?mode={'rw' if readonly else 'rwc'}"
+        with self._sqlite():
+            self._connection = sqlite3.connect(
+                where, timeout=BUSY_SECONDS, isolation_level=None, uri=True
+            )
+        try:
+            self._open(readonly)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, readonly: bool) -> None:
+        if readonly:
+            # Not mode=ro: that leaves the files of SQLite's log behind.
+            self._rows("PRAGMA query_only = ON")
+        tables = self._value("SELECT count(*) FROM sqlite_master")
+        if tables == self._value("PRAGMA application_id") == 0 and not readonly:
+            self._make()
+        if self._value("PRAGMA application_id") != APPLICATION:
+            raise InputError(f"{str(self.path)!r} is not a file of records")
+        schema = self._value("PRAGMA user_version")
+        if schema != SCHEMA:
+            raise InputError(
+                f"{str(self.path)!r} has records of version {schema}, "
+                f"this eomcheck reads version {SCHEMA}"
+            )
+        fault = self._value("PRAGMA quick_check(1)")
+        if fault != "ok":
+            raise InputError(f"{str(self.path)!r} is damaged: {' '.join(str(fault).split())}")
+
+    def _make(self) -> None:
+        deadline = time.monotonic() + BUSY_SECONDS
+        while True:
+            try:
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                break
+            except sqlite3.OperationalError as error:
+                # Here SQLite does not wait for another process that makes the same file.
+                if "locked" not in str(error) or time.monotonic() > deadline:
+                    raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
+                time.sleep(0.02)
+            except sqlite3.DatabaseError as error:
+                raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
+        with self._transaction():  # idempotent: another process may have been here
+            self._rows(_TABLE)
+            self._rows(f"PRAGMA application_id = {APPLICATION}")
+            self._rows(f"PRAGMA user_version = {SCHEMA}")
+
+    @contextmanager
+    def _sqlite(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
+        except sqlite3.Error as error:
+            raise InputError(f"{str(self.path)!r} is not a file of records: {error}") from None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._rows("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._connection.rollback()
+            raise
+        self._rows("COMMIT")
+
+    def _rows(self, sql: str, values: Sequence[object] = ()) -> list[tuple]:
+        with self._sqlite():
+            return self._connection.execute(sql, values).fetchall()
+
+    def _value(self, sql: str) -> Any:
+        return self._rows(sql)[0][0]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def __len__(self) -> int:
+        return self._value("SELECT count(*) FROM records")
+
+    def add(self, record: Record) -> None:
+        """Commit one Record; one with the same study and settings is replaced."""
+        row = json.dumps(asdict(record), ensure_ascii=False)
+        self._rows(_ADD, (record.study, key_of(record.settings), row))
+
+    def find(self, study: str, settings: Settings) -> Record | None:
+        """Return the Record of a cell, or None."""
+        rows = self._rows(
+            "SELECT record FROM records WHERE study = ? AND settings = ?", (study, key_of(settings))
+        )
+        return self._record(rows[0][0]) if rows else None
+
+    def all(self, study: str | None = None, **settings: Any) -> list[Record]:
+        """Return the Records, oldest cell first: those of one study, with these settings."""
+        rows = self._rows(
+            "SELECT record FROM records WHERE ? IS NULL OR study = ? ORDER BY id", (study, study)
+        )
+        records = [self._record(text) for (text,) in rows]
+        wanted = _canonical(settings).items()
+        return [
+            record
+            for record in records
+            if all(
+                name in record.settings and _canonical(record.settings[name]) == value
+                for name, value in wanted
+            )
+        ]
+
+    def forget(self, study: str, cells: Iterable[Settings]) -> None:
+        """Remove the Records of these cells, all or (if it fails) none."""
+        with self._transaction():
+            for settings in cells:
+                self._rows(
+                    "DELETE FROM records WHERE study = ? AND settings = ?",
+                    (study, key_of(settings)),
+                )
+
+    def _record(self, text: str) -> Record:
+        try:
+            return Record(**json.loads(text))
+        except (ValueError, TypeError, AttributeError):
+            raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
+
+
+def run_cells(
+    records: Records,
+    study: str,
+    cells: Iterable[Settings],
+    work: Callable[[Settings], Record],
+    *,
+    fresh: bool = False,
+    label: str | None = None,
+) -> list[Record]:
+    """Work off the cells of a study that are not in `records` yet; return the Records of all.
+
+    Each is committed as it finishes: after Ctrl-C, an error or `kill -9` the same call goes on with
+    the cell that was in flight.
+
+    Args:
+        records: where they are kept.
+        study: its name.
+        cells: settings, one per cell; one named twice is worked once.
+        work: settings -> Record of this study and these settings. An exception of eomcheck's own
+            becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
+        fresh: forget what is known of these cells first.
+        label: of the progress bar, by default the name of the study.
+    """
+    wanted = {key_of(settings): settings for settings in cells}
+    if fresh:
+        records.forget(study, wanted.values())
+    found = {key: records.find(study, settings) for key, settings in wanted.items()}
+    left = [key for key, record in found.items() if record is None]
+    with progress(label or study, len(left)) as advance:
+        for key in left:
+            record = _work_off(study, wanted[key], work)
+            if (record.study, key_of(record.settings)) != (study, key):
+                # It would be stored under another key, and worked again by every run.
+                raise InputError(f"the record of {study} {key} is one of other settings: {record}")
+            records.add(record)
+            found[key] = record
+            advance()
+    return [record for record in found.values() if record is not None]
+
+
+def _work_off(study: str, settings: Settings, work: Callable[[Settings], Record]) -> Record:
+    try:
+        return work(settings)
+    except RefusedError as refusal:
+        return Record(study, settings, "refused", str(refusal))
+    except EomcheckError as error:
+        return Record(study, settings, "failed", str(error))

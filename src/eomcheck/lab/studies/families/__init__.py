@@ -1,0 +1,64 @@
+"""The families of the stability atlas: one file each or two, one line each in `FAMILIES`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from eomcheck.errors import named
+from eomcheck.lab.studies.families import (
+    chain,
+    dependent,
+    every,
+    ratios,
+    singular,
+    speed,
+    stiffness,
+    straight,
+    violated,
+    wheel_angle,
+)
+from eomcheck.lab.studies.families.base import Family, Posed
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES, Snake
+
+
+def _families_of(kind: type[Scene]) -> Iterator[Family]:
+    yield from every.families_of_kind(kind)
+    yield from (family for family in singular.OF_SINGLE_SCENES if family.about == kind.key)
+
+
+FAMILIES: dict[str, Family] = {
+    family.key: family
+    for family in (
+        stiffness.STIFFNESS,
+        wheel_angle.WHEEL_ANGLE,
+        straight.STRAIGHT,
+        ratios.MASS_RATIO,
+        ratios.LENGTH_RATIO,
+        chain.LINKS,
+        speed.SPEED,
+        speed.TURNS,
+        dependent.DEPENDENT,
+        violated.VIOLATED,
+        *(family for kind in SCENES.values() if kind is not Snake for family in _families_of(kind)),
+    )
+}
+"""Key -> family."""
+
+
+def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
+    """Return the families that say something of these kinds of scene."""
+    keys = {kind.key for kind in kinds}
+    return tuple(family for family in FAMILIES.values() if family.about in keys)
+
+
+def family_of(key: str) -> Family:
+    """Return the family called `key`.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    return named("family", key, FAMILIES)
+
+
+__all__ = ["FAMILIES", "Family", "Posed", "families_about", "family_of"]

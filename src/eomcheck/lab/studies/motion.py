@@ -1,0 +1,84 @@
+"""Time of a whole motion: the paper's robot for 1 s, in machine code and through Python.
+
+Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from
+C, SciPy from Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from eomcheck.console import progress
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.lab.run_time import run_time
+from eomcheck.motion.simulate import Motion
+from eomcheck.scenes import Snake
+
+END = 1.0
+"""s."""
+TOLERANCE = 1e-12
+"""rtol = atol."""
+ROUNDS = 6
+"""Every formulation is timed in each: a slow minute of the machine is one of all of them."""
+RUNS, IN_PYTHON = 5, 2
+"""Runs in a round, by CyRK and through SciPy."""
+
+
+@dataclass(frozen=True)
+class MotionTime:
+    """What one motion takes.
+
+    Attributes:
+        formulation: key.
+        seconds: best run by CyRK.
+        right_hand_sides: evaluated in it.
+        seconds_in_python: best run by SciPy.
+    """
+
+    formulation: str
+    seconds: float
+    right_hand_sides: int
+    seconds_in_python: float
+
+
+def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
+    """Time the paper's robot, released at rest, by every formulation, by default all.
+
+    Raises:
+        UnknownNameError: no such formulation.
+    """
+    formulations = [formulation_of(key) for key in dict.fromkeys(keys or FORMULATIONS)]
+    scene = Snake.paper()
+    found: dict[str, MotionTime] = {}
+    motions = []
+    with progress("making code and timing", (1 + ROUNDS) * len(formulations)) as advance:
+        for formulation in formulations:
+            motions.append(Motion(scene, formulation, *scene.initial_state()))
+            advance()
+        for _ in range(ROUNDS):
+            for motion in motions:
+                new = _measure(motion)
+                old = found.get(new.formulation, new)
+                found[new.formulation] = MotionTime(
+                    new.formulation,
+                    min(old.seconds, new.seconds),
+                    new.right_hand_sides,
+                    min(old.seconds_in_python, new.seconds_in_python),
+                )
+                advance()
+    return list(found.values())
+
+
+def _measure(motion: Motion) -> MotionTime:
+    by_cyrk = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
+    calls = motion.rates.calls
+    python = run_time(lambda: _by_scipy(motion), runs=IN_PYTHON)
+    return MotionTime(motion.formulation.key, by_cyrk.seconds, calls, python.seconds)
+
+
+def _by_scipy(motion: Motion) -> None:
+    from scipy.integrate import solve_ivp
+
+    options = {"method": "DOP853", "rtol": TOLERANCE, "atol": TOLERANCE}
+    solve_ivp(motion.rates, (0.0, END), motion.y0, **options)

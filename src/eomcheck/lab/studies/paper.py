@@ -1,0 +1,273 @@
+"""The paper's simulations over again: the snake of 2 to 100 links by its seven formulations.
+
+The paper gives neither integrator nor tolerance, output step or end time, nor parameters for N ≠ 7.
+Here: the snakes of `Snake.coil` (at N = 7 the paper's printed digits), from rest, 1 s, 101 output
+times, and three pairs of integrator and tolerance, the same for every formulation and N.
+
+There are two kinds of cell, each one Record: "equations" is one state (systems solved, multipliers,
+q̈, a wheel across its link), "motion" one integration (errors over time, CPU time).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import acceleration, velocity, violation
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.lab.run_time import run_time, slope
+from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.motion.errors import constraint_error, energy_error, error_norm
+from eomcheck.motion.integrators import Steps
+from eomcheck.motion.simulate import Motion, trajectory
+from eomcheck.numbers.linear import watching
+from eomcheck.scenes import Snake
+
+STUDY = "paper"
+PAPER = tuple(key for key, formulation in FORMULATIONS.items() if formulation.in_paper)
+PAPER_LINKS = 7
+"""Links of the robot in Figs. 2 to 4."""
+
+END = 1.0
+"""End of every motion, s; Fig. 2 goes to 0.8 s."""
+OUTPUTS = 101
+"""Output times, of Eq. (32) too: dt = 0.01 s."""
+ROLLING = (1.0, 0.5)
+"""u = (s_1, ω_1) of the state whose equations are looked at, m/s and rad/s: at rest B = 0."""
+
+LONG = 0.3
+"""Motions that take longer than this, in s, are timed twice only."""
+
+
+class Solver(NamedTuple):
+    """An integrator (a key) and its rtol = atol."""
+
+    integrator: str
+    tolerance: float
+
+    def __str__(self):
+        return f"{self.integrator} {self.tolerance:.0e}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run of the study covers.
+
+    Attributes:
+        links: numbers of links.
+        solvers: integrators with their tolerances.
+        formulations: keys.
+        runs: timed runs of a motion, the best of which counts.
+    """
+
+    links: tuple[int, ...]
+    solvers: tuple[Solver, ...]
+    formulations: tuple[str, ...] = PAPER
+    runs: int = 10
+
+
+FULL = Plan(
+    (2, 3, 4, 5, 6, 7, 10, 14, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100),
+    (Solver("RK45", 1e-3), Solver("RK45", 1e-6), Solver("DOP853", 1e-9)),
+)
+QUICK = Plan((2, 7, 20, 40), (Solver("RK45", 1e-6),), runs=3)
+
+
+def scene_of(links: int) -> Snake:
+    """Return the coil of N links; at N = 7 the paper's digits."""
+    return Snake.paper() if links == PAPER_LINKS else Snake.coil(links)
+
+
+def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record]:
+    """Measure every cell that is not in `records` yet, and return the Records of all."""
+    work = _Worker(planned.runs)
+    return run_cells(records, STUDY, _cells(planned), work, fresh=fresh, label="measuring")
+
+
+def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
+    for key in planned.formulations:
+        for links in planned.links:
+            yield {"cell": "equations", "links": links, "formulation": key, "across": 0}
+        for wheel in range(1, PAPER_LINKS + 1):
+            yield {"cell": "equations", "links": PAPER_LINKS, "formulation": key, "across": wheel}
+    for links in planned.links:
+        for key in planned.formulations:
+            for solver in planned.solvers:
+                motion = {"cell": "motion", "links": links, "formulation": key}
+                yield motion | solver._asdict() | {"end": END, "outputs": OUTPUTS}
+
+
+class _Worker:
+    def __init__(self, runs: int):
+        self._runs, self._motion = runs, cache(_prepared)
+
+    def __call__(self, settings: dict[str, Any]) -> Record:
+        if settings["cell"] == "equations":
+            return _equations(settings)
+        motion, compile_seconds = self._motion(settings["links"], settings["formulation"])
+        return _moved(settings, motion, compile_seconds, self._runs)
+
+
+# ---- One state -----------------------------------------------------------------------------------
+
+
+def _equations(settings: dict[str, Any]) -> Record:
+    """Solve for the acceleration in one state; with a wheel across its link at rest.
+
+    Raises:
+        RefusedError: the formulation cannot.
+    """
+    scene, wheel = scene_of(settings["links"]), settings["across"]
+    q, v = scene.initial_state()
+    if wheel:
+        angle = scene.wheel_angle.copy()
+        angle[wheel - 1] = np.pi / 2
+        scene = replace(scene, wheel_angle=angle)
+    else:
+        v = velocity(scene, q, ROLLING)
+    formulation = formulation_of(settings["formulation"])
+    at = Evaluation(scene, q, v)
+    with watching() as watch:
+        multipliers = at.solution(formulation).multipliers
+    found = acceleration(scene, formulation.key, q, v)
+    counts = {
+        "n": scene.n,
+        "r": scene.r,
+        "degrees of freedom": scene.n - np.linalg.matrix_rank(at.terms.a),
+        "multipliers": 0 if multipliers is None else multipliers.size,
+        "final system": watch.solves[-1].size,
+    }
+    return Record(
+        STUDY,
+        settings,
+        counts=counts | {f"order of {solve.name}": solve.size for solve in watch.solves},
+        errors={"bound": found.error_bound},
+        series={"vdot": found.vdot.tolist()},
+    )
+
+
+# ---- One motion ----------------------------------------------------------------------------------
+
+
+def _prepared(links: int, key: str) -> tuple[Motion, float]:
+    """Return the motion and the seconds that making its code took."""
+    start = time.perf_counter()
+    scene = scene_of(links)
+    motion = Motion(scene, formulation_of(key), *scene.initial_state())
+    return motion, time.perf_counter() - start
+
+
+def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float, runs: int) -> Record:
+    end, tolerance = settings["end"], settings["tolerance"]
+    options = {
+        "output_times": np.linspace(0.0, end, settings["outputs"]),
+        "integrator": settings["integrator"],
+        "rtol": tolerance,
+        "atol": tolerance,
+    }
+    steps: list[Steps] = []
+    taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
+    solver = settings["integrator"], tolerance, tolerance
+    found = trajectory(motion, steps[-1], *solver, taken.seconds)
+    counts = {
+        "right-hand sides": found.right_hand_sides,
+        "steps": found.steps,
+        "state": motion.y0.size,
+    }
+    if found.status != "finished":
+        return Record(STUDY, settings, "failed", found.reason, counts=counts)
+    constraint, energy = constraint_error(found), energy_error(found)
+    states = zip(found.q, found.v, strict=True)
+    rounding = [violation(Evaluation(motion.scene, q, v), v)[1] for q, v in states]
+    series = {"times": found.times, "constraint": constraint, "energy": energy}
+    if settings["links"] == PAPER_LINKS:
+        series["q"] = found.q
+    return Record(
+        STUDY,
+        settings,
+        **taken.recorded(),
+        compile_seconds=compile_seconds,
+        counts=counts,
+        errors={
+            "constraint": error_norm(constraint),
+            "constraint allowed": error_norm(np.array(rounding)),
+            "energy": error_norm(energy),
+            "initial energy": found.energy[0],
+        },
+        series={name: value.tolist() for name, value in series.items()},
+    )
+
+
+# ---- The Records, by cell ------------------------------------------------------------------------
+
+QUANTITIES = {
+    "constraint": "constraint error",
+    "energy": "energy error",
+    "cpu_seconds": "CPU time",
+}
+"""Norms of the errors over the output times (Eq. (33)), m/s and J; time of the integration, s."""
+
+
+class Found:
+    """The Records of the study, by what they are about.
+
+    Attributes:
+        links: numbers of links.
+        solvers: solvers, in the order of the plan.
+        formulations: keys.
+        equations: (links, key) -> Record of one state.
+        across: (wheel, key) -> Record of one state with that wheel across its link.
+        motions: (links, key, solver) -> Record of one motion.
+    """
+
+    def __init__(self, records: Iterable[Record]):
+        self.equations: dict[tuple[int, str], Record] = {}
+        self.across: dict[tuple[int, str], Record] = {}
+        self.motions: dict[tuple[int, str, Solver], Record] = {}
+        for record in records:
+            settings = record.settings
+            links, key = settings["links"], settings["formulation"]
+            if settings["cell"] == "motion":
+                solver = Solver(settings["integrator"], settings["tolerance"])
+                self.motions[links, key, solver] = record
+            elif settings["across"]:
+                self.across[settings["across"], key] = record
+            else:
+                self.equations[links, key] = record
+        self.links = sorted({links for links, _, _ in self.motions})
+        self.solvers = list(dict.fromkeys(solver for _, _, solver in self.motions))
+        self.formulations = list(dict.fromkeys(key for _, key, _ in self.motions))
+
+    def value(self, quantity: str, links: int, key: str, solver: Solver) -> float | None:
+        """Return one of `QUANTITIES`, None where the motion was not finished."""
+        record = self.motions.get((links, key, solver))
+        if record is None or record.status != "done":
+            return None
+        return record.cpu_seconds if quantity == "cpu_seconds" else record.errors[quantity]
+
+    @property
+    def unfinished(self) -> list[Record]:
+        """What went wrong, a wheel across its link apart: that is asked for."""
+        records = [*self.equations.values(), *self.motions.values()]
+        return [record for record in records if record.status != "done"]
+
+
+LARGE = 20
+"""The growth with N is fitted from here on."""
+
+
+def growth(found: Found, key: str) -> list[float]:
+    """Return the slope of log(CPU time) over log(N) of a formulation, for each solver."""
+    slopes = []
+    for solver in found.solvers:
+        times = [(n, found.value("cpu_seconds", n, key, solver)) for n in found.links if n >= LARGE]
+        points = [(n, seconds) for n, seconds in times if seconds is not None]
+        if len(points) > 1:
+            slopes.append(slope(points))
+    return slopes

@@ -1,0 +1,252 @@
+"""The cost of one right-hand side: every formulation, over the number of links.
+
+All in one run and one process: the right-hand sides as integrators call them, in a loop of machine
+code; the sines and cosines of the angles alone, by the C library; the same source for Kane's method
+as C code that CasADi writes, compiled by `gcc -O2` where there is a compiler; and Pinocchio's
+`computeAllTerms` and `forwardDynamics` on the same chain, called from Python as its users do.
+Medians of warm runs; what making them ready takes stands apart.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from statistics import median, quantiles
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from eomcheck import strategies
+from eomcheck.console import progress
+from eomcheck.engines.base import required
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import speeds_of, velocity
+from eomcheck.evaluation.point import Quantities
+from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
+from eomcheck.kernels.repeat import repeated, sines
+from eomcheck.lab.draws import draw
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays, record_of, state_of
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.symbolic import Symbols
+from eomcheck.scenes import Snake
+
+LINKS = (7, 20, 100, 1000, 10000)
+DENSE_LIMIT = 200
+"""Largest N for what costs O(N³), unless a formulation is named."""
+BATCH_SECONDS = 0.02
+"""A timed batch repeats the call until it takes about this long."""
+
+TRIGONOMETRY = "sin, cos"
+CASADI = "casadi, C"
+PINOCCHIO = PinocchioEngine.key
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of one call: `what` at N = `links`.
+
+    `seconds` is the median over batches, `quartiles` the lower and the upper one. `compile_seconds`
+    is what making it ready took.
+    """
+
+    scene: str
+    what: str
+    links: int
+    seconds: float
+    quartiles: tuple[float, float]
+    compile_seconds: float
+
+
+def bench_state(kind: type[Scene], links: int | None) -> tuple[Scene, Array, Array]:
+    """Return a scene in motion, (scene, q, u).
+
+    Snakes are coiled as the paper's robot, by 44° from link to link: their angles go all around, as
+    those of robots do. With wheels nearly along the links W does not grow.
+    """
+    if kind is not Snake:
+        scene = kind.example() if links is None else next(kind.structures(links))
+        ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+        return scene, state.q, speeds_of(scene, state.q, state.v)
+    assert links is not None
+    one, k = np.ones(links), np.arange(links)
+    snake = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(k))
+    theta = np.radians(44.0) * (k + 1)
+    return snake, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
+
+
+Call = Callable[[int], object]
+"""What does something so many times."""
+
+Job = tuple[str, int, Call]
+"""What is timed, at how many links, and a function call(k) that does it k times."""
+
+
+def time_calls(
+    scene: str, jobs: Iterable[Job], repeats: int, advance: Callable[[], None] = lambda: None
+) -> list[Timing]:
+    """Time jobs in turn, one batch of each, so often: a slow second is one of all of them.
+
+    Args:
+        scene: key of the scene.
+        jobs: what is timed; each is made when its turn comes.
+        repeats: batches of each, of which the median counts.
+        advance: called after each job is made, and after each batch.
+    """
+    ready, began = [], time.perf_counter()
+    for what, links, call in jobs:
+        first, count = time.perf_counter() - began, 1
+        for _ in range(3):  # one call is mostly the way into compiled code
+            count = max(1, round(BATCH_SECONDS * count / max(_seconds(call, count), 1e-7)))
+        ready.append((what, links, call, count, first))
+        advance()
+        began = time.perf_counter()
+    batches: list[list[float]] = [[] for _ in ready]
+    for _ in range(repeats):
+        for (_, _, call, count, _), seconds in zip(ready, batches, strict=True):
+            seconds.append(_seconds(call, count) / count)
+            advance()
+    return [
+        _timing(scene, what, links, seconds, first)
+        for (what, links, _, _, first), seconds in zip(ready, batches, strict=True)
+    ]
+
+
+def _seconds(call: Callable[[int], object], count: int) -> float:
+    start = time.perf_counter()
+    call(count)
+    return time.perf_counter() - start
+
+
+def _timing(scene: str, what: str, links: int, seconds: list[float], first: float) -> Timing:
+    low, _, high = quantiles(seconds, n=4) if len(seconds) > 1 else [seconds[0]] * 3
+    middle = median(seconds)
+    return Timing(scene, what, links, middle, (low, high), first)
+
+
+def _formulation_call(formulation: Formulation, scene: Scene, q: Array, u: Array) -> Call:
+    at = Evaluation(scene, q, np.zeros(scene.n))
+    at.u = u
+    # Not `velocity`, which looks at the full constraint Jacobian.
+    at.v = at.velocity
+    return rate_call(at, formulation)
+
+
+def rate_call(at: Evaluation, formulation: Formulation) -> Call:
+    """Return what calls the right-hand side, as an integrator does, so many times at a state."""
+    rates, y = RightHandSide(at.scene, formulation), state_of(at, formulation)
+    out = np.empty_like(y)
+    pointers = (x.ctypes.data for x in (out, y, rates.arguments))
+    call = repeated(rates.address, *pointers)
+    alive = out, y, rates
+    return lambda count: (call(count), alive)[0]
+
+
+def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
+    """Return Kane's right-hand side in C as CasADi writes it, by the compiler; None without one."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        return None
+    symbols, names = Symbols(), parameter_arrays(scene)
+    columns, given = [], {}
+    for name, x in names.items():
+        column, entries = symbols.variables(name, x.size)
+        columns.append(column)
+        given[name] = entries.reshape(x.shape)
+    column, y = symbols.variables("y", scene.n + scene.p)
+    time_now = symbols.casadi.SX.sym("t")
+    at = Quantities(scene, symbols, y[: scene.n], time_now)
+    at.parameters = record_of(scene, given)
+    at.u = y[scene.n :]
+    rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS["kane"].solution(*at.bodies))
+    function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
+    generator = symbols.casadi.CodeGenerator("kane.c")
+    generator.add(function)
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        generator.generate(f"{folder}/")
+        source, made = f"{folder}/kane.c", f"{folder}/kane.so"
+        subprocess.run([compiler, "-O2", "-shared", "-fPIC", source, "-o", made, "-lm"], check=True)
+        library = ctypes.CDLL(made)
+    inputs = [np.concatenate((q, u)), np.zeros(1), *(np.ravel(x).copy() for x in names.values())]
+    work = np.empty(function.sz_w() + 1)
+    whole = np.zeros(function.sz_iw() + 1, np.int64)
+    out = np.empty(scene.n + scene.p)
+    outputs = np.array([out.ctypes.data] + [0] * function.sz_res(), np.uintp)
+    arguments = np.array([x.ctypes.data for x in inputs] + [0] * function.sz_arg(), np.uintp)
+    address = ctypes.cast(library.kane, ctypes.c_void_p).value
+    assert address is not None
+    pointers = (x.ctypes.data for x in (arguments, outputs, whole, work))
+    call = repeated(address, *pointers)
+    alive = library, inputs, work, whole, out, outputs, arguments
+    return lambda count: (call(count), alive)[0]
+
+
+def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
+    pin = required(PINOCCHIO)
+    at = Evaluation(scene, q, velocity(scene, q, u))
+    engine = PinocchioEngine(scene)
+    T = engine.coordinates
+    back = np.linalg.inv(T)
+    Q = np.zeros(scene.n) if at.terms.Q is None else at.terms.Q
+    x, xd, force = T @ at.q, T @ at.v, back.T @ Q
+    jacobian, drift = at.terms.a @ back, at.terms.gamma
+    model, data = engine.model, engine.data
+
+    def call(count: int) -> None:
+        for _ in range(count):
+            pin.computeAllTerms(model, data, x, xd)
+            pin.forwardDynamics(model, data, force, jacobian, drift)
+
+    return call
+
+
+def measure_all(
+    kind: type[Scene] = Snake,
+    links: Iterable[int] | None = None,
+    keys: Iterable[str] | None = None,
+    repeats: int = 15,
+) -> list[Timing]:
+    """Time everything and return the Records.
+
+    Args:
+        kind: kind of scene.
+        links: numbers of links, for a kind that has them; by default `LINKS` for snakes.
+        keys: formulations, all by default; those named are timed beyond `DENSE_LIMIT` too.
+        repeats: timed batches per median.
+
+    Raises:
+        InputError: a number of links or of repeats below 1, or links of a kind without.
+        UnknownNameError: no such formulation.
+    """
+    formulations = formulations_for(kind, keys)
+    given = None if links is None else tuple(links)
+    if given is not None and not kind.has_links:
+        raise InputError(f"links = {list(given)}: {kind.key} has no number of links to choose")
+    chosen = given or ((LINKS if kind is Snake else (3,)) if kind.has_links else (None,))
+    for name, values in (("links", chosen), ("repeats", (repeats,))):
+        for value in values:
+            if value is not None and value < 1:
+                raise InputError(f"{name} = {value}, expected at least 1")
+
+    def jobs() -> Iterator[tuple[str, int, Call]]:
+        for n in chosen:
+            scene, q, u = bench_state(kind, n)
+            size = n or 0
+            yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
+            for f in formulations:
+                if f.linear or keys is not None or size <= DENSE_LIMIT:
+                    yield f.key, size, _formulation_call(f, scene, q, u)
+            if size <= DENSE_LIMIT and (call := _casadi_call(scene, q, u)) is not None:
+                yield CASADI, size, call
+            if size <= DENSE_LIMIT and PinocchioEngine.represents(scene) and scene.r:
+                yield PINOCCHIO, size, _pinocchio_call(scene, q, u)
+
+    count = len(chosen) * (len(formulations) + 3)
+    with progress("making code and timing", (1 + repeats) * count) as advance:
+        return time_calls(kind.key, jobs(), repeats, advance)

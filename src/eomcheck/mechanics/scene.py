@@ -1,0 +1,293 @@
+"""The contracts: what a scene gives and what a formulation may rely on.
+
+Numbered, so that an error or a note can point at a rule.
+
+1.  Units are SI. Everything public takes the time t (s), by default 0; of a scene's functions only
+    `prepare` sees it. The velocity v is always q̇.
+2.  n coordinates, r constraints, p = n - r generalized speeds.
+3.  `Terms`: M v̇ = Q - B + aᵀλ, the constraints a v + b = 0 and their rate a v̇ = -gamma, where
+    gamma = ȧ v + ḃ. F = Q - B. Q and B stay apart so that a failure names the term.
+4.  `Speeds`: v = W u + offset and v̇ = W u̇ + rest, rest = Ẇ u + d(offset)/dt, hence
+    a W = 0 and a rest + gamma = 0.
+5.  `Bodies`: what Eq. (23) sums over. Components in which all partial velocities vanish may be
+    left out: the snake has d = e = 1, a scene in space has 3.
+6.  An absent term is `None`, never an array of zeros: no constraint, no b, no spring, no
+    gyroscopic part. Functions test `None` on their own arguments only.
+7.  The functions of a scene are written once, under `@generic`, for every kind of number. What is
+    not rational (sines, cosines, distances, what a clock drives) is prepared before by `prepare`,
+    which alone is handed an arithmetic, and handed in.
+8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
+    velocities directly and never from M or a. Engines differentiate them.
+9.  A scene knows nothing of formulations, engines or checks.
+10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-
+    velocities, read off from any v, in which its mass is diagonal, and two equations tie it to
+    body k-1. x lists them body by body.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from inspect import get_annotations
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from eomcheck.errors import InputError
+from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
+
+
+@generic
+def nothing(arithmetic, parameters, q, t):
+    """Prepare nothing."""
+    return
+
+
+class Scene(ABC):
+    """A mechanical system: parameters that check themselves, and its equations (rules 1-10).
+
+    The equations are generic functions held as static attributes; `functions=globals()` behind the
+    base class takes those of these names from the module. All take first `parameters`, a NamedTuple
+    made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the bodies that
+    `velocities` lists, and `prepared`, which the first of them makes:
+
+    - `prepare(arithmetic, parameters, q, t)`: what is not rational in q and t, by the methods
+      `angles` and `root` of the arithmetic; None by default
+    - `terms(parameters, prepared, q, v) -> Terms`
+    - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
+    - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
+    - `speeds(parameters, prepared, kinematics) -> Speeds`
+    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W; None, and no
+      function, where there is no such shorter way
+    - `bodies(parameters, prepared, kinematics) -> Bodies`
+    - `speeds_of(parameters, prepared, q, v) -> u`
+    - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
+    - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
+    - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
+      -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
+      it loses energy in no other way
+    - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+    - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
+      rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
+
+    A chain has these as well, any other scene leaves them out:
+
+    - `quasi_velocities(parameters, prepared, q, v) -> x (s,)`
+    - `chain(parameters, prepared, q, x) -> Chain`
+    - `chain_velocity(parameters, prepared, q, x) -> v (n,)`: the consistent v that has this x
+    - `chain_acceleration(parameters, prepared, x, xdot) -> v̇ (n,)`
+    - `chain_multipliers(parameters, prepared, chain, x, forces) -> λ (r,)`: the multipliers of
+      `terms` from the joint forces ρ (n_b-1, 2)
+    """
+
+    key: ClassVar[str]
+    conserves_energy: bool
+    """Whether T + U keeps its value; one scene may lose what others of its kind conserve."""
+    why_not_conserved: str = ""
+    """What changes the energy where it is not conserved."""
+    usually_absent: ClassVar[frozenset[str]] = frozenset()
+    """Terms that are absent unless asked for."""
+    depends_on_time: ClassVar[bool] = False
+    """Whether anything in it depends on t."""
+    natural_speeds: ClassVar[bool] = True
+    """Whether the generalized speeds are a choice of the scene's own. If they are a partition of
+    the velocities, the modified Lagrange method is the embedding method by another name, and its
+    agreement is no separate evidence."""
+    has_links: ClassVar[bool] = False
+    """Whether scenes of this kind have a number of links to choose."""
+    holonomic: ClassVar[slice] = slice(None)
+    """Which constraints are rates of `position_residual`, where there is one."""
+    angle_coordinates: ClassVar[slice]
+    """Which coordinates are angles."""
+
+    prepare: ClassVar[Callable[..., Any]] = staticmethod(nothing)
+    terms: ClassVar[Callable[..., Any]]
+    constraints: ClassVar[Callable[..., Any]]
+    kinematics: ClassVar[Callable[..., Any]]
+    speeds: ClassVar[Callable[..., Any]]
+    qdot: ClassVar[Callable[..., Any] | None] = None
+    bodies: ClassVar[Callable[..., Any]]
+    speeds_of: ClassVar[Callable[..., Any]]
+    velocities: ClassVar[Callable[..., Any]]
+    energies: ClassVar[Callable[..., Any]]
+    dissipation: ClassVar[Callable[..., Any] | None] = None
+    constraint: ClassVar[Callable[..., Any]]
+    position_residual: ClassVar[Callable[..., Any] | None] = None
+    quasi_velocities: ClassVar[Callable[..., Any]]
+    chain: ClassVar[Callable[..., Any]]
+    chain_velocity: ClassVar[Callable[..., Any]]
+    chain_acceleration: ClassVar[Callable[..., Any]]
+    chain_multipliers: ClassVar[Callable[..., Any]]
+
+    def __init_subclass__(cls, functions: Mapping[str, Any] | None = None, **options):
+        """Take the functions of the scene from a namespace, such as `globals()`, by their names.
+
+        Args:
+            functions: the namespace; other names in it do not count, and what the body of the class
+                gives itself stays.
+            options: for other classes that it derives from.
+        """
+        super().__init_subclass__(**options)
+        for name in _names_of_functions(cls):
+            if functions is not None and name in functions and name not in vars(cls):
+                setattr(cls, name, staticmethod(functions[name]))
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinate_names)
+
+    @property
+    def r(self) -> int:
+        """Number of constraints."""
+        return len(self.constraint_names)
+
+    @property
+    def p(self) -> int:
+        """Number of generalized speeds."""
+        return self.n - self.r
+
+    @property
+    def s(self) -> int:
+        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        return 0
+
+    @property
+    def name(self) -> str:
+        """What reports call this scene, by default its key."""
+        return self.key
+
+    @property
+    def structure(self) -> str:
+        """The name, what is absent, and what is there that usually is absent.
+
+        That decides which functions run, apart from numbers.
+        """
+        said = [self.name]
+        for name, value in vars(self).items():
+            if (value is None) != (name in self.usually_absent):
+                said.append(f"no {name}" if value is None else f"with {name}")
+        return ", ".join(said)
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
+        """Yield one scene for each choice of terms that can be absent.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+
+        Raises:
+            InputError: a scene of this kind has no such number of links.
+        """
+        if links is not None:
+            raise InputError(f"links = {links!r}: {cls.key} has no number of links to choose")
+        try:
+            yield cls()
+        except TypeError as error:
+            raise InputError(
+                f"{cls.__name__} has no defaults for all its arguments: {error}"
+            ) from None
+
+    @classmethod
+    def example(cls) -> Scene:
+        """Return the scene of this kind that is looked at first."""
+        return next(cls.structures(3 if cls.has_links else None))
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return what ordinary scenes of this kind are drawn from, by name of argument.
+
+        Arguments that are not named keep their defaults.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+        """
+        return {}
+
+    def coordinate_ranges(self) -> tuple[Range, ...] | None:
+        """Return what each coordinate of ordinary states is drawn from.
+
+        None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
+        what is drawn is where the search for a closed position starts.
+        """
+        return None
+
+    @property
+    @abstractmethod
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the n coordinates, for naming rows."""
+
+    @property
+    @abstractmethod
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the r constraints, for naming rows."""
+
+    @abstractmethod
+    def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
+        """Return the parameters in the numbers of `arithmetic`."""
+
+    @abstractmethod
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return a consistent (q, v) to start from."""
+
+    def refuse_speeds(self, q: Array) -> None:
+        """Raise `RefusedError` if the natural generalized speeds do not exist at q (n,)."""
+        return
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield the motions of the whole scene that must not change its dynamics."""
+        yield from ()
+
+    def tree(self) -> Tree | None:
+        """Return the tree of bodies, or None where `Tree` cannot describe them."""
+        return None
+
+    def check_state(self, q, v, t: float = 0.0) -> tuple[Array, Array]:
+        """Return q and v as doubles of shape (n,).
+
+        Raises:
+            InputError: wrong shape, not numbers, or not finite.
+        """
+        finite_array("t", t, ())
+        return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
+
+
+def _names_of_functions(kind: type) -> Iterator[str]:
+    """Yield the names under which scenes of this kind hold functions."""
+    for base in kind.__mro__:
+        yield from (x for x, of in get_annotations(base).items() if "ClassVar[Callable" in str(of))
+
+
+def checked_scene(scene: Any) -> Scene:
+    """Return `scene`.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+    return scene
+
+
+def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
+    """Return `value` as a new array of doubles of `shape`.
+
+    Raises:
+        InputError: it cannot be read as such, or an entry is not finite.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiuO":
+            raise TypeError
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} = {value!r} is not an array of real numbers") from None
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        entry = f"{name}{list(where)}" if where else name
+        raise InputError(f"{entry} = {array[where]}, expected a finite number")
+    return array

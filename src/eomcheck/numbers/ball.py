@@ -1,0 +1,90 @@
+"""Real balls, midpoint and radius, of any precision: every operation encloses the true result.
+
+Doubles are taken for the numbers that they are; sines and cosines are those of exactly these
+angles. The working precision is python-flint's own, set by `precision(bits)` around a computation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+import flint
+import numpy as np
+
+from eomcheck.errors import RefusedError
+from eomcheck.numbers.banded import BANDED_SOLVERS, eliminate_banded
+from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.entries import each
+from eomcheck.numbers.linear import SOLVERS
+
+
+@contextmanager
+def precision(bits: int) -> Iterator[None]:
+    """Compute balls with `bits` bits inside the block."""
+    with flint.ctx.workprec(bits):
+        yield
+
+
+class Balls:
+    """The arithmetic of balls (`eomcheck.numbers.contract.Arithmetic`)."""
+
+    def numbers(self, x: Array) -> Array:
+        """Return the doubles x as exact balls, same shape."""
+        return each(lambda y: flint.arb(float(y)), x)
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,), doubles or balls, with their cosines and sines."""
+        value = x if x.dtype == object else self.numbers(x)
+        pairs = [y.sin_cos() for y in value]
+        cos, sin = (np.array([pair[i] for pair in pairs], object) for i in (1, 0))
+        return Angles(value, cos, sin)
+
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of the balls x (k,)."""
+        return each(lambda y: y.sqrt(), x)
+
+    def literal(self, x: int) -> flint.arb:
+        """Return the literal x as an exact ball."""
+        return flint.arb(x)
+
+
+def midpoints(x: Array) -> Array:
+    """Return the midpoints of the balls x, rounded to doubles, same shape."""
+    return np.array([float(ball(y).mid()) for y in np.ravel(x)]).reshape(np.shape(x))
+
+
+def ball(x) -> flint.arb:
+    """Return x as a ball: generic functions leave literal integers among their results."""
+    return x if isinstance(x, flint.arb) else flint.arb(x)
+
+
+def _solve(A: Array, b: Array, name: str) -> Array:
+    size, columns = A.shape[0], b.reshape(A.shape[0], -1)
+    matrix = flint.arb_mat(size, size, A.ravel().tolist())
+    right = flint.arb_mat(size, columns.shape[1], columns.ravel().tolist())
+    try:
+        x = matrix.solve(right)
+    except ZeroDivisionError:
+        raise RefusedError(
+            name,
+            0.0,
+            0.0,
+            f"the {size} x {size} matrix {name} cannot be shown to be invertible in balls of "
+            f"{flint.ctx.prec} bits",
+        ) from None
+    return np.array(x.entries(), object).reshape(b.shape)
+
+
+SOLVERS[flint.arb] = _solve
+
+
+def _largest(column: list) -> int | None:
+    """Return the place of the ball that is farthest from zero, None if all may be zero."""
+    distance = [ball(x).abs_lower() for x in column]
+    place = max(range(len(distance)), key=distance.__getitem__)
+    return place if distance[place] > 0 else None
+
+
+BANDED_SOLVERS[flint.arb] = partial(eliminate_banded, pivot=_largest)

@@ -1,0 +1,278 @@
+"""`solve_banded`: the sibling of `solve` for matrices with 3 entries on each side of the diagonal.
+
+That is what two unknowns of each body and two of each joint need when they are listed along a
+chain. Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, and where there is
+no column j there is a zero. The cost is O(m).
+
+Doubles are eliminated with partial pivoting, which may fill 3 more entries of a row, and refined
+in the same precision by the law of `eomcheck.numbers.pivots`. Without that a residual that is
+small for one row can be large for another, where rows are of very different size, as with masses
+over many decades; with it the residual of every row is small, or the matrix is refused. One step
+is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from itertools import chain
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+
+from eomcheck.errors import RefusedError
+from eomcheck.numbers.linear import (
+    ROUNDS,
+    SOLVERS,
+    Solve,
+    column_scale,
+    determinant,
+    noise_present,
+    record,
+    singular_below,
+)
+from eomcheck.numbers.noise import NORMAL
+from eomcheck.numbers.pivots import (
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
+    SMALLEST_SIZE,
+    STALLED,
+)
+
+_gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
+
+HALF = 3
+"""Entries on each side of the diagonal."""
+
+WIDTH = 2 * HALF + 1
+
+BANDED_SOLVERS: dict[type, Callable] = {}
+"""Scalar type -> function (bands, b, name) -> x. Other types that are in `SOLVERS` get the full
+matrix, those in neither are eliminated exactly."""
+
+
+def solve_banded(bands, b, name):
+    """Solve A x = b.
+
+    Args:
+        bands: the rows of A between the outer diagonals (m, 7), see the module.
+        b: right-hand side (m,).
+        name: what the formulation calls A; refusals and records carry it.
+
+    Returns:
+        x (m,).
+
+    Raises:
+        RefusedError: A is singular (for doubles: to working precision, or refinement does not
+            converge).
+    """
+    if bands.dtype != object:
+        return _lapack_solve(bands, b, name)
+    kind = type(next((x for x in chain(bands.flat, b.flat) if not isinstance(x, int)), 0))
+    if kind not in BANDED_SOLVERS and kind in SOLVERS:
+        return SOLVERS[kind](full(bands), b, name)
+    return BANDED_SOLVERS.get(kind, eliminate_banded)(bands, b, name)
+
+
+def full(bands: np.ndarray) -> np.ndarray:
+    """Return the matrix (m, m) with all its zeros."""
+    size = len(bands)
+    A = np.zeros((size, size), bands.dtype)
+    for i in range(size):
+        first, last = max(i - HALF, 0), min(i + HALF + 1, size)
+        A[i, first:last] = bands[i, HALF + first - i : HALF + last - i]
+    return A
+
+
+# ---- Doubles -------------------------------------------------------------------------------------
+
+
+def _lapack_solve(bands, b, name):
+    bands, b, noise = np.asarray(bands), np.asarray(b), noise_present()
+    size = len(bands)
+    columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
+    inside = (columns >= 0) & (columns < size)
+    columns[~inside] = 0
+    with np.errstate(all="ignore"):
+        if noise is not None:
+            bands, b = noise.entries(bands), noise.entries(b)
+        # As in `solve`: first rows, then columns, by powers of two.
+        row_scale = column_scale(bands.T)
+        bands = np.where(inside, bands * row_scale[:, None], 0.0)
+        scale = column_scale(_by_column(bands, columns, inside))
+        A = _Factored(bands * scale[columns], columns, inside)
+        det = determinant(A.lu[2 * HALF], A.pivots, scale, row_scale)
+        rcond = A.reciprocal_condition() if noise is None else np.nan
+        x, error, steps = A.solve(b * row_scale)
+        # A column meets 2 HALF earlier pivot rows at most, so its entries are sums of WIDTH terms.
+        record(Solve(name, size, rcond, *det, steps), A.bands, terms=WIDTH)
+        if noise is None:
+            # An error that is not finite is an overflow, and told as one.
+            if REFINED < error < np.inf:
+                raise RefusedError(
+                    name,
+                    # Of |A⁻¹||A|, rcond does not tell what |L||U| has stalled: no better than this.
+                    min(rcond, singular_below(WIDTH)),
+                    singular_below(WIDTH),
+                    f"the {size} x {size} matrix {name} is eliminated with too much rounding: the "
+                    f"backward error of its solution, refined {steps} times, is {error:.2g}, "
+                    f"allowed is up to {REFINED:.2g}",
+                    A.bands,
+                )
+            return x * scale
+        if not error <= REFINED:
+            return np.full(size, np.nan)
+        x = A.moved(x, b * row_scale, noise) * scale
+    return noise.array(noise.entries(x))
+
+
+PROBES = 8
+"""Vectors of random signs with which the rows of |A⁻¹| are measured."""
+
+
+class _Factored:
+    """A banded matrix and its factors.
+
+    Args:
+        bands: its rows (m, 7), zero outside of the matrix.
+        columns: the column (m, 7) of each of them.
+        inside: which of them belong to the matrix.
+    """
+
+    def __init__(self, bands, columns, inside):
+        self.bands, self.columns, self.inside = bands, columns, inside
+        A = _by_column(bands, columns, inside)
+        self.lu, self.pivots, _ = _gbtrf(np.vstack((np.zeros((HALF, len(bands))), A)), HALF, HALF)
+        self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * HALF].all())
+
+    def solve(self, b):
+        """Return x (m,), its backward error, and how often it was refined.
+
+        It has converged where the error is at most `REFINED`; NaN tells an overflow, or that there
+        is no inverse.
+        """
+        if not self.invertible:
+            return np.full(b.shape, np.nan), np.nan, 0
+        x, steps = self._eliminated(b), 0
+        error, before = self._backward_error(x, b), np.inf
+        while steps < LEAST_STEPS or (steps < MOST_STEPS and REFINED < error < STALLED * before):
+            x, steps = x + self._eliminated(b - self.times(x)), steps + 1
+            error, before = self._backward_error(x, b), error
+        return x, error, steps
+
+    def _backward_error(self, x, b):
+        """Return the largest |b - A x|_i / (|A||x| + |b|)_i."""
+        return float((np.abs(b - self.times(x)) / self._sizes(x, b)).max())
+
+    def _sizes(self, x, b):
+        """Return |A||x| + |b| (m,), no entry below what counts as rounding of others."""
+        sizes = self.size(np.abs(x)) + np.abs(b)
+        return np.maximum(sizes, max(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max()))
+
+    def moved(self, x, b, noise):
+        """Return a solution x (m,) moved by what a backward error does to it.
+
+        Refined, x has no larger one than that of its residual, whatever the factors are.
+        """
+        residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
+        return x + self._eliminated(residual)
+
+    def _eliminated(self, b):
+        return _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
+
+    def times(self, x):
+        """Return A x."""
+        return (self.bands * x[self.columns]).sum(axis=1)
+
+    def size(self, x):
+        """Return |A| x."""
+        return (np.abs(self.bands) * x[self.columns]).sum(axis=1)
+
+    def reciprocal_condition(self):
+        """Return 1 / ρ(|A⁻¹||A|) as LAPACK estimates it; 0 where A is singular.
+
+        As `eomcheck.numbers.linear.reciprocal_condition`, with |A| for |L||U|: refinement leaves
+        no larger backward error (Skeel 1980). With units w of the unknowns, and rows in units of
+        |A| w, the matrix has the norm 1, and its inverse the largest row of |A⁻¹||A| w / w. The
+        best w are found as there, |A⁻¹| by random signs: everything is O(m).
+        """
+        weights, rcond = np.ones(len(self.bands)), 0.0
+        signs = np.random.default_rng(0).choice((-1.0, 1.0), (len(weights), PROBES))
+        for _ in range(ROUNDS):
+            if not (self.invertible and np.isfinite(weights).all()):
+                break
+            rows = self.size(weights)
+            scaled = self.bands * weights[self.columns] / rows[:, None]
+            other = _Factored(scaled, self.columns, self.inside)
+            before = rcond
+            rcond = max(rcond, float(_gbcon(HALF, HALF, other.lu, other.pivots, 1.0, norm="I")[0]))
+            if rcond < before / 0.9:
+                break
+            weights = np.abs(self._eliminated(rows[:, None] * signs)).max(axis=1)
+            weights = np.maximum(weights / weights.max(), NORMAL)
+        return min(rcond, 1.0)
+
+
+def _by_column(bands, columns, inside):
+    """Return LAPACK's storage (7, m): entry (i, j) at row 3 + i - j of column j."""
+    out = np.zeros((WIDTH, len(bands)))
+    rows = np.broadcast_to(np.arange(WIDTH)[::-1], bands.shape)
+    out[rows[inside], columns[inside]] = bands[inside]
+    return out
+
+
+# ---- Exact numbers and balls ---------------------------------------------------------------------
+
+
+def first_nonzero(column: list) -> int | None:
+    """Return the place of the first entry that is not zero, or None."""
+    return next((place for place, x in enumerate(column) if x != 0), None)
+
+
+def eliminate_banded(
+    bands, b, name, pivot: Callable[[list], int | None] = first_nonzero
+) -> np.ndarray:
+    """Solve A x = b by elimination inside the band.
+
+    At most 4 rows have an entry in the column that is being eliminated. Each is kept from that
+    column on: 7 entries, and its right-hand side behind them.
+
+    Args:
+        bands: as for `solve_banded`.
+        b: right-hand side (m,).
+        name: of A.
+        pivot: chooses among the entries of a column; None where none of them will do.
+
+    Raises:
+        RefusedError: there is no pivot.
+    """
+    size = len(bands)
+    number = next((x for x in chain(bands.flat, b.flat) if not isinstance(x, int)), None)
+    # A quotient of two literals would be a double.
+    zero = Fraction(0) if number is None else 0 * number
+    rows = [[*bands[i, HALF - i :], *[0] * (HALF - i), b[i]] for i in range(min(HALF, size))]
+    upper = []
+    for column in range(size):
+        if column + HALF < size:
+            rows.append([*bands[column + HALF], b[column + HALF]])
+        place = pivot([row[0] for row in rows])
+        if place is None:
+            raise RefusedError(name, 0.0, 0.0, f"the {size} x {size} matrix {name} is singular")
+        chosen = rows.pop(place)
+        chosen[0] = chosen[0] + zero
+        upper.append(chosen)
+        for row in rows:
+            if not (isinstance(row[0], int) and row[0] == 0):
+                factor = row[0] / chosen[0]
+                row[:] = [x - factor * y for x, y in zip(row, chosen, strict=True)]
+            row[:-1] = [*row[1:-1], 0]
+    x = np.zeros(size, object)
+    for i in range(size - 1, -1, -1):
+        row = upper[i]
+        x[i] = row[-1] + zero
+        for y, coefficient in zip(x[i + 1 :], row[1:-1], strict=False):
+            x[i] = x[i] - coefficient * y
+        x[i] = x[i] / row[0]
+    return x

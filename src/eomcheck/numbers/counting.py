@@ -1,0 +1,136 @@
+"""Numbers that count the operations they take part in.
+
+Generic functions never branch on a value, so a `Counted` needs none: every operation adds one to a
+`Tally` and returns the number itself. What counts:
+
+1.  Additions include subtractions. A change of sign is free: it is a bit, not an operation.
+2.  A division by a literal power of two, such as `mass / 2`, is an exact scaling and counts as a
+    multiplication. Every other division counts as one.
+3.  An operation on a number of the model and a literal counts, also where the literal is 0 or 1:
+    doubles perform it. One on two literals is not seen (a snake has three, of Em at N = 1).
+4.  A product of matrices with K terms in each sum costs K multiplications and K - 1 additions per
+    entry, which is what numpy's `@` does on objects: it starts from the first product.
+5.  A cosine and a sine of the same angle are one trigonometric pair. Square roots are counted by
+    themselves.
+6.  A linear system is listed, with its order and its number of right-hand sides, not eliminated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.numbers.banded import BANDED_SOLVERS, HALF
+from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.linear import SOLVERS
+
+
+class System(NamedTuple):
+    """One linear system that was solved."""
+
+    name: str
+    """What the formulation calls its matrix."""
+    order: int
+    columns: int
+    """Number of right-hand sides."""
+    half: int | None = None
+    """Entries on each side of the diagonal, or None for a full matrix."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """Exact numbers of operations, and the linear systems in the order they were solved."""
+
+    additions: int = 0
+    multiplications: int = 0
+    divisions: int = 0
+    trigonometric_pairs: int = 0
+    roots: int = 0
+    systems: list[System] = field(default_factory=list)
+
+    def clear(self) -> None:
+        """Start again from nothing."""
+        self.additions = self.multiplications = self.divisions = 0
+        self.trigonometric_pairs = self.roots = 0
+        self.systems.clear()
+
+
+class Counted:
+    """The one number of a `Tally`: whatever is computed from it is it again."""
+
+    __slots__ = ("tally",)
+
+    def __init__(self, tally: Tally):
+        self.tally = tally
+
+    # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
+
+    def __add__(self, other):
+        if other is not self and type(other) is not int:
+            return NotImplemented
+        self.tally.additions += 1
+        return self
+
+    def __mul__(self, other):
+        if other is not self and type(other) is not int:
+            return NotImplemented
+        self.tally.multiplications += 1
+        return self
+
+    def __truediv__(self, other):
+        if type(other) is int and other > 0 and other & (other - 1) == 0:
+            return self * other
+        return self.__rtruediv__(other)
+
+    def __rtruediv__(self, other):
+        if other is not self and type(other) is not int:
+            return NotImplemented
+        self.tally.divisions += 1
+        return self
+
+    def __neg__(self):
+        return self
+
+    __radd__ = __sub__ = __rsub__ = __add__
+    __rmul__ = __mul__
+
+
+class Counting:
+    """The arithmetic of `Counted`. All its numbers share one `tally`."""
+
+    def __init__(self):
+        self.tally = Tally()
+        self._number = Counted(self.tally)
+
+    def vector(self, size: int) -> Array:
+        """Return numbers (size,)."""
+        return np.full(size, self._number, object)
+
+    def numbers(self, x: Array) -> Array:
+        """Return numbers in the shape of x."""
+        return np.full(np.shape(x), self._number, object)
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,) with their cosines and sines: k trigonometric pairs."""
+        self.tally.trigonometric_pairs += x.size
+        return Angles(self.numbers(x), self.numbers(x), self.numbers(x))
+
+    def root(self, x: Array) -> Array:
+        """Return the square roots of x (k,)."""
+        self.tally.roots += x.size
+        return self.numbers(x)
+
+
+def _solve(A: Array, b: Array, name: str, half: int | None = None) -> Array:
+    number = next(x for x in chain(A.flat, b.flat) if isinstance(x, Counted))
+    size = len(b)
+    number.tally.systems.append(System(name, size, b.size // size, half))
+    return np.full(b.shape, number, object)
+
+
+SOLVERS[Counted] = _solve
+BANDED_SOLVERS[Counted] = partial(_solve, half=HALF)

@@ -1,0 +1,170 @@
+"""Numbers that carry a derivative: x + ε x′ with ε² = 0, over any kind of number.
+
+Rational functions are differentiated exactly. A `Dual` of a `Dual` carries a mixed second
+derivative.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from eomcheck.numbers.contract import Angles, Arithmetic, Array
+from eomcheck.numbers.entries import each, map_record
+from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
+from eomcheck.numbers.linear import CARRIERS, SOLVERS, solve
+
+
+class Dual:
+    """x + ε x′.
+
+    Attributes:
+        x: the value.
+        rate: its derivative x′.
+    """
+
+    __slots__ = ("rate", "x")
+
+    def __init__(self, x: Any, rate: Any = 0):
+        self.x, self.rate = x, rate
+
+    def __add__(self, other):
+        if isinstance(other, Dual):
+            return Dual(self.x + other.x, self.rate + other.rate)
+        return Dual(self.x + other, self.rate)
+
+    def __neg__(self):
+        return Dual(-self.x, -self.rate)
+
+    def __sub__(self, other):
+        return self + (-other)
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def __mul__(self, other):
+        if isinstance(other, Dual):
+            return Dual(self.x * other.x, self.x * other.rate + self.rate * other.x)
+        return Dual(self.x * other, self.rate * other)
+
+    def __truediv__(self, other):
+        if isinstance(other, Dual):
+            x = _quotient(self.x, other.x)
+            return Dual(x, _quotient(self.rate - x * other.rate, other.x))
+        return Dual(_quotient(self.x, other), _quotient(self.rate, other))
+
+    def __rtruediv__(self, other):
+        return Dual(other) / self
+
+    def __pow__(self, power):
+        return product_of(self, power)
+
+    def __eq__(self, other):
+        raise NotRationalError(BRANCH)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _quotient(x, y):
+    """Return x / y; a quotient of two literals would be a double."""
+    if isinstance(x, int) and isinstance(y, int):
+        return x // y if x % y == 0 else Fraction(x, y)
+    return x / y
+
+
+def duals(x: Array, rates: Array) -> Array:
+    """Return x + ε rates, both of one shape, as an array of `Dual`."""
+    return each(Dual, x, rates)
+
+
+def constant(record: Any) -> Any:
+    """Return the arrays of a record as duals that do not change; what is absent stays absent."""
+    return map_record(lambda part: each(Dual, part) if np.ndim(part) else Dual(part), record)
+
+
+def dual_angles(angles: Angles, rates: Array) -> Angles:
+    """Return the angles (k,) while they turn at `rates` (k,)."""
+    return Angles(
+        duals(angles.value, rates),
+        duals(angles.cos, -angles.sin * rates),
+        duals(angles.sin, angles.cos * rates),
+    )
+
+
+def dual_root(root: Array, rates: Array) -> Array:
+    """Return square roots (k,) while what they are of changes at `rates` (k,)."""
+    return duals(root, rates / (2 * root))
+
+
+def rate(x) -> Any:
+    """Return the derivatives in x, same shape; 0 where x does not depend on ε."""
+    if isinstance(x, Dual):
+        return x.rate
+    if np.ndim(x) == 0:
+        return 0
+    return each(rate, x)
+
+
+def value(x: Any) -> Any:
+    """Return x without its derivative."""
+    return x.x if isinstance(x, Dual) else x
+
+
+def _solve(A: Array, b: Array, name: str) -> Array:
+    """Solve A x = b for x and, from A x′ = b′ - A′ x, for its derivative."""
+    values = each(value, A)
+    x = solve(values, each(value, b), name)
+    return duals(x, solve(values, rate(b) - rate(A) @ x, name))
+
+
+SOLVERS[Dual] = _solve
+CARRIERS.add(Dual)
+
+
+class Recorder:
+    """An arithmetic that remembers the angles and roots it made."""
+
+    def __init__(self, arithmetic: Arithmetic):
+        self._arithmetic = arithmetic
+        self.made: list[Any] = []
+
+    def numbers(self, x: Array) -> Array:
+        """Return x as the arithmetic does."""
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,) as the arithmetic does."""
+        self.made.append(self._arithmetic.angles(x))
+        return self.made[-1]
+
+    def root(self, x: Array) -> Array:
+        """Return the roots of x (k,) as the arithmetic does."""
+        self.made.append(self._arithmetic.root(x))
+        return self.made[-1]
+
+
+class Replay:
+    """An arithmetic that makes the same angles and roots again, in order, while they change."""
+
+    def __init__(self, made: list[Any]):
+        self._made = iter(made)
+
+    def numbers(self, x: Array) -> Array:
+        """Tell that nobody knows a rate.
+
+        Raises:
+            NotImplementedError: always.
+        """
+        raise NotImplementedError("nobody told the rate of what is prepared")
+
+    def angles(self, x: Array) -> Angles:
+        """Return the next angles (k,), turning at the rates of x."""
+        return dual_angles(next(self._made), rate(x))
+
+    def root(self, x: Array) -> Array:
+        """Return the next roots (k,), changing with x."""
+        return dual_root(next(self._made), rate(x))

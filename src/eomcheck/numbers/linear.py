@@ -1,0 +1,293 @@
+"""`solve`: the one linear solve that formulations call, on every kind of number.
+
+Doubles go to LAPACK's LU with partial pivoting, which is watched: every matrix solved is recorded
+by name with its reciprocal condition number, and a matrix that is singular to working precision is
+refused. Object arrays go to the solver registered for their scalar type; fields without one
+(`fractions.Fraction`) are eliminated exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from fractions import Fraction
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import get_lapack_funcs
+
+from eomcheck.errors import RefusedError
+from eomcheck.numbers.noise import NORMAL, Noise
+from eomcheck.numbers.pivots import EPS, scale_of
+
+_getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.float64)
+
+SOLVERS: dict[type, Callable] = {}
+"""Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
+
+CARRIERS: set[type] = set()
+"""Kinds of number that carry another kind, and stand beside it where they have nothing to add."""
+
+
+class Solve(NamedTuple):
+    """One matrix that was solved.
+
+    Attributes:
+        name: what the formulation calls it.
+        size: its order.
+        rcond: its reciprocal condition number.
+        sign: the sign of its determinant.
+        log_determinant: log2 |det|.
+        refinements: steps of refinement that the solution took.
+    """
+
+    name: str
+    size: int
+    rcond: float
+    sign: float
+    log_determinant: float
+    refinements: int = 0
+
+
+class Watch:
+    """What `solve` reports to while doubles are evaluated."""
+
+    def __init__(self, noise: Noise | None = None):
+        self.noise = noise
+        self.solves: list[Solve] = []
+
+    @property
+    def rcond(self) -> dict[str, float]:
+        """Reciprocal condition number of each matrix solved, by name."""
+        return {solve.name: solve.rcond for solve in self.solves}
+
+
+_watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
+
+
+@contextmanager
+def watching(noise: Noise | None = None) -> Iterator[Watch]:
+    """Collect every `Solve` made inside the block; with `noise`, move the matrices as well."""
+    token = _watch.set(watch := Watch(noise))
+    try:
+        yield watch
+    finally:
+        _watch.reset(token)
+
+
+def noise_present() -> Noise | None:
+    """Return the noise by which matrices are to be moved, if any."""
+    watch = _watch.get()
+    return None if watch is None else watch.noise
+
+
+def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
+    """Record a matrix that was factored, and refuse it if it is singular, unless noise moves it.
+
+    Args:
+        found: what factoring found.
+        matrix: itself, or its bands.
+        terms: most terms in a sum that elimination forms, by default the order.
+
+    Raises:
+        RefusedError: it is singular to working precision.
+    """
+    watch = _watch.get()
+    if watch is not None:
+        watch.solves.append(found)
+        if watch.noise is not None:
+            return
+    allowed = singular_below(found.size if terms is None else terms)
+    if not found.rcond > allowed:
+        raise RefusedError(
+            found.name,
+            found.rcond,
+            allowed,
+            f"the {found.size} x {found.size} matrix {found.name} is singular to working "
+            f"precision: its reciprocal condition number is {found.rcond:.2g}, allowed is above "
+            f"{allowed:.2g}",
+            matrix,
+        )
+
+
+def singular_below(terms: int) -> float:
+    """Return the reciprocal condition number at and below which a matrix is singular.
+
+    LU with partial pivoting solves (A + E) x = b exactly with |E| <= terms * eps * |L||U|, entry by
+    entry (Higham 2002, Thm. 9.3); `terms` is the number of terms in the sums that elimination
+    forms, the order of a full matrix. By `reciprocal_condition` some such A + E may be singular at
+    rcond <= terms * eps, and none is above it. No digit of x is determined then.
+    """
+    return terms * EPS
+
+
+def solve(A, b, name):
+    """Solve A x = b.
+
+    Args:
+        A: (k, k) matrix.
+        b: (k,) or (k, m) right-hand sides.
+        name: what the formulation calls A; refusals and records carry it.
+
+    Returns:
+        x in the shape of b.
+
+    Raises:
+        RefusedError: A is singular (for doubles: to working precision).
+    """
+    if A.dtype != object:
+        return _lapack_solve(np.asarray(A), np.asarray(b), name)
+    if A.shape[0] == 0:
+        return b.copy()
+    # Generic functions write literal zeros and ones among the numbers of the model.
+    kinds = {type(x) for x in chain(A.flat, b.flat) if not isinstance(x, int)}
+    kind = next(iter(kinds & CARRIERS or kinds), int)
+    return SOLVERS.get(kind, eliminate)(A, b, name)
+
+
+def _lapack_solve(A, b, name):
+    size = A.shape[0]
+    if size == 0:
+        return b.copy()
+    noise = noise_present()
+    if noise is not None:
+        with np.errstate(all="ignore"):
+            return _moved_solve(A, b, name, noise)
+    A, b, scale, row_scale = _scaled(A, b)
+    lu, pivots, _ = _getrf(A)
+    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
+    record(Solve(name, size, reciprocal_condition(lu, pivots), *det), A)
+    return _down(_getrs(lu, pivots, b)[0], scale)
+
+
+def _moved_solve(A, b, name, noise):
+    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
+
+    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
+    refused; what is singular is NaN.
+    """
+    A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
+    lu, pivots, _ = _getrf(A)
+    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
+    record(Solve(name, len(A), np.nan, *det), A)
+    if not np.diagonal(lu).all():
+        return np.full(b.shape, np.nan)
+    x = _getrs(lu, pivots, b)[0]
+    x += _getrs(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))[0]
+    return noise.array(noise.entries(_down(x, scale)))
+
+
+def _scaled(A, b):
+    """Return A, b and the scales of columns and rows.
+
+    The scale of rows decides which pivots are taken. First rows, as equations come: with columns
+    scaled first, M_Au of links of very different masses loses all digits where that of the rows as
+    they are loses one. The scale of columns only keeps everything near 1.
+    """
+    row_scale = column_scale(A.T)
+    A = A * row_scale[:, None]
+    scale = column_scale(A)
+    return A * scale, _down(b, row_scale), scale, row_scale
+
+
+def _down(x, scale):
+    """Return x (k,) or (k, m), each row times its scale (k,)."""
+    return x * (scale if x.ndim == 1 else scale[:, None])
+
+
+class Factors:
+    """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
+
+    eps times about this is what elimination, and substitution for each right-hand side, change it.
+    """
+
+    def __init__(self, lu: np.ndarray, pivots: np.ndarray):
+        self.L, self.U = np.abs(np.tril(lu, -1)), np.abs(np.triu(lu))
+        np.fill_diagonal(self.L, 1.0)
+        self.order = np.arange(len(pivots))
+        for i, pivot in enumerate(pivots):
+            self.order[i], self.order[pivot] = self.order[pivot], self.order[i]
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """Return |L||U| x, x (k,) or (k, m)."""
+        out = np.empty_like(x)
+        out[self.order] = self.L @ (self.U @ x)
+        return out
+
+
+ROUNDS = 20
+"""Most rounds of the iteration for a spectral radius; three to five are common."""
+
+
+def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
+    """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
+
+    |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
+    in the best of all units of the unknowns, and does not depend on those of the equations either
+    (Bauer 1963; Higham 2002, Sec. 7.3): kilograms or grams make no difference.
+    """
+    if not (np.isfinite(lu).all() and np.diagonal(lu).all()):
+        return 0.0
+    size, factors = len(lu), Factors(lu, pivots)
+    inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
+    if not np.isfinite(inverse).all():
+        return 0.0
+    weights, radius = np.ones(size), np.inf
+    for _ in range(ROUNDS):
+        product = inverse @ factors.times(weights)
+        # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
+        before, radius = radius, min(radius, float((product / weights).max()))
+        if radius > 0.9 * before:
+            break
+        weights = np.maximum(product / product.max(), NORMAL)
+    return min(1.0 / radius, 1.0)
+
+
+def determinant(
+    diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray
+) -> tuple[float, float]:
+    """Return (sign, log2 |det|) of the matrix as it was before it was scaled.
+
+    Args:
+        diagonal: of its factor U (k,).
+        pivots: the row (k,) that each row was exchanged with, as LAPACK has them.
+        scales: powers of two (k,) by which rows and columns were multiplied.
+    """
+    exchanges = np.count_nonzero(pivots != np.arange(len(pivots)))
+    with np.errstate(divide="ignore"):
+        log = np.log2(np.abs(diagonal)).sum() - sum(np.log2(s).sum() for s in scales)
+    return float(np.prod(np.sign(diagonal)) * (-1) ** exchanges), float(log)
+
+
+def column_scale(A: np.ndarray) -> np.ndarray:
+    """Return powers of two, shape (k,), that bring the largest entry of each column near 1.
+
+    Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
+    the same. It does notice one of rows, for which the same function is used on Aᵀ.
+    """
+    return scale_of(np.abs(A).max(axis=0))
+
+
+def eliminate(A, b, name):
+    """Solve A x = b over any exact field by Gauss-Jordan elimination, first nonzero pivot."""
+    size = A.shape[0]
+    work = np.concatenate((A, b.reshape(size, -1)), axis=1)
+    number = next((x for x in work.flat if not isinstance(x, int)), None)
+    # A quotient of two literals would be a double.
+    work = work + 0 * (Fraction(0) if number is None else number)
+    for column in range(size):
+        pivot = next((row for row in range(column, size) if work[row, column] != 0), None)
+        if pivot is None:
+            raise RefusedError(name, 0.0, 0.0, f"the {size} x {size} matrix {name} is singular")
+        work[[column, pivot]] = work[[pivot, column]]
+        work[column] = work[column] / work[column, column]
+        for row in range(size):
+            if row != column and work[row, column] != 0:
+                work[row] = work[row] - work[row, column] * work[column]
+    x = work[:, size:].reshape(b.shape)
+    if number is None:
+        # Literals go with every kind of number, fractions do not.
+        x.flat = [y.numerator if y.denominator == 1 else y for y in x.flat]
+    return x

@@ -1,0 +1,217 @@
+"""Small random relative changes of numbers: a condition number measured instead of guessed.
+
+Rounding moves every number that a computation reads or forms by a relative eps. Moving them all by
+a much larger relative step h and looking how far the result moves, |change| / h, measures how
+strongly this very computation, cancellation and ill-conditioned matrices included, amplifies such
+changes. Rounding then moves the result by about eps times that.
+
+Inputs and results are not enough: where large terms cancel identically, as those of a wheel's
+acceleration do, moving what they are made of moves them alike, and only the rounding of each by
+itself is left. So generic functions are run on `Moved` numbers, whose every operation adds a change
+of its own (Monte Carlo arithmetic: Parker 1997).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from eomcheck.numbers.contract import Angles, Arithmetic
+from eomcheck.numbers.entries import map_record
+
+STEP = 2.0**-46
+"""h: 64 eps, above rounding, and so small that a result that is lost altogether, which changes by
+its own size whatever the step, measures as 1/h: its error bound is then as large as itself."""
+
+NORMAL = float(np.finfo(np.float64).tiny)
+"""The smallest normal number."""
+
+SAMPLES = 4
+"""Independent noises per measurement; the largest change counts."""
+
+STRETCH = 8.0
+"""The first noise is also tried this many times larger: a change that does not grow is saturated,
+and says nothing about smaller noise."""
+
+BLOCK = 1024
+"""Changes are drawn so many at a time, or more."""
+
+
+class Noise:
+    """A seeded source of relative changes of size between h/2 and h, either sign.
+
+    Below the smallest normal number the spacing of doubles stays that at this number, and so does
+    the size of the changes: what has underflowed, to 0 perhaps, shows.
+    """
+
+    def __init__(self, seed: int, step: float = STEP):
+        self._random = np.random.default_rng(seed)
+        self.step = step
+        self._drawn = np.empty(0)
+        blocks = iter(lambda: self._draw(BLOCK).tolist(), None)
+        self._next = chain.from_iterable(blocks).__next__
+
+    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return random numbers of magnitude h/2 to h."""
+        size = math.prod(shape)
+        if size > len(self._drawn):
+            self._drawn = self._draw(max(size, BLOCK))
+        taken, self._drawn = self._drawn[:size], self._drawn[size:]
+        return taken.reshape(shape)
+
+    def _draw(self, size: int) -> np.ndarray:
+        # Magnitudes vary so that two equal contributions never cancel exactly.
+        x = self._random.uniform(-1.0, 1.0, size)
+        return self.step * 0.5 * (x + np.copysign(1.0, x))
+
+    def entries(self, x: np.ndarray) -> np.ndarray:
+        """Change each entry of x relative to itself: numbers that were read or rounded."""
+        with np.errstate(all="ignore"):
+            return x + self.changes(x.shape) * np.maximum(np.abs(x), NORMAL)
+
+    def record(self, x: Any) -> Any:
+        """Change each entry of every array in a record; what is absent stays absent.
+
+        Of `Angles` only cosines and sines, which were rounded: the angles are what was read.
+        """
+        if isinstance(x, Angles):
+            return Angles(x.value, self.entries(x.cos), self.entries(x.sin))
+        return map_record(lambda part: self.array(self.entries(np.asarray(part))), x)
+
+    def array(self, x: np.ndarray) -> MovedArray:
+        """Return x with every operation of whole arrays on it moved."""
+        moved = x.view(MovedArray)
+        moved.noise = self
+        return moved
+
+    def run(self, function: Callable, *arguments: Any) -> Any:
+        """Call a generic function of arrays of doubles, each of its operations moved.
+
+        Raises:
+            TypeError: the function does more than rational operations.
+        """
+        numbers = map_record(self._numbers, arguments)
+        return map_record(lambda part: np.array(part, np.float64), function(*numbers))
+
+    def _numbers(self, x: Any) -> Any:
+        if isinstance(x, np.ndarray) and x.dtype == np.float64:
+            moved, draw = np.empty(x.size, object), self._next
+            moved[:] = [Moved(y, draw) for y in x.ravel().tolist()]
+            return moved.reshape(x.shape)
+        return x
+
+
+EXACT = (np.negative, np.absolute, np.positive, np.maximum)
+"""Operations of whole arrays that do not round."""
+
+
+class MovedArray(np.ndarray):
+    """An array of doubles; the result of an operation on it is moved, as rounding would.
+
+    A product of matrices moves by what rounding its terms does, and not by its own size: formed
+    twice of the same matrix, it is wrong in two ways.
+    """
+
+    noise: Noise | None = None
+
+    def __array_finalize__(self, other):
+        self.noise = getattr(other, "noise", None)
+
+    def __array_ufunc__(self, ufunc, method, *inputs, out=None, **options):
+        plain = [x.view(np.ndarray) if isinstance(x, MovedArray) else x for x in inputs]
+        if out is not None:
+            options["out"] = tuple(x.view(np.ndarray) for x in out)
+        result = getattr(ufunc, method)(*plain, **options)
+        noise = next((x.noise for x in inputs if isinstance(x, MovedArray)), None)
+        rounded = isinstance(result, np.ndarray | np.floating) and result.dtype == np.float64
+        if not rounded or noise is None or method != "__call__" or ufunc in EXACT:
+            return result
+        size = np.abs(plain[0]) @ np.abs(plain[1]) if ufunc is np.matmul else np.abs(result)
+        change = noise.changes(np.shape(result)) * np.maximum(size, NORMAL)
+        if out is not None:
+            result += change
+            return out[0]
+        return noise.array(np.asarray(result + change))
+
+
+class Moved:
+    """A double; the result of an operation is moved by what `change` returns next."""
+
+    __slots__ = ("change", "value")
+
+    def __init__(self, value: float, change: Callable[[], float]):
+        self.value, self.change = value, change
+
+    def __float__(self) -> float:
+        return self.value
+
+    def _moved(self, x: float) -> Moved:
+        change = self.change
+        return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
+
+    # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
+
+    def __add__(self, other):
+        if type(other) is Moved:
+            x, change = self.value + other.value, self.change
+            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
+        if type(other) is int:
+            return self._moved(self.value + other) if other else self
+        return NotImplemented
+
+    def __sub__(self, other):
+        if type(other) is Moved:
+            return self._moved(self.value - other.value)
+        return self + -other
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def __mul__(self, other):
+        if type(other) is Moved:
+            x, change = self.value * other.value, self.change
+            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
+        if type(other) is int:
+            return self._moved(self.value * other)
+        return NotImplemented
+
+    def __truediv__(self, other):
+        if type(other) is Moved:
+            return self._moved(self.value / other.value if other.value else np.nan)
+        if type(other) is int:
+            return self._moved(self.value / other)
+        return NotImplemented
+
+    def __rtruediv__(self, other):
+        if type(other) is int:
+            return self._moved(other / self.value if self.value else np.nan)
+        return NotImplemented
+
+    def __neg__(self):
+        return Moved(-self.value, self.change)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+class Noisy:
+    """An arithmetic whose cosines, sines and roots are moved as well."""
+
+    def __init__(self, arithmetic: Arithmetic, noise: Noise):
+        self._arithmetic, self._noise = arithmetic, noise
+
+    def numbers(self, x: np.ndarray) -> np.ndarray:
+        """Return x as the arithmetic does."""
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: np.ndarray) -> Angles:
+        """Return the angles x (k,), their cosines and sines, all moved."""
+        return self._noise.record(self._arithmetic.angles(x))
+
+    def root(self, x: np.ndarray) -> np.ndarray:
+        """Return the positive square roots of x (k,), moved."""
+        return self._noise.entries(self._arithmetic.root(x))

@@ -1,0 +1,56 @@
+"""How a solve in doubles chooses its scales, its pivots and its steps of refinement.
+
+The one place that both read: the checked solves (`eomcheck.numbers.linear`, `banded`) and those
+in machine code (`eomcheck.kernels`).
+
+- Rows are scaled by powers of two, which round nothing, so that the largest entry of each is near
+  1. The scale of rows decides which pivots are taken.
+- The pivot of a column is its largest entry that is left, the first of several.
+- A band solve is refined in the same precision until its backward error β, the largest of
+  |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`; that many times at least `LEAST_STEPS`. A
+  step that does not bring it below `STALLED` times what it was is the last one, and the matrix is
+  refused: rounding is not what explains x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
+  (|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): where x is
+  0 in all entries that row i has, doubles find differences of what other rows round.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+EPS = float(np.finfo(np.float64).eps)
+
+ABOVE_ONE = 1.0 + 2.0**-20
+"""What is so little below a power of two is scaled like it. Many numbers of models are powers of
+two: moved a little, they must not fall on either side of a limit, or other pivots are taken."""
+
+LARGEST_EXPONENT = 1000
+"""Scales are 2^-1000 to 2^1000, so that a scale is a normal number."""
+
+BAND_TERMS = 8
+"""Terms in a sum that makes a residual: 7 entries of a row of the band, and the right-hand side."""
+
+REFINED = BAND_TERMS * EPS
+"""The backward error that rounding a residual alone can show."""
+
+LEAST_STEPS, MOST_STEPS = 1, 20
+"""Steps of refinement."""
+
+STALLED = 0.5
+"""A step is to divide the backward error by two at least."""
+
+SMALLEST_SIZE = 2.0**-960
+"""|A||x| + |b| counts as this at least: below, residuals underflow and tell nothing."""
+
+SMALLEST_SHARE = EPS
+"""|A||x| + |b| counts as this share of its largest entry at least; rows are scaled."""
+
+
+def scale_of(largest: np.ndarray) -> np.ndarray:
+    """Return the powers of two (k,) that bring numbers `largest` (k,) to [0.5, 1).
+
+    What is 0 or not finite is scaled like 1.
+    """
+    usable = (largest > 0) & np.isfinite(largest)
+    exponent = np.frexp(np.where(usable, largest, 1.0) * ABOVE_ONE)[1]
+    return np.ldexp(1.0, np.clip(-exponent, -LARGEST_EXPONENT, LARGEST_EXPONENT))
