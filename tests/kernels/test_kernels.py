@@ -16,7 +16,7 @@ import flint
 import numpy as np
 import pytest
 from tests.machine_code import MachineCode, in_machine_code
-from tests.scenes import ordinary
+from tests.samples import ordinary
 
 from eomcheck import acceleration, velocity
 from eomcheck.errors import InputError, RefusedError

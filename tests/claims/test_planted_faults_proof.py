@@ -5,9 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.claims.test_planted_faults import (
+    KINDS,
+    PACKAGE,
+    changed,
+    formulation_in,
+    kind_in,
+    planted,
+)
 from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
-from tests.scenes import LINKS
-from tests.test_planted_faults import KINDS, PACKAGE, changed, formulation_in, kind_in, planted
+from tests.samples import LINKS
 
 from eomcheck.claims import CLAIMS, Finding, identities
 from eomcheck.claims.proof import prove_structure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
-from tests.scenes import LINKS, ordinary
+from tests.samples import LINKS, ordinary
 
 import eomcheck
 from eomcheck import strategies

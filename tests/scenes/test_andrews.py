@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.scenes import random_state
+from tests.samples import random_state
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError

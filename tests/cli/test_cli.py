@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from tests.scenes import NOT_OF_SNAKES
+from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck import cli

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.scenes import NOT_OF_SNAKES
-from tests.test_own_scene import Free, MarkedFree, free_terms
+from tests.samples import NOT_OF_SNAKES
+from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.point import Point

@@ -24,7 +24,7 @@ from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Records
 from eomcheck.scenes import SCENES
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGE, SUITE = ROOT / "docs" / "verified-equivalences.md", ROOT / "validation"
 
 BY_CHANCE = {"refusals"}

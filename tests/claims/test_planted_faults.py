@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
-from tests.scenes import random_scene, random_state
+from tests.samples import random_scene, random_state
 
 import eomcheck
 from eomcheck.claims import Finding, identities

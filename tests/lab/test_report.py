@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 from tests import reports
-from tests.test_cli import run
+from tests.cli.test_cli import run
 
 from eomcheck import CLAIMS, check
 from eomcheck.errors import InputError

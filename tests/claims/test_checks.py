@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from tests.scenes import NOT_OF_SNAKES
+from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck.claims.finding import diagnose, judge, worst_entry

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.machine_code import evaluated
-from tests.scenes import ordinary
+from tests.samples import ordinary
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation

@@ -24,7 +24,7 @@ import flint
 import numpy as np
 import pytest
 from tests.lines import PRIME, Line, numerator_degrees
-from tests.scenes import NOT_OF_SNAKES
+from tests.samples import NOT_OF_SNAKES
 
 from eomcheck.claims.point import Point
 from eomcheck.claims.rational import IDENTITIES, Key, look_at

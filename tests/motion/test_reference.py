@@ -13,7 +13,7 @@ from pathlib import Path
 import flint
 import numpy as np
 import pytest
-from tests.test_own_scene import Free, OnBelt
+from tests.scenes.test_own_scene import Free, OnBelt
 
 from eomcheck import cli
 from eomcheck.errors import (
@@ -36,7 +36,7 @@ from eomcheck.numbers.linear import eliminate, solve
 from eomcheck.numbers.taylor import Expressions
 from eomcheck.scenes import Snake
 
-FOLDER = Path(__file__).parent.parent / "validation" / "references"
+FOLDER = Path(__file__).parents[2] / "validation" / "references"
 PATHS = sorted(FOLDER.glob("*.json"))
 
 stored = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)

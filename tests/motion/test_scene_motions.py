@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.scenes import ordinary
+from tests.samples import ordinary
 
 import eomcheck
 from eomcheck.evaluation.doubles import Evaluation

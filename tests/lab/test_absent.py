@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.scenes import random_scene, random_state
+from tests.samples import random_scene, random_state
 
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import applicable

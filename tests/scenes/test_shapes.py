@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.scenes import LINKS
-from tests.test_trailer import TRAILER, Q, trailer
+from tests.samples import LINKS
+from tests.scenes.test_trailer import TRAILER, Q, trailer
 
 import eomcheck
 from eomcheck.claims.shapes import check_shapes
