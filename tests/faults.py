@@ -35,7 +35,7 @@ GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 BRICARD = "scenes/bricard.py"
-ASSEMBLED = "scenes/assembled.py"
+ASSEMBLED = "mechanics/assembled.py"
 PARTS = {
     **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
     **dict.fromkeys((BICYCLE_JACOBIANS, BICYCLE_ENERGIES), Bicycle),

@@ -7,20 +7,20 @@ import pytest
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.long_run import draw_long_run, print_long_run
+from eomcheck.lab.show.sheet import print_sheets
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import long_run
-from eomcheck.lab.studies.long_run import FULL, REMEDIES, Plan, measure, plan, record_of
+from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, record_of
 
-SHORT = Plan(6.0, 1e-6, ("au", "kane"))
+SHORT = {"t_end": 6.0, "formulation": ["au", "kane"]}
 
 
 def test_every_formulation_runs_and_remedies_only_where_constraints_can_be_left():
-    cells = [(c["formulation"], c["remedy"]) for c in long_run._cells(FULL)]
+    known = [(c["formulation"], c["remedy"]) for c in cells()]
     drifting = [key for key, f in FORMULATIONS.items() if f.level == "acceleration"]
-    assert [key for key, remedy in cells if remedy == "none"] == list(FORMULATIONS)
+    assert [key for key, remedy in known if remedy == "none"] == list(FORMULATIONS)
     for remedy in REMEDIES.keys() - {"none"}:
-        assert [key for key, other in cells if other == remedy] == drifting
+        assert [key for key, other in known if other == remedy] == drifting
 
 
 def test_no_output_time_is_one_at_which_the_velocity_was_just_projected():
@@ -32,8 +32,8 @@ def test_no_output_time_is_one_at_which_the_velocity_was_just_projected():
 
 def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     with Records(tmp_path / "long.db") as records:
-        found = measure(SHORT, records)
-        assert measure(SHORT, records) == found
+        found = STUDY.measure(records, **SHORT)
+        assert STUDY.measure(records, **SHORT) == found
     assert len(found) == 1 + 1 + 2 and {r.status for r in found} == {"done"}
     plain, fed, cast = (record_of(found, "au", remedy) for remedy in REMEDIES)
     bound = record_of(found, "kane", "none")
@@ -42,19 +42,24 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     assert np.isfinite(plain.errors["constraint_exponent"])
     assert abs(bound.errors["constraint_largest"]) < 1e-10
     assert all(r.errors["energy_largest"] < 1e-4 for r in found)
-    print_long_run(found)
+    print_sheets(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "feedback" in said and "exponent" in said
-    draw_long_run(found, tmp_path / "long.png")
-    assert (tmp_path / "long.png").stat().st_size > 10_000
+    STUDY.write(found, tmp_path)
+    assert (tmp_path / "long-run.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("wrong", [{"t_end": 1.0}, {"t_end": np.nan}, {"tolerance": 0.0}])
 def test_an_end_or_tolerance_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        plan(**wrong)
+        list(cells(**wrong))
 
 
-def test_the_quick_plan_is_a_part_of_the_full_one():
-    assert set(plan(quick=True).formulations) < set(plan().formulations)
-    assert plan(t_end=50.0, formulations=["kane"]) == Plan(50.0, FULL.tolerance, ("kane",))
+def keys_of(**options) -> set[str]:
+    return {cell["formulation"] for cell in cells(**options)}
+
+
+def test_the_quick_study_is_a_part_of_the_full_one():
+    assert keys_of(quick=True) < keys_of()
+    ends = {(c["t_end"], c["tolerance"]) for c in cells(t_end=50.0, formulation=["kane"])}
+    assert ends == {(50.0, 1e-6)} and keys_of(t_end=50.0, formulation=["kane"]) == {"kane"}

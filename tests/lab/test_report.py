@@ -18,7 +18,7 @@ from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import SECTIONS, sections_of
-from eomcheck.lab.show.figures import COLORS
+from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies.operations import operations_of
@@ -207,9 +207,10 @@ def test_junit_has_an_error_for_a_run_that_did_not_end(tmp_path: Path):
 
 
 def test_colours_can_be_told_from_the_dark_page():
-    for color in COLORS.values():
+    colors = {style.color for style in STYLES.values()}
+    assert len({on_dark(color) for color in colors}) == len(colors)
+    for color in colors:
         assert contrast(on_dark(color), DARK) >= CONTRAST
-    assert len({on_dark(color) for color in COLORS.values()}) == len(COLORS)
 
 
 # ---- The command ---------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from tests import reports
 
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import DARK, LIGHT, on_dark, write_page
-from eomcheck.lab.show.figures import COLORS
+from eomcheck.lab.show.style import STYLES
 
 sync_api = pytest.importorskip("playwright.sync_api")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -143,7 +143,7 @@ def test_colours_are_those_of_the_scheme(page):
     )
     dark = page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
     for key, color in drawn:
-        assert color == (on_dark(COLORS[key]) if dark else COLORS[key])
+        assert color == (on_dark(STYLES[key].color) if dark else STYLES[key].color)
     back = page.evaluate("getComputedStyle(document.body).backgroundColor")
     background = DARK if dark else LIGHT
     assert back == f"rgb({', '.join(str(int(background[i : i + 2], 16)) for i in (1, 3, 5))})"

@@ -14,10 +14,12 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.report.stiff import draw_stiff, print_stiff
+from eomcheck.lab.show.sheet import print_sheets
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import stiff
-from eomcheck.lab.studies.stiff import COMPILED, Plan, cheapest, crossover, measure, plan, scene_of
+from eomcheck.lab.studies.stiff import STUDY
+from eomcheck.lab.studies.stiff import measure as stiff
+from eomcheck.lab.studies.stiff.measure import COMPILED, scene_of
+from eomcheck.lab.studies.stiff.show import cheapest, crossover
 from eomcheck.motion import right_hand_side
 from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
 from eomcheck.motion.simulate import Motion
@@ -26,7 +28,7 @@ from eomcheck.scenes import SCENES, Snake
 
 KANE = FORMULATIONS["kane"]
 REFERENCES = Path("validation/references")
-TINY = Plan((5e3,), (1e-3, 1e-6), (1e-4,), ("kane",))
+TINY = {"stiffness": [5e3], "quick": True}
 
 
 def moving(scene: Snake, key: str) -> Motion:
@@ -163,10 +165,10 @@ def test_an_explicit_integrator_that_does_not_get_there_counts_as_dearer():
 
 def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys, monkeypatch):
     with Records(tmp_path / "stiff.db") as records:
-        found = measure(TINY, records, REFERENCES)
-        monkeypatch.setattr(stiff, "_damped_truth", None)
+        found = STUDY.measure(records, references=REFERENCES, **TINY)
+        monkeypatch.setattr(stiff, "damped_truth", None)
         monkeypatch.setattr(stiff, "_by_cyrk", None)
-        assert measure(TINY, records, REFERENCES) == found
+        assert STUDY.measure(records, references=REFERENCES, **TINY) == found
     assert {r.status for r in found} == {"done"}
     (truth,) = (r for r in found if r.study == stiff.TRUTH)
     assert truth.errors["uncertainty"] < 1e-11
@@ -178,10 +180,14 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
     for r in found:
         if r.settings.get("tolerance") == 1e-6:
             assert r.errors["floor"] < r.errors["final"] < 1e-2
-    print_stiff(found)
+    print_sheets(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "No run failed" in said and "cheaper ones from this k on" in said
-    assert all(path.stat().st_size > 10_000 for path in draw_stiff(found, tmp_path))
+    written = STUDY.write(found, tmp_path)
+    assert {p.stem for p in written if p.suffix == ".png"} == {
+        *("stiff-work-precision", "stiff-cost", "stiff-jacobians"),
+    }
+    assert all(path.stat().st_size > 10_000 for path in written if path.suffix == ".png")
 
 
 def pick(record: Record) -> tuple:
@@ -193,11 +199,11 @@ def test_two_integrations_that_disagree_leave_the_truth_as_uncertain_as_that(mon
         return np.ones(18) + (1e-5 if key == "kane" else 0.0)
 
     monkeypatch.setattr(stiff, "_end_state", off)
-    record = stiff._damped_truth({"stiffness": 5e3})
+    record = stiff.damped_truth({"stiffness": 5e3})
     assert record.errors["uncertainty"] == pytest.approx(1e-5, rel=1e-3)
 
 
 @pytest.mark.parametrize("k", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_stiffness_that_is_not_positive_is_refused(k: float):
     with pytest.raises(InputError, match="stiffness = "):
-        plan(stiffnesses=[k])
+        list(stiff.cells(stiffness=[k]))

@@ -20,11 +20,11 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report import work_precision as report
 from eomcheck.lab.report.work_precision import ERRORS, draw_work_precision, print_work_precision
+from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies import work_precision
 from eomcheck.lab.studies.work_precision import (
     STUDY,
-    disturbed,
     fastest_to,
     measure,
     most_accurate,

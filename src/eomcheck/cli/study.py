@@ -1,11 +1,14 @@
-"""`eomcheck study`: what formulations deliver and cost."""
+"""`eomcheck study`: a command for every study, with the options of its cells."""
 
 from __future__ import annotations
 
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from eomcheck.cli.options import (
     REFERENCES,
@@ -27,10 +30,95 @@ from eomcheck.cli.options import (
     records_or_none,
 )
 from eomcheck.errors import InputError
+from eomcheck.lab.studies import STUDIES, study_of
+
+if TYPE_CHECKING:
+    from eomcheck.lab.study import Study
+
+Figures = Annotated[
+    Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+]
+
+
+class _Studies(TyperGroup):
+    """All studies; the command of one is made, and its code imported, when it is run."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*STUDIES, *super().list_commands(ctx)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in STUDIES:
+            return TyperCommand(cmd_name, help=STUDIES[cmd_name], rich_markup_mode=None)
+        return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command_of(name) if name in STUDIES else command, rest
+
 
 study = typer.Typer(
-    name="study", help="Study what formulations deliver and cost.", no_args_is_help=True
+    name="study",
+    help="Study what formulations deliver and cost.",
+    no_args_is_help=True,
+    cls=_Studies,
 )
+
+
+def command_of(key: str) -> Any:
+    """Return the command of a study: the file of its Records, its own options, and those of all."""
+    one = study_of(key)
+
+    def command(**given: Any) -> None:
+        _run(one, **given)
+
+    file = (Kept, None) if one.small else (Measured, Parameter.empty)
+    shared = {"records": file, "fresh": (Fresh, False), "json": (Json, None)}
+    parameters = {
+        name: Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, (kind, default) in (shared | {"figures": (Figures, None)}).items()
+    }
+    for name, parameter in one.options().items():
+        parameters[name] = parameter.replace(annotation=_option(name, parameter.annotation))
+    command.__signature__ = Signature([*parameters.values()])  # type: ignore[attr-defined]
+    command.__annotations__ = {name: p.annotation for name, p in parameters.items()}
+    alone = typer.Typer(rich_markup_mode=None, add_completion=False)
+    alone.command(key, help=STUDIES[key])(command)
+    return typer.main.get_command(alone)
+
+
+def _option(name: str, annotation: Any) -> Any:
+    """Return what typer reads of an option: its kind and help, a flag without its opposite."""
+    kind, said = get_args(annotation)
+    return Annotated[kind, typer.Option(*([f"--{name}"] if kind is bool else []), help=said)]
+
+
+def _run(
+    one: Study,
+    records: Path | None,
+    fresh: bool,
+    json: Path | None,
+    figures: Path | None,
+    **options: Any,
+) -> None:
+    check_folder(figures)
+    check_writable(json)
+    from eomcheck.lab.show.layout import write_json
+    from eomcheck.lab.show.sheet import print_sheets
+    from eomcheck.lab.store.records import Records
+
+    with TemporaryDirectory() as spare, Records(records or Path(spare) / "r.db") as kept:
+        found = one.measure(kept, fresh, **options)
+    print_sheets(one.sheets(found))
+    for sentence in one.said(found):
+        typer.echo(sentence)
+    written = [] if figures is None else one.write(found, figures)
+    if json is not None:
+        write_json(json, one.document(found))
+        written.append(json)
+    if written:
+        typer.echo(f"written: {', '.join(map(str, written))}")
+    if one.alarm(found):
+        raise typer.Exit(1)
 
 
 @study.command("accuracy")
@@ -193,63 +281,6 @@ def study_stability(
         typer.echo(f"written: {', '.join(map(str, paths))}")
     if any(outcome(record) is Outcome.SILENT for record in found):
         raise typer.Exit(1)
-
-
-@study.command("stiff")
-def study_stiff(
-    records: Measured,
-    stiffness: Annotated[
-        list[float] | None, typer.Option(help="Joint stiffness, N m/rad; repeat for more.")
-    ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation; repeat for more. [kane]")
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A few stiffnesses and tolerances.")
-    ] = False,
-    references: References = REFERENCES,
-    fresh: Fresh = False,
-    figures: Annotated[Path | None, typer.Option(help="Draw the figures into this folder.")] = None,
-) -> None:
-    """Compare explicit and implicit integrators on joints that are stiff, damped and not."""
-    check_folder(figures)
-    from eomcheck.lab.report.stiff import draw_stiff, print_stiff
-    from eomcheck.lab.store.records import Records
-    from eomcheck.lab.studies.stiff import measure, plan
-
-    planned = plan(quick, stiffness, formulation)
-    with Records(records) as kept:
-        found = measure(planned, kept, references, fresh)
-    print_stiff(found)
-    if figures is not None:
-        typer.echo(f"written: {', '.join(map(str, draw_stiff(found, figures)))}")
-
-
-@study.command("long-run")
-def study_long_run(
-    records: Measured,
-    formulation: Formulations = None,
-    t_end: Annotated[float | None, typer.Option(help="End, s. [1000]")] = None,
-    tolerance: Annotated[float | None, typer.Option(help="rtol = atol. [1e-6]")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="30 s by two formulations only.")] = False,
-    fresh: Fresh = False,
-    figure: Annotated[
-        Path | None, typer.Option(help="Draw the errors over time into this file.")
-    ] = None,
-) -> None:
-    """Measure how constraint and energy errors grow in 1 000 s, stabilized and not."""
-    check_figure(figure)
-    from eomcheck.lab.report.long_run import draw_long_run, print_long_run
-    from eomcheck.lab.store.records import Records
-    from eomcheck.lab.studies.long_run import measure, plan
-
-    planned = plan(quick, t_end, tolerance, formulation)
-    with Records(records) as kept:
-        found = measure(planned, kept, fresh)
-    print_long_run(found)
-    if figure is not None:
-        draw_long_run(found, figure)
-        typer.echo(f"written: {figure}")
 
 
 @study.command("paper")

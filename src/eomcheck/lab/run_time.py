@@ -18,9 +18,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.lab.store.provenance import machine
+from eomcheck.lab.store.records import Record
 
 RUNS = 20
 FEWEST = 3
+DISTURBED = 1.05
+"""A run whose CPU time is less than its run time by more than this factor was disturbed."""
 LONG = 2.0
 """Work that takes longer than this, in s, runs `FEWEST` times only."""
 
@@ -88,6 +91,13 @@ def held_on_a_core() -> Iterator[int | None]:
         yield core
     finally:
         os.sched_setaffinity(0, allowed)
+
+
+def disturbed(record: Record) -> bool:
+    """Return whether another program had the core for a part of the best run."""
+    if record.seconds is None or record.cpu_seconds is None:
+        return False
+    return record.seconds > DISTURBED * record.cpu_seconds
 
 
 def slope(points: Iterable[tuple[float, float]]) -> float:

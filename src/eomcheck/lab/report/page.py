@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from eomcheck import __version__
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.overview import Judged, Overview
 from eomcheck.lab.report.sections import sections_of
-from eomcheck.lab.show.figures import COLORS
+from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.show.templating import environment, render
 from eomcheck.lab.store.findings import Kept
 
@@ -34,7 +36,7 @@ def write_page(overview: Overview, path: Path) -> None:
     """
     from eomcheck.lab.show.charts import plotly_js
 
-    sections = [(section, list(section.charts())) for section in sections_of(overview)]
+    sections = [(one, [_view(chart) for chart in one.charts()]) for one in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
     page = render(
         "page.html.j2",
@@ -45,21 +47,38 @@ def write_page(overview: Overview, path: Path) -> None:
         states=_states(overview),
         anchor=anchor,
         formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
-        light=COLORS,
-        dark={key: on_dark(color) for key, color in COLORS.items()},
+        light={key: style.color for key, style in STYLES.items()},
+        dark={key: on_dark(style.color) for key, style in STYLES.items()},
         plotly=plotly_js() if charts else "",
     )
     path.write_text(page, encoding="utf-8")
 
 
+def _view(chart: Any) -> Any:
+    """Return what the template reads of a chart."""
+    from eomcheck.lab.show.by_plotly import json_of
+    from eomcheck.lab.show.chart import Chart, keys_of
+
+    if not isinstance(chart, Chart):
+        return chart
+    text = json_of(chart)
+    return SimpleNamespace(
+        id=chart.name,
+        title=chart.title,
+        choices=chart.choices,
+        keys=keys_of([chart]),
+        json=lambda: text,
+    )
+
+
 def overview_formulations(overview: Overview, charts: list) -> list[str]:
     """Return the formulations that the report shows anywhere, in the order of the registry."""
-    drawn = {
-        line.name
-        for chart in charts
-        for panel in chart.panels.values()
-        for line in panel.figure.data
-    }
+    drawn = set()
+    for chart in charts:
+        if isinstance(chart, SimpleNamespace):
+            drawn |= set(chart.keys)
+        else:
+            drawn |= {line.name for p in chart.panels.values() for line in p.figure.data}
     return [key for key in FORMULATIONS if key in drawn or key in overview.columns]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Column
@@ -15,6 +15,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.benchmarks import seconds_text
 from eomcheck.lab.report.operations import signed_sum
 from eomcheck.lab.show.layout import table, write_markdown_table
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.operations import fit_order
 from eomcheck.lab.studies.paper import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
@@ -22,19 +23,6 @@ from eomcheck.lab.studies.paper_claims import KANE, judgements
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""
-
-
-class Sheet(NamedTuple):
-    """A table: the name of its file, what it shows, its columns and rows of text.
-
-    `widths` are those of the columns to each other, where texts are long.
-    """
-
-    name: str
-    title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    widths: Sequence[int] = ()
 
 
 def sheets(records: Iterable[Record]) -> list[Sheet]:

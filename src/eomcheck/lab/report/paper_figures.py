@@ -15,7 +15,8 @@ from PIL import Image
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.paper import POSES, robot
-from eomcheck.lab.show.figures import COLORS, MARKERS, joints, legend_above, plt, save
+from eomcheck.lab.show.by_matplotlib import legend_above, plt, save
+from eomcheck.lab.show.figures import COLORS, MARKERS, joints
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.paper import PAPER_LINKS, Found, Solver, growth, scene_of
 

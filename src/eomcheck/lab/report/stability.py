@@ -15,7 +15,8 @@ from rich.markup import escape
 from eomcheck.console import console
 from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
 from eomcheck.evaluation.tolerance import NOTICEABLE
-from eomcheck.lab.show.figures import COLORS, MARKERS, plt, save
+from eomcheck.lab.show.by_matplotlib import plt, save
+from eomcheck.lab.show.figures import COLORS, MARKERS
 from eomcheck.lab.show.layout import table, words, write_markdown_table
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.families import FAMILIES

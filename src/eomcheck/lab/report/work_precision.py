@@ -17,12 +17,13 @@ from rich.table import Table
 from eomcheck.console import console
 from eomcheck.lab.references import CASES
 from eomcheck.lab.report.benchmarks import seconds_text
-from eomcheck.lab.show.figures import COLORS, MARKERS, plt, save
+from eomcheck.lab.run_time import disturbed
+from eomcheck.lab.show.by_matplotlib import plt, save
+from eomcheck.lab.show.figures import COLORS, MARKERS
 from eomcheck.lab.show.layout import numbers, table, words
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.work_precision import (
     TARGETS,
-    disturbed,
     fastest_to,
     finished,
     most_accurate,

@@ -2,62 +2,25 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.by_matplotlib import plt, save
+from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
 from eomcheck.scenes import Snake
 
-COLORS = dict(
-    zip(
-        FORMULATIONS,
-        # Okabe and Ito's palette, told apart by colour-blind readers, without its yellow, too pale
-        # on white; then Tol's wine, and two to spare
-        (
-            "#000000",
-            "#0072B2",
-            "#E69F00",
-            "#009E73",
-            "#CC79A7",
-            "#56B4E9",
-            "#D55E00",
-            "#882255",
-            "#999933",
-            "#888888",
-        ),
-        strict=False,
-    )
-)
-MARKERS = dict(zip(FORMULATIONS, "osD^vP*Xh<", strict=False))
+COLORS = {key: style.color for key, style in STYLES.items()}
+MARKERS = {key: style.marker for key, style in STYLES.items()}
 RATIO_FLOOR = 1e-3
 """Ratios below this, exact results included, are drawn here."""
 FLOOR = 1e-18
 """Exact agreement is drawn here: a logarithm has no zero."""
-
-
-def save(figure: Figure, path: Path | BytesIO, dpi: int = 150) -> None:
-    """Write a figure that is finished."""
-    figure.savefig(path, dpi=dpi)
-    plt.close(figure)
-
-
-def legend_above(figure: Figure, axes: Axes, columns: int | None = None) -> None:
-    """Put what is drawn in `axes` into a legend above all panels, by default into one row."""
-    lines, labels = axes.get_legend_handles_labels()
-    columns = len(labels) if columns is None else columns
-    figure.legend(lines, labels, loc="outside upper center", ncols=columns, frameon=False)
 
 
 def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -282,6 +282,22 @@ class Records:
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
 
 
+def select(records: Iterable[Record], study: str | None = None, **settings: Any) -> list[Record]:
+    """Return the finished Records, with a run time, of a study and with these settings."""
+    return [
+        r
+        for r in records
+        if study in (None, r.study)
+        and r.seconds is not None
+        and settings.items() <= r.settings.items()
+    ]
+
+
+def values(records: Iterable[Record], name: str) -> list[Any]:
+    """Return what a setting is in the Records that have it, each value once."""
+    return list(dict.fromkeys(r.settings[name] for r in records if name in r.settings))
+
+
 def run_cells(
     records: Records,
     study: str,

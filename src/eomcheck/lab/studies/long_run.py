@@ -9,23 +9,25 @@ walk, 1 a steady drift.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from typing import Annotated, Any
 
 import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.formulations import formulation_of, formulations_for
-from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.formulations import FORMULATIONS, formulations_for
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.study import Formulations, Study
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.errors import constraint_error, drift_of
 from eomcheck.motion.simulate import simulate
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import Snake
 
-STUDY = "long-run"
 FEEDBACK = 10.0
 """Rate of Baumgarte's feedback, 1/s."""
 INTERVAL = 1.0
@@ -42,68 +44,42 @@ TIMES = 200
 """Output times, evenly apart in logarithms."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What a run of the study covers.
-
-    Attributes:
-        t_end: end, s.
-        tolerance: rtol = atol.
-        formulations: keys.
-    """
-
-    t_end: float
-    tolerance: float
-    formulations: tuple[str, ...]
+QUICK_END, QUICK_KEYS = 30.0, ("au", "kane")
+TITLES = {
+    "none": "nothing added",
+    "feedback": f"feedback, {FEEDBACK:g}/s",
+    "projection": f"projection every {INTERVAL:g} s",
+}
+LAWS = {"end": ".1e", "exponent": ".2f", "rate": ".1e"}
+ERRORS = {"constraint": "‖c‖ / (m/s)", "energy": "|E - E₀| / E₀"}
+FLOOR = 1e-18
+"""Errors that are exactly 0 are drawn here: a logarithm has no zero."""
 
 
-FULL = Plan(1000.0, TOLERANCE, tuple(f.key for f in formulations_for(Snake)))
-QUICK = Plan(30.0, TOLERANCE, ("au", "kane"))
-
-
-def plan(
-    quick: bool = False,
-    t_end: float | None = None,
-    tolerance: float | None = None,
-    formulations: Iterable[str] | None = None,
-) -> Plan:
-    """Return the full or quick plan with what is given changed.
+def cells(
+    *,
+    formulation: Formulations = None,
+    t_end: Annotated[float | None, "End, s. [1000]"] = None,
+    tolerance: Annotated[float | None, "rtol = atol. [1e-6]"] = None,
+    quick: Annotated[bool, "30 s by two formulations only."] = False,
+) -> Iterator[Settings]:
+    """Yield a cell for each formulation, and for each remedy where it can leave the constraints.
 
     Raises:
         InputError: an end of 2 s or less, or a tolerance that is not in (0, 1).
         UnknownNameError: no such formulation.
     """
-    chosen = QUICK if quick else FULL
-    if t_end is not None:
-        if not 2 < t_end < np.inf:
-            raise InputError(f"t_end = {t_end!r}, expected more than 2 s")
-        chosen = replace(chosen, t_end=t_end)
-    if tolerance is not None:
-        if not 0 < tolerance < 1:
-            raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
-        chosen = replace(chosen, tolerance=tolerance)
-    if formulations:
-        keys = tuple(f.key for f in formulations_for(Snake, formulations))
-        chosen = replace(chosen, formulations=keys)
-    return chosen
-
-
-def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record]:
-    """Measure every cell that is not in `records` yet, and return the Records of all."""
-    cells = list(_cells(planned))
-    return run_cells(records, STUDY, cells, _long_run, fresh=fresh, label="integrating")
-
-
-def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
-    for remedy in REMEDIES:
-        for key in planned.formulations:
-            if remedy == "none" or formulation_of(key).level == "acceleration":
-                yield {
-                    "formulation": key,
-                    "remedy": remedy,
-                    "t_end": planned.t_end,
-                    "tolerance": planned.tolerance,
-                }
+    end = t_end if t_end is not None else QUICK_END if quick else 1000.0
+    if not 2 < end < np.inf:
+        raise InputError(f"t_end = {t_end!r}, expected more than 2 s")
+    tolerance = TOLERANCE if tolerance is None else tolerance
+    if not 0 < tolerance < 1:
+        raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
+    known = formulations_for(Snake, formulation or (QUICK_KEYS if quick else None))
+    for remedy, f in product(REMEDIES, known):
+        if remedy == "none" or f.level == "acceleration":
+            how = {"t_end": end, "tolerance": tolerance}
+            yield {"formulation": f.key, "remedy": remedy} | how
 
 
 def output_times(t_end: float) -> Array:
@@ -139,7 +115,7 @@ def _long_run(settings: dict[str, Any]) -> Record:
         if times.size:
             errors |= {f"{name}_end": error[-1], f"{name}_largest": error.max()}
     return Record(
-        STUDY,
+        STUDY.key,
         settings,
         "done" if found.status == "finished" else "failed",
         found.reason,
@@ -167,3 +143,57 @@ def record_of(records: Iterable[Record], key: str, remedy: str) -> Record | None
     """Return the Record of one formulation and remedy, or None."""
     wanted = {"formulation": key, "remedy": remedy}
     return next((r for r in records if wanted.items() <= r.settings.items()), None)
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield the growth law and the end of both errors of every run."""
+    rows = []
+    for r in found:
+        laws = {f"{error}_{law}": how for error in ERRORS for law, how in LAWS.items()}
+        told = (format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items())
+        cpu = "" if r.cpu_seconds is None else f"{r.cpu_seconds:.3g}"
+        where = r.settings["formulation"], r.settings["remedy"]
+        rows.append((*where, *told, f"{r.counts.get('right-hand sides', 0):,}", cpu))
+    heads = (x for name in ERRORS for x in (f"{name} at the end", "exponent", "rate per s"))
+    columns = ("formulation", "remedy", *heads, "right-hand sides", "CPU s")
+    yield Sheet("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield why runs failed."""
+    for r in found:
+        if r.status != "done":
+            yield "{formulation}, {remedy} ".format(**r.settings) + f"{r.status}: {r.reason}"
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield both errors over time, a column a remedy."""
+    panels = {}
+    for (error, label), remedy in product(ERRORS.items(), REMEDIES):
+        lines = [
+            Line(
+                key,
+                r.series["times"],
+                [max(x, FLOOR) for x in r.series[error]],
+                every=(3 * place, 30),
+            )
+            for place, key in enumerate(FORMULATIONS)
+            for r in [record_of(found, key, remedy)]
+            if r is not None and r.series
+        ]
+        panels[label, remedy] = Panel(
+            Axis("t / s", log=True), Axis(label, log=True), lines, TITLES[remedy]
+        )
+    choices = {"error": list(ERRORS.values()), "remedy": list(REMEDIES)}
+    yield Chart("long-run", "Errors over time", choices, panels)
+
+
+STUDY = Study(
+    key="long-run",
+    cells=cells,
+    worker=lambda known: _long_run,
+    sheets=sheets,
+    charts=charts,
+    said=said,
+    label="integrating",
+)

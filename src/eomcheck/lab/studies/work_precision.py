@@ -29,9 +29,6 @@ TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors of the end state whose run times are compared."""
 
-DISTURBED = 1.05
-"""A best run that took more than this many times its CPU time had to share its core."""
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -188,13 +185,6 @@ def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
         if than is None or record.errors["final"] < than.errors["final"]:
             best[record.settings["formulation"]] = record
     return best
-
-
-def disturbed(record: Record) -> bool:
-    """Return whether another program had the core for a part of the best run."""
-    if record.seconds is None or record.cpu_seconds is None:
-        return False
-    return record.seconds > DISTURBED * record.cpu_seconds
 
 
 def pareto_front(records: Iterable[Record]) -> list[Record]:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
-from eomcheck.lab.report.paper import Sheet
-
-if TYPE_CHECKING:
-    from eomcheck.lab.show.charts import Chart
+from eomcheck.lab.show.sheet import Sheet
 
 
 class Section(NamedTuple):
@@ -26,7 +23,7 @@ class Section(NamedTuple):
     title: str
     text: str
     tables: Sequence[Sheet]
-    charts: Callable[[], Sequence[Chart]] = tuple
+    charts: Callable[[], Sequence[Any]] = tuple
 
 
 __all__ = ["Section", "Sheet"]

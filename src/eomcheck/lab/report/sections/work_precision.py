@@ -16,8 +16,9 @@ from eomcheck.lab.report.work_precision import (
     errors_shown,
     front,
 )
+from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.store.records import Record
-from eomcheck.lab.studies.work_precision import STUDY, disturbed, finished, summary
+from eomcheck.lab.studies.work_precision import STUDY, finished, summary
 
 
 def section(overview: Overview) -> Section | None:

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -31,7 +31,8 @@ from scipy.integrate import solve_ivp
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.run_time import run_time
-from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.study import REFERENCES, Quick, References
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian
 from eomcheck.motion.simulate import Motion
@@ -61,49 +62,53 @@ EXPLICIT_UP_TO = 1e9
 RUNS = 5
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What a run of the study covers.
-
-    Attributes:
-        stiffnesses: k, N m/rad.
-        tolerances: rtol = atol of CyRK's integrators.
-        in_scipy: those of SciPy's, with and without exact Jacobians.
-        formulations: keys.
-    """
-
-    stiffnesses: tuple[float, ...]
-    tolerances: tuple[float, ...]
-    in_scipy: tuple[float, ...]
-    formulations: tuple[str, ...]
-
-
 DECADES = (SOFTEST, *(10.0**e for e in range(5, 11)))
-FULL = Plan(DECADES, (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7), ("kane",))
-QUICK = Plan((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,), ("kane",))
+TOLERANCES, IN_SCIPY_AT = (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7)
+QUICK = ((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,))
+"""Stiffnesses, tolerances of CyRK's integrators and of SciPy's."""
+
+Stiffnesses = Annotated[list[float] | None, "Joint stiffness, N m/rad; repeat for more."]
 
 
-def plan(
-    quick: bool = False,
-    stiffnesses: Iterable[float] | None = None,
-    formulations: Iterable[str] | None = None,
-) -> Plan:
-    """Return the full or quick plan with other stiffnesses or formulations.
+def stiffnesses_of(quick: bool, stiffness: Sequence[float] | None) -> tuple[float, ...]:
+    """Return the stiffnesses to look at, N m/rad.
+
+    Raises:
+        InputError: one is not positive.
+    """
+    for k in stiffness or ():
+        if not (k > 0 and math.isfinite(k)):
+            raise InputError(f"stiffness = {k!r}, expected a positive number, N m/rad")
+    return tuple(stiffness or (QUICK[0] if quick else DECADES))
+
+
+def truth_cells(*, quick: Quick = False, stiffness: Stiffnesses = None) -> Iterator[Settings]:
+    """Yield a cell for each stiffness whose damped motion is to be known."""
+    yield from ({"stiffness": k} for k in stiffnesses_of(quick, stiffness))
+
+
+def cells(
+    *,
+    quick: Quick = False,
+    stiffness: Stiffnesses = None,
+    formulation: Annotated[list[str] | None, "Formulation; repeat for more. [kane]"] = None,
+) -> Iterator[Settings]:
+    """Yield a cell for each integrator, tolerance, stiffness, formulation and problem.
 
     Raises:
         InputError: a stiffness that is not positive.
         UnknownNameError: no such formulation.
     """
-    chosen = QUICK if quick else FULL
-    if stiffnesses:
-        for k in stiffnesses:
-            if not (k > 0 and math.isfinite(k)):
-                raise InputError(f"stiffness = {k!r}, expected a positive number, N m/rad")
-        chosen = replace(chosen, stiffnesses=tuple(stiffnesses))
-    if formulations:
-        keys = tuple(f.key for f in formulations_for(Snake, formulations))
-        chosen = replace(chosen, formulations=keys)
-    return chosen
+    keys = [f.key for f in formulations_for(Snake, formulation or ["kane"])]
+    _, tolerances, in_scipy = QUICK if quick else (DECADES, TOLERANCES, IN_SCIPY_AT)
+    for problem, key, k in product(PROBLEMS, keys, stiffnesses_of(quick, stiffness)):
+        shared = {"problem": problem, "formulation": key, "stiffness": k}
+        for integrator, tolerance in product(COMPILED, tolerances):
+            yield shared | {"integrator": integrator, "jacobian": None, "tolerance": tolerance}
+        if problem == "damped" and key == "kane":
+            for integrator, jacobian, tolerance in product(IN_SCIPY, JACOBIANS, in_scipy):
+                how = {"integrator": integrator, "jacobian": jacobian, "tolerance": tolerance}
+                yield shared | how
 
 
 def scene_of(problem: str, stiffness: float) -> Snake:
@@ -123,33 +128,6 @@ def end_of(problem: str, stiffness: float) -> float:
     return unit_of_time(problem, stiffness) if problem == "undamped" else DAMPED_END
 
 
-def measure(planned: Plan, records: Records, folder: Path, fresh: bool = False) -> list[Record]:
-    """Measure every cell that is not in `records` yet, truths first; return the Records of all.
-
-    Args:
-        planned: what to cover.
-        records: where they are kept.
-        folder: of the reference solutions.
-        fresh: measure everything anew.
-    """
-    cells = [{"stiffness": k} for k in planned.stiffnesses]
-    truths = run_cells(records, TRUTH, cells, _damped_truth, fresh=fresh, label="true motions")
-    work = _Worker(truths, folder)
-    found = run_cells(records, STUDY, list(_cells(planned)), work, fresh=fresh, label="integrating")
-    return [*truths, *found]
-
-
-def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
-    for problem, key, k in product(PROBLEMS, planned.formulations, planned.stiffnesses):
-        shared = {"problem": problem, "formulation": key, "stiffness": k}
-        for integrator, tolerance in product(COMPILED, planned.tolerances):
-            yield shared | {"integrator": integrator, "jacobian": None, "tolerance": tolerance}
-        if problem == "damped" and key == "kane":
-            for integrator, jacobian, tolerance in product(IN_SCIPY, JACOBIANS, planned.in_scipy):
-                how = {"integrator": integrator, "jacobian": jacobian, "tolerance": tolerance}
-                yield shared | how
-
-
 # ---- The truth -----------------------------------------------------------------------------------
 
 
@@ -166,8 +144,8 @@ class Truth:
     uncertainty: float
 
 
-def _damped_truth(settings: dict[str, Any]) -> Record:
-    """Integrate a damped motion twice."""
+def damped_truth(settings: dict[str, Any]) -> Record:
+    """Return the end of a damped motion, integrated twice."""
     scene = scene_of("damped", settings["stiffness"])
     first = _end_state(scene, "banded", "Radau", 1e-12)
     explicit = settings["stiffness"] <= EXPLICIT_UP_TO
@@ -205,10 +183,17 @@ def scaled_truth(folder: Path) -> Truth:
 # ---- One cell ------------------------------------------------------------------------------------
 
 
-class _Worker:
-    def __init__(self, truths: Sequence[Record], folder: Path):
+class Worker:
+    """What integrates one motion and compares its end with the truth.
+
+    Args:
+        truths: what is known of damped motions.
+        references: folder of the reference solutions.
+    """
+
+    def __init__(self, truths: Sequence[Record], *, references: References = REFERENCES):
         self._damped = {r.settings["stiffness"]: r for r in truths}
-        self._folder = folder
+        self._folder = references
         self._motion = cache(self._prepared)
         self._scaled = cache(scaled_truth)
 
@@ -227,6 +212,7 @@ class _Worker:
         return Truth(np.array(record.series["state"]), record.errors["uncertainty"])
 
     def __call__(self, settings: dict[str, Any]) -> Record:
+        """Return the Record of one cell."""
         problem, k = settings["problem"], settings["stiffness"]
         motion, compile_seconds = self._motion(problem, k, settings["formulation"])
         truth = self._truth(problem, k)
@@ -292,70 +278,3 @@ def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
 
 _jacobian_of = cache(exact_jacobian)
 """Of one scene and formulation, made once."""
-
-
-# ---- What follows from the Records ---------------------------------------------------------------
-
-
-def runs_of(records: Iterable[Record], **settings: Any) -> list[Record]:
-    """Return the finished runs of the study with these settings."""
-    return [
-        r
-        for r in records
-        if r.study == STUDY and r.seconds is not None and settings.items() <= r.settings.items()
-    ]
-
-
-def cheapest(
-    records: Iterable[Record], target: float, integrators: Sequence[str], what: str = "seconds"
-) -> Record | None:
-    """Return the run whose error is at most `target` that is cheapest; None if there is none.
-
-    Args:
-        records: runs.
-        target: largest relative error.
-        integrators: keys that are looked at.
-        what: "seconds" or "right-hand sides".
-    """
-    good = [
-        r
-        for r in runs_of(records, jacobian=None)
-        if r.settings["integrator"] in integrators and r.errors["final"] <= target
-    ]
-    return min(good, key=lambda r: cost(r, what), default=None)
-
-
-def cost(record: Record, what: str = "seconds") -> float:
-    """Return what a run took: CPU time of the best run, s, or a count.
-
-    CPU time is compared, not run time, for it does not tell what else ran on the machine.
-    """
-    return (record.cpu_seconds or 0.0) if what == "seconds" else float(record.counts[what])
-
-
-def crossover(
-    records: Iterable[Record], target: float, problem: str, key: str, what: str = "seconds"
-) -> float | None:
-    """Return the stiffness from which on implicit integrators are the cheaper ones, N m/rad.
-
-    Interpolated in logarithms between the two stiffnesses where the ratio of the best of both kinds
-    passes 1; None where explicit ones remain cheaper up to the largest. Where none of the explicit
-    ones gets there, the implicit ones count as cheaper.
-    """
-    mine = runs_of(records, problem=problem, formulation=key)
-    ratios: list[tuple[float, float]] = []
-    for k in sorted({r.settings["stiffness"] for r in mine}):
-        here = [r for r in mine if r.settings["stiffness"] == k]
-        explicit, implicit = (cheapest(here, target, kind, what) for kind in (EXPLICIT, IMPLICIT))
-        if implicit is None:
-            continue
-        ratio = math.inf if explicit is None else cost(explicit, what) / cost(implicit, what)
-        ratios.append((k, ratio))
-    for place, (k, ratio) in enumerate(ratios):
-        if ratio > 1 and all(later > 1 for _, later in ratios[place:]):
-            if place == 0 or math.isinf(ratio):
-                return k
-            before_k, before = ratios[place - 1]
-            share = math.log(1 / before) / math.log(ratio / before)
-            return before_k * (k / before_k) ** share
-    return None

@@ -1,0 +1,105 @@
+"""A chart as data: panels of lines, of which a page shows one and a figure shows a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import NamedTuple
+
+
+class Axis(NamedTuple):
+    """An axis: its title with the unit, in logarithms or not, over a range, with ticks."""
+
+    title: str
+    log: bool = False
+    range: tuple[float | None, float | None] | None = None
+    ticks: Sequence[float] = ()
+    categories: Sequence[str] = ()
+
+
+LINKS = Axis("number of links N", log=True, ticks=(1, 2, 3, 5, 7, 10, 20, 30, 50, 70, 100, 1000))
+
+
+class Line(NamedTuple):
+    """A line of a formulation or an integrator.
+
+    Attributes:
+        key: of `eomcheck.lab.show.style.STYLES`.
+        x: abscissae.
+        y: ordinates.
+        said: lines of text at each point, which a page shows on demand; or nothing.
+        label: what the legend calls it, by default its key.
+        dashed: whether it is, whatever its style.
+        hollow: points that are drawn hollow, by default none.
+        joined: whether its points are joined.
+        every: (first, step) of the points that are marked, where there are many.
+    """
+
+    key: str
+    x: Sequence[float]
+    y: Sequence[float]
+    said: Sequence[Sequence[str]] = ()
+    label: str = ""
+    dashed: bool = False
+    hollow: Sequence[bool] = ()
+    joined: bool = True
+    every: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        x: abscissa.
+        y: ordinate.
+        lines: what is drawn.
+        title: above it.
+        unknown: below this ordinate the truth is not known, which is drawn in grey.
+        marks: abscissae at which a dotted line stands.
+        level: ordinate at which a line goes across.
+    """
+
+    x: Axis
+    y: Axis
+    lines: Sequence[Line]
+    title: str = ""
+    unknown: float | None = None
+    marks: Sequence[float] = ()
+    level: float | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels by what is chosen in some lists.
+
+    Attributes:
+        name: that of its file and its anchor.
+        title: what it shows.
+        choices: name of a list -> what can be chosen in it.
+        panels: what was chosen in each list -> panel.
+        grid: rows of choices that a figure shows. By default the last list runs along rows.
+        size: width and height of a panel in a figure, in.
+    """
+
+    name: str
+    title: str
+    choices: Mapping[str, Sequence[str]]
+    panels: Mapping[tuple[str, ...], Panel]
+    grid: Sequence[Sequence[tuple[str, ...]]] = ()
+    size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
+
+    def rows(self) -> list[list[tuple[str, ...]]]:
+        """Return the rows of a figure: choices of panels that exist."""
+        if self.grid:
+            return [[c for c in row if c in self.panels] for row in self.grid]
+        *others, last = self.choices.values()
+        rows = ([(*first, end) for end in last] for first in product(*others))
+        return [found for row in rows if (found := [c for c in row if c in self.panels])]
+
+
+def keys_of(charts: Iterable[Chart]) -> list[str]:
+    """Return what is drawn in any of the charts: keys of formulations and integrators."""
+    panels = (panel for chart in charts for panel in chart.panels.values())
+    return list(dict.fromkeys(line.key for panel in panels for line in panel.lines))

@@ -1,0 +1,120 @@
+"""What a study is, and how any of them is run.
+
+A study varies some settings. Each combination is a cell, worked off once into a Record; tables and
+charts are made from Records and compute nothing. Its command, its section of the report and its
+line in the documentation follow from its one line in `eomcheck.lab.studies.STUDIES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Records, Settings, run_cells
+
+Work = Callable[[Settings], Record]
+Found = Sequence[Record]
+
+Quick = Annotated[bool, "A small part of it."]
+Formulations = Annotated[list[str] | None, "Formulation; repeat for more. Default all."]
+References = Annotated[Path, "Folder of the reference solutions."]
+REFERENCES = Path("validation/references")
+
+
+def nothing(found: Found) -> tuple:
+    """Return nothing."""
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A study.
+
+    Attributes:
+        key: its name in commands and in Records.
+        cells: its settings, one a cell. Its arguments are the options of its command, each
+            `Annotated` with what help says of it.
+        worker: the Records of the studies `before`, and more options -> what works off a cell.
+        sheets: Records -> tables.
+        charts: Records -> charts.
+        said: Records -> sentences below the tables.
+        label: of the progress bar.
+        before: studies whose Records must be known first, with the same options.
+        alarm: Records -> whether something was found that must not be (exit code 1).
+        files: Records, a folder -> other files written there, beside tables and charts.
+        document: Records -> what `--json` writes, by default the Records.
+        reading: how its tables and charts are to be read, for the report.
+        small: whether it may run without a file to keep the Records in.
+    """
+
+    key: str
+    cells: Callable[..., Iterable[Settings]]
+    worker: Callable[..., Work]
+    sheets: Callable[[Found], Iterable[Sheet]]
+    charts: Callable[[Found], Iterable[Chart]] = nothing
+    said: Callable[[Found], Iterable[str]] = nothing
+    label: str = "measuring"
+    before: tuple[Study, ...] = ()
+    alarm: Callable[[Found], bool] = lambda found: False
+    files: Callable[[Found, Path], Iterable[Path]] = lambda found, folder: ()
+    document: Callable[[Found], dict[str, Any]] = lambda found: {"records": [*map(asdict, found)]}
+    reading: str = ""
+    small: bool = False
+
+    def options(self) -> dict[str, Parameter]:
+        """Return the options of the study, by name."""
+        found: dict[str, Parameter] = {}
+        for function in (*(f for b in self.before for f in (b.cells, b.worker)), self.cells):
+            found |= signature(function, eval_str=True).parameters
+        found |= signature(self.worker, eval_str=True).parameters
+        return {name: one for name, one in found.items() if one.kind is Parameter.KEYWORD_ONLY}
+
+    def measure(self, records: Records, fresh: bool = False, **options: Any) -> list[Record]:
+        """Work off every cell that is not in `records` yet; return the Records of all.
+
+        Args:
+            records: where they are kept.
+            fresh: measure everything anew.
+            options: those of `cells` and `worker`.
+
+        Raises:
+            InputError: an option has a value that makes no sense.
+        """
+        # Before the first cell is worked off, all options are looked at.
+        cells = list(_call(self.cells, options))
+        known: list[Record] = []
+        for one in self.before:
+            known += one.measure(records, fresh, **options)
+        work = _call(self.worker, options, known)
+        found = run_cells(records, self.key, cells, work, fresh=fresh, label=self.label)
+        return [*known, *found]
+
+    def write(self, found: Found, folder: Path) -> list[Path]:
+        """Draw all charts and write all tables (Markdown) into a folder; return the files."""
+        from eomcheck.lab.show.by_matplotlib import draw
+
+        written = []
+        for chart in self.charts(found):
+            written.append(folder / f"{chart.name}.png")
+            draw(chart, written[-1])
+        for sheet in self.sheets(found):
+            if sheet.rows:
+                written.append(folder / f"{sheet.name}.md")
+                written[-1].write_text(sheet.markdown(), encoding="utf-8")
+        return [*written, *self.files(found, folder)]
+
+    def of(self, records: Iterable[Record]) -> list[Record]:
+        """Return the Records of this study and of those before it."""
+        keys = {self.key, *(one.key for one in self.before)}
+        return [record for record in records if record.study in keys]
+
+
+def _call(function: Callable[..., Any], options: dict[str, Any], *arguments: Any) -> Any:
+    """Call with those options that a function has."""
+    own = signature(function).parameters
+    return function(*arguments, **{name: x for name, x in options.items() if name in own})
