@@ -109,7 +109,7 @@ def test_the_source_as_it_is_shows_no_fault(file: str):
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file.startswith("scenes/"):
+        if fault.file.startswith(("scenes/", "mechanics/")):
             failure = first_failure(kind_in(module, fault.file), FORMULATIONS)
         else:
             key = Path(fault.file).stem

@@ -64,7 +64,7 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file.startswith("scenes/"):
+        if fault.file.startswith(("scenes/", "mechanics/")):
             failure = first_failure(structure(kind_in(module, fault.file)), FORMULATIONS)
         else:
             key = Path(fault.file).stem
