@@ -8,7 +8,7 @@ import pytest
 
 import eomcheck
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.simulate import Motion
+from eomcheck.motion.motion import Motion
 from eomcheck.motion.stored import load_reference
 from eomcheck.scenes import Snake
 

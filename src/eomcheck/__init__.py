@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.many import Trajectories, simulate_many
-    from eomcheck.motion.simulate import Trajectory, simulate
+    from eomcheck.motion.simulate import simulate
+    from eomcheck.motion.trajectory import Trajectory
     from eomcheck.scenes import SCENES
 
 _HOME = {
@@ -57,7 +58,7 @@ _HOME = {
     "SCENES": "scenes",
     "INTEGRATORS": "motion.integrators",
     "simulate": "motion.simulate",
-    "Trajectory": "motion.simulate",
+    "Trajectory": "motion.trajectory",
     "simulate_many": "motion.many",
     "Trajectories": "motion.many",
     "EomcheckError": "errors",

@@ -31,16 +31,9 @@ from eomcheck.kernels.program import FEW_ANGLES, NotRegularError, Program, conti
 from eomcheck.mechanics.records import velocity as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.observe import solves_of
-from eomcheck.motion.right_hand_side import (
-    MANY_LINKS,
-    SHORTER,
-    RightHandSide,
-    exact_jacobian,
-    kernel_of,
-    parameter_arrays,
-    rates_on,
-    state_of,
-)
+from eomcheck.motion.right_hand_side import RightHandSide, exact_jacobian, kernel_of, rates_on
+from eomcheck.motion.state import state_of
+from eomcheck.motion.trace import MANY_LINKS, SHORTER, parameter_arrays
 from eomcheck.numbers import tape as tapes
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.generic import NotRationalError

@@ -25,7 +25,7 @@ from eomcheck.lab.studies.operations import (
     measure,
     solved_systems,
 )
-from eomcheck.motion import right_hand_side
+from eomcheck.motion import right_hand_side, state, trace
 from eomcheck.numbers.counting import Counted, Counting, System
 from eomcheck.scenes import Snake
 
@@ -57,10 +57,10 @@ def test_the_very_functions_that_machine_code_is_made_of_have_these_counts(
             return SimpleNamespace(place=0)
 
     counting, scene = CountingTape(), Snake.coil(links)
-    monkeypatch.setattr(right_hand_side, "Tape", lambda: counting)
+    monkeypatch.setattr(trace, "Tape", lambda: counting)
     # The v of Em's v2 belongs to the state, and is not counted with the right-hand side.
     v = counting.vector(scene.n)
-    monkeypatch.setattr(right_hand_side, "velocity_of_independent", lambda *_: v)
+    monkeypatch.setattr(state, "velocity_of_independent", lambda *_: v)
     monkeypatch.setattr(Snake, "constraints", staticmethod(lambda *_: (None, None)))
     right_hand_side.rates_on(scene, formulation)
     tally, counted = counting.tally, count(scene, formulation)

@@ -20,8 +20,8 @@ from eomcheck.motion.errors import (
     error_norm,
     errors_of,
 )
-from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.motion.trajectory import Trajectory
 
 REFERENCE = load_reference(Path("validation/references/free-3.json"))
 

@@ -13,7 +13,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.simulate import Motion, simulate
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import simulate
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)

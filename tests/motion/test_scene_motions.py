@@ -11,7 +11,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.simulate import Motion, simulate
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import simulate
 from eomcheck.scenes import SCENES
 
 

@@ -14,7 +14,8 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.motion import stabilization
 from eomcheck.motion.errors import constraint_error
-from eomcheck.motion.simulate import Motion, simulate
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stabilization import fed_back, projected
 from eomcheck.numbers.counting import Counting
 from eomcheck.scenes import Snake

@@ -23,7 +23,7 @@ from eomcheck.numbers.generic import NotRationalError, generic
 
 
 class Solution(NamedTuple):
-    """What a formulation says: v̇ (n,), and λ (r,) or None."""
+    """What a formulation says: v̇ (n,), or the rates of other speeds, and λ (r,) or None."""
 
     vdot: Any
     multipliers: Any
@@ -213,8 +213,11 @@ class Quantities:
             return self.v
         return self.x if formulation.uses == "chain" else self.u
 
-    def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
-        """Return what `formulation` says, by the paper's partition unless another is given.
+    def rates(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
+        """Return the rates of the speeds that `formulation` reads, v̇, u̇ or ẋ, and λ or None.
+
+        By the paper's partition unless another is given. For a chain in the place of λ stand the
+        joint forces.
 
         Raises:
             RefusedError: a matrix is singular, or the generalized speeds do not exist.
@@ -223,18 +226,22 @@ class Quantities:
             M, _, _, a, gamma, _ = self.terms
             partition = self.partition if partition is None else partition
             return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
-        if formulation.uses == "chain":
-            return self._along_chain(formulation)
-        W, rest, _ = self.speeds
         if formulation.uses == "speeds":
-            udot = formulation.solution(self.terms.M, self.F, W, rest)
-        else:
-            udot = formulation.solution(*self.bodies)
-        return Solution(rate_of_velocity(udot, W, rest), None)
+            W, rest, _ = self.speeds
+            return Solution(formulation.solution(self.terms.M, self.F, W, rest), None)
+        if formulation.uses == "bodies":
+            return Solution(formulation.solution(*self.bodies), None)
+        return Solution(*formulation.solution(*self.chain))
 
-    def _along_chain(self, formulation: Formulation) -> Solution:
-        here = self.parameters, self.prepared
-        xdot, forces = formulation.solution(*self.chain)
-        vdot = self.call(self.scene.chain_acceleration, *here, self.x, xdot)
-        multipliers = self.scene.chain_multipliers
-        return Solution(vdot, self.call(multipliers, *here, self.chain, self.x, forces))
+    def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
+        """Return v̇ and λ by `formulation`; see `rates`."""
+        rates, multipliers = self.rates(formulation, partition)
+        if formulation.uses == "terms":
+            return Solution(rates, multipliers)
+        if formulation.uses == "chain":
+            here = self.parameters, self.prepared
+            vdot = self.call(self.scene.chain_acceleration, *here, self.x, rates)
+            forces = self.chain, self.x, multipliers
+            return Solution(vdot, self.call(self.scene.chain_multipliers, *here, *forces))
+        W, rest, _ = self.speeds
+        return Solution(rate_of_velocity(rates, W, rest), None)

@@ -10,8 +10,8 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.stored import Reference
+from eomcheck.motion.trajectory import Trajectory
 from eomcheck.numbers.contract import Array
 
 

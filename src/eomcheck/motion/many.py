@@ -21,8 +21,9 @@ from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.motion.integrators import MOST_STEPS
 from eomcheck.motion.observe import observer_of
 from eomcheck.motion.right_hand_side import kernel_of
-from eomcheck.motion.simulate import Trajectory, check_options, checked_times
+from eomcheck.motion.simulate import check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
+from eomcheck.motion.trajectory import Trajectory
 from eomcheck.numbers.contract import Array
 
 OUTPUTS = 101

@@ -13,23 +13,15 @@ import numpy as np
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.right_hand_side import (
-    Traced,
-    block_of,
-    number_of_speeds,
-    quantities_on,
-    rates_on,
-    state_of,
-    state_size,
-    traced_kernel,
-)
+from eomcheck.motion.right_hand_side import rates_on
+from eomcheck.motion.state import state_of, take_speeds
+from eomcheck.motion.trace import Traced, block_of, state_on_tape, traced_kernel
 from eomcheck.numbers.banded import solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.linear import Solve, solve, watching
-from eomcheck.numbers.tape import BAND, FACTORS, Tape, live
+from eomcheck.numbers.tape import BAND, FACTORS, live
 
 
 def observations_on(scene: Scene, formulation: Formulation) -> Traced:
@@ -38,21 +30,11 @@ def observations_on(scene: Scene, formulation: Formulation) -> Traced:
     Its outputs are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, where there are
     constraints, their values `constraint` (r,), m/s, by the scene's second derivation.
     """
-    tape, n = Tape(), scene.n
-    y = tape.inputs("y", (state_size(scene, formulation),))
-    speeds = y[n : n + number_of_speeds(scene, formulation)]
-    at = quantities_on(tape, scene, y[:n])
+    tape, at, y, speeds = state_on_tape(scene, formulation)
     here = at.parameters, at.prepared, at.q
+    take_speeds(at, formulation, speeds)
     if formulation.state == "q, u":
-        at.u = speeds
         at.v = at.qdot
-    elif formulation.state == "q, x":
-        at.v = scene.chain_velocity(*here, speeds)
-    elif formulation.state == "q, v2":
-        a, b = scene.constraints(*here)
-        at.v = velocity_of_independent(a, b, speeds, at.partition)
-    else:
-        at.v = speeds
     T, U = scene.energies(*here, at.v)
     seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
     if scene.r > 0:

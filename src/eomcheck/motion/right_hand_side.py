@@ -4,143 +4,35 @@ The generic functions of a scene and a formulation are run once on a tape, and w
 becomes machine code (`eomcheck.kernels`). It serves all scenes of a kind with the same terms and
 sizes, whose parameters it reads from a block of memory. A matrix that is singular gives NaN:
 machine code does not raise.
-
-State vectors (paper, Eqs. (6), (8), (14), (19); `Formulation.state`):
-
-- "q, v, μ": velocities, and the integrals μ of the multipliers, μ̇ = λ
-- "q, v": velocities
-- "q, v2": the independent velocities of the partition
-- "q, u": generalized speeds
-- "q, x": quasi-velocities of a chain
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities, net_force
 from eomcheck.formulations import Formulation
-from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
-from eomcheck.mechanics.records import velocity
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.stabilization import fed_back, joints_fed_back
+from eomcheck.motion.stabilization import feed_back
+from eomcheck.motion.state import state_of, state_size, state_vector, take_speeds
+from eomcheck.motion.trace import (
+    ACCELERATION,
+    FEEDBACK,
+    JACOBIAN,
+    Traced,
+    block_of,
+    state_on_tape,
+    traced_kernel,
+)
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.differentiate import jacobian
-from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.generic import generic
-from eomcheck.numbers.tape import Tape
-
-MANY_LINKS = 48
-"""A longer chain continues the programs of shorter ones."""
-
-SHORTER = 20, 4
-"""Their numbers of links: from 20 on, in steps of 4, for a pattern may take turns."""
-
-
-@generic
-def rates_from_terms(terms, solution, parameters, prepared, q, v, partition, feedback):
-    """Return (q̇, v̇, λ or None) of a formulation that uses Lagrange's terms."""
-    M, Q, B, a, gamma, b = terms(parameters, prepared, q, v)
-    gamma = fed_back(a, gamma, b, v, feedback)
-    vdot, multipliers = solution(M, net_force(M, Q, B), a, gamma, v, partition)
-    return v, vdot, multipliers
-
-
-@generic
-def rates_from_speeds(terms, kinematics, speeds, solution, parameters, prepared, q, u):
-    """Return (q̇, u̇) of a formulation that uses Lagrange's terms and generalized speeds."""
-    W, rest, offset = speeds(parameters, prepared, kinematics(parameters, prepared, q, u))
-    v = velocity(u, W, offset)
-    now = terms(parameters, prepared, q, v)
-    return v, solution(now.M, net_force(now.M, now.Q, now.B), W, rest)
-
-
-@generic
-def rates_from_bodies(kinematics, speeds, qdot, bodies, solution, parameters, prepared, q, u):
-    """Return (q̇, u̇) of a formulation that sums over the bodies; qdot may be None."""
-    shared = kinematics(parameters, prepared, q, u)
-    if qdot is None:
-        W, _, offset = speeds(parameters, prepared, shared)
-        v = velocity(u, W, offset)
-    else:
-        v = qdot(parameters, prepared, shared)
-    return v, solution(*bodies(parameters, prepared, shared))
-
-
-@generic
-def rates_from_chain(chain, chain_velocity, solution, parameters, prepared, q, x, feedback):
-    """Return (q̇, ẋ) of a formulation that uses the bodies as a chain."""
-    mass, force, before, after, rest = chain(parameters, prepared, q, x)
-    rest = joints_fed_back(before, after, rest, x, feedback)
-    xdot, _ = solution(mass, force, before, after, rest)
-    return chain_velocity(parameters, prepared, q, x), xdot
-
-
-def number_of_speeds(scene: Scene, formulation: Formulation) -> int:
-    """Return how many speeds a state vector holds beside q: v, v2, u or x."""
-    return {"q, v2": scene.p, "q, u": scene.p, "q, x": scene.s}.get(formulation.state, scene.n)
-
-
-def state_size(scene: Scene, formulation: Formulation) -> int:
-    """Return the number of entries of a state vector."""
-    integrals = scene.r if formulation.state == "q, v, μ" else 0
-    return scene.n + number_of_speeds(scene, formulation) + integrals
-
-
-class Traced(NamedTuple):
-    """A tape, and its entries that are parameters, state and outputs.
-
-    Attributes:
-        tape: the tape.
-        at: the scene at the state y.
-        y: the state vector.
-        outputs: places of the outputs, by name.
-    """
-
-    tape: Tape
-    at: Quantities
-    y: Array
-    outputs: dict[str, list[int]]
-
-
-def parameter_arrays(scene: Scene) -> dict[str, Array]:
-    """Return the parameters of `scene` as arrays of doubles, by name; absent ones are left out."""
-    record = scene.parameters(FLOAT64)
-    fields = zip(record._fields, record, strict=True)
-    return {name: np.asarray(x, np.float64) for name, x in fields if x is not None}
-
-
-def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
-    """Return the scene on a tape; its parameters and the time are inputs."""
-    at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
-    given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
-    at.parameters = record_of(scene, given)
-    return at
-
-
-def record_of(scene: Scene, given: Mapping[str, Any]) -> Any:
-    """Return the record of the scene's parameters with these values, by name; None for others."""
-    record = scene.parameters(FLOAT64)
-    return record._make(map(given.get, record._fields))
-
-
-FEEDBACK = "rate_of_feedback"
-"""Name of the parameter that a stabilized right-hand side has besides those of the scene, 1/s."""
-
-
-JACOBIAN, ACCELERATION = "jacobian", "acceleration"
-"""What a right-hand side gives besides, if asked: `jacobian`, the derivatives of its rates by the
-state, row by row; or the whole `vdot` and, if the formulation has them, `multipliers`."""
 
 
 def rates_on(
@@ -154,39 +46,16 @@ def rates_on(
         stabilized: with Baumgarte's feedback, whose rate is a parameter.
         also: one further output, `JACOBIAN` or `ACCELERATION`.
     """
-    tape, n = Tape(), scene.n
-    y = tape.inputs("y", (state_size(scene, formulation),))
-    q, speeds = y[:n], y[n : n + number_of_speeds(scene, formulation)]
-    at = quantities_on(tape, scene, q)
-    here = at.parameters, at.prepared
-    feedback = tape.inputs(FEEDBACK, (1,))[0] if stabilized else None
-    solution, integrals = formulation.solution, ()
-    if formulation.uses == "chain":
-        functions = scene.chain, scene.chain_velocity, solution
-        rates = rates_from_chain(*functions, *here, q, speeds, feedback)
-        at.x = speeds
-    elif formulation.uses == "terms":
-        independent = formulation.state == "q, v2"
-        v = speeds
-        if independent:
-            a, b = scene.constraints(*here, q)
-            v = velocity_of_independent(a, b, speeds, at.partition)
-        at.v = v
-        qdot, vdot, multipliers = rates_from_terms(
-            scene.terms, solution, *here, q, v, at.partition, feedback
-        )
-        rates = qdot, vdot[at.partition.independent] if independent else vdot
-        if formulation.state == "q, v, μ" and multipliers is not None:
-            integrals = multipliers
-    else:
-        at.u = speeds
-        functions = scene.kinematics, scene.speeds
-        if formulation.uses == "speeds":
-            rates = rates_from_speeds(scene.terms, *functions, solution, *here, q, speeds)
-        else:
-            functions = *functions, scene.qdot, scene.bodies, solution
-            rates = rates_from_bodies(*functions, *here, q, speeds)
-    found = [tape.number(x).place for x in (*rates[0], *rates[1], *integrals)]
+    tape, at, y, speeds = state_on_tape(scene, formulation)
+    take_speeds(at, formulation, speeds)
+    if stabilized:
+        feed_back(at, formulation, tape.inputs(FEEDBACK, (1,))[0])
+    qdot = at.qdot if formulation.uses == "bodies" else at.v
+    rates, multipliers = at.rates(formulation)
+    if formulation.state == "q, v2":
+        rates = rates[at.partition.independent]
+    integrals = () if formulation.state != "q, v, μ" or multipliers is None else multipliers
+    found = [tape.number(x).place for x in (*qdot, *rates, *integrals)]
     outputs = {"rates": found}
     if also == JACOBIAN:
         outputs[JACOBIAN] = jacobian(tape, found, [x.place for x in y])
@@ -228,73 +97,6 @@ def kernel_of(
             outputs["multipliers"] = scene.r
     options = {"stabilized": stabilized, "also": also}
     return traced_kernel(rates_on, scene, formulation, outputs, width, **options)
-
-
-_kernels: dict[Any, Kernel] = {}
-
-
-def traced_kernel(
-    trace: Callable[..., Traced],
-    scene: Scene,
-    formulation: Formulation,
-    outputs: dict[str, int],
-    width: int = 1,
-    **options: Any,
-) -> Kernel:
-    """Return the kernel of a trace, made once for scenes of this kind, terms and sizes.
-
-    Args:
-        trace: (scene, formulation, **options) to what is on the tape.
-        scene: the scene.
-        formulation: the formulation.
-        outputs: number of entries of each output, by name.
-        width: lanes.
-        options: as in `kernel_of`.
-    """
-    sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
-    size = state_size(scene, formulation)
-    kind = type(scene), formulation, tuple(sizes.items()), size, scene.n, scene.r, scene.s
-    key = trace, kind, tuple(outputs.items()), width, tuple(options.items())
-    if key not in _kernels:
-        parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
-        if options.get("stabilized"):
-            parameters[FEEDBACK] = 1
-        along = formulation.linear and options.get("also") != JACOBIAN
-        program = _program(lambda one: trace(one, formulation, **options), scene, along)
-        _kernels[key] = Kernel(program, parameters, outputs, width)
-    return _kernels[key]
-
-
-def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Program:
-    """Return the program of a trace; `along` a chain of many links, that of shorter ones."""
-    links = getattr(scene, "links", 0)
-    if scene.has_links and along and links > MANY_LINKS:
-        first, step = SHORTER
-        first += (links - first) % step
-
-        def shorter(count: int) -> Program:
-            traced = trace(_alike(scene, count))
-            return program_of(traced.tape, traced.outputs, short=0)
-
-        try:
-            return continued(shorter, links, first, step)
-        except NotRegularError:
-            pass  # what follows no pattern is traced as it is
-    traced = trace(scene)
-    return program_of(traced.tape, traced.outputs)
-
-
-def _alike(scene: Scene, links: int) -> Scene:
-    """Return a scene of this kind, with the same terms, of so many links.
-
-    Raises:
-        NotRegularError: the kind has none.
-    """
-    names = parameter_arrays(scene).keys()
-    for other in type(scene).structures(links):
-        if parameter_arrays(other).keys() == names:
-            return other
-    raise NotRegularError(f"no {scene.key} of {links} links has the terms of {scene.structure}")
 
 
 class RightHandSide:
@@ -356,37 +158,11 @@ class RightHandSide:
         return ydot
 
 
-def state_vector(y: Array, size: int) -> Array:
-    """Return y (size,), contiguous doubles: machine code reads what it is given.
-
-    Raises:
-        InputError: y has another shape.
-    """
-    if np.shape(y) != (size,):
-        raise InputError(f"y has shape {np.shape(y)}, expected ({size},)")
-    return np.ascontiguousarray(y, float)
-
-
 def acceleration_in_machine_code(at: Evaluation, formulation: Formulation) -> Array:
     """Return v̇ (n,) by machine code at the state of `at`; NaN where a matrix is singular."""
     kernel = kernel_of(at.scene, formulation, also=ACCELERATION)
     state = state_of(at, formulation)
     return kernel(block_of(kernel, at.scene), np.array([at.t]), state)["vdot"]
-
-
-def state_of(at: Evaluation, formulation: Formulation) -> Array:
-    """Return the state vector that `formulation` integrates, with integrals of 0."""
-    speeds = at.speeds_read(formulation)
-    if formulation.state == "q, v2":
-        speeds = speeds[at.partition.independent]
-    integrals = np.zeros(at.scene.r if formulation.state == "q, v, μ" else 0)
-    return np.concatenate((at.q, speeds, integrals))
-
-
-def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
-    """Return the block of a kernel with the parameters of `scene`, and more by name."""
-    given = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
-    return kernel.block({**given, **{name: np.array([x]) for name, x in more.items()}})
 
 
 def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, Array], Array]:

@@ -21,11 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.mechanics.scene import Scene
@@ -50,6 +52,16 @@ def joints_fed_back(before, after, rest, x, rate):
     if rate is None:
         return rest
     return rest + rate * joint_gaps(before, after, x)
+
+
+def feed_back(at: Quantities, formulation: Formulation, rate: Any) -> None:
+    """Give `at` the constraint drift with feedback at this rate, 1/s, in any numbers."""
+    if formulation.uses == "chain":
+        before, after, rest = at.chain.before, at.chain.after, at.chain.rest
+        at.chain = at.chain._replace(rest=joints_fed_back(before, after, rest, at.x, rate))
+    else:
+        a, gamma, b = at.terms.a, at.terms.gamma, at.terms.b
+        at.terms = at.terms._replace(gamma=fed_back(a, gamma, b, at.v, rate))
 
 
 def check_stabilization(

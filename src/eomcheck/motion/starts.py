@@ -18,15 +18,10 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.motion.right_hand_side import (
-    Traced,
-    number_of_speeds,
-    parameter_arrays,
-    quantities_on,
-    state_size,
-    traced_kernel,
-)
-from eomcheck.motion.simulate import Motion, initial
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import initial
+from eomcheck.motion.state import number_of_speeds, state_size
+from eomcheck.motion.trace import Traced, parameter_arrays, quantities_on, traced_kernel
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import each
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise

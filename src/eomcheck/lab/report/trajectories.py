@@ -10,7 +10,7 @@ from rich.markup import escape
 from eomcheck.console import console
 from eomcheck.lab.show.layout import numbers, table, words
 from eomcheck.motion.errors import constraint_error, energy_error
-from eomcheck.motion.simulate import Trajectory
+from eomcheck.motion.trajectory import Trajectory
 
 
 def print_trajectories(trajectories: Iterable[Trajectory]) -> None:

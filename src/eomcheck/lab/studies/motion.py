@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import run_time
-from eomcheck.motion.simulate import Motion
+from eomcheck.motion.motion import Motion
 from eomcheck.scenes import Snake
 
 END = 1.0

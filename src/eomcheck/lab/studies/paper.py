@@ -25,7 +25,8 @@ from eomcheck.lab.run_time import run_time, slope
 from eomcheck.lab.store.records import Record, Records, run_cells
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.simulate import Motion, trajectory
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.trajectory import trajectory
 from eomcheck.numbers.linear import watching
 from eomcheck.scenes import Snake
 

@@ -32,7 +32,9 @@ from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.right_hand_side import RightHandSide, parameter_arrays, record_of, state_of
+from eomcheck.motion.right_hand_side import RightHandSide
+from eomcheck.motion.state import state_of
+from eomcheck.motion.trace import parameter_arrays, record_of
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.symbolic import Symbols
 from eomcheck.scenes import Snake

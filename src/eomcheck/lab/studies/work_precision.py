@@ -21,8 +21,10 @@ from eomcheck.lab.run_time import RUNS, run_time
 from eomcheck.lab.store.records import Record, Records, run_cells
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
-from eomcheck.motion.simulate import Motion, Trajectory, simulate
+from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.motion.trajectory import Trajectory
 
 STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))

@@ -34,8 +34,8 @@ from eomcheck.lab.run_time import run_time
 from eomcheck.lab.store.records import Record, Settings
 from eomcheck.lab.study import REFERENCES, Quick, References
 from eomcheck.motion.integrators import INTEGRATORS
+from eomcheck.motion.motion import Motion
 from eomcheck.motion.right_hand_side import exact_jacobian
-from eomcheck.motion.simulate import Motion
 from eomcheck.motion.stored import load_reference
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS

@@ -1,0 +1,126 @@
+"""A formulation of a scene in machine code, ready to be integrated from a state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import Formulation
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.integrators import Steps, integrate
+from eomcheck.motion.observe import observer_of
+from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
+from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
+from eomcheck.motion.state import number_of_speeds, state_of, take_speeds
+from eomcheck.motion.trace import ACCELERATION, block_of
+from eomcheck.numbers.contract import Array
+
+
+class Motion:
+    """A formulation of a scene in machine code, with the state vector that it integrates.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        q0: initial coordinates (n,).
+        v0: initial velocities (n,), consistent with the constraints.
+        u0: initial generalized speeds (p,), by default those of v0.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None.
+
+    Raises:
+        InputError: `baumgarte` is not positive or does not apply.
+        RefusedError: the generalized speeds do not exist.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        formulation: Formulation,
+        q0: Array,
+        v0: Array,
+        u0: Array | None = None,
+        baumgarte: float | None = None,
+    ):
+        check_stabilization(scene, formulation, baumgarte, None)
+        self.scene, self.formulation, self.baumgarte = scene, formulation, baumgarte
+        at = Evaluation(scene, q0, v0)
+        if formulation.state == "q, u":
+            scene.refuse_speeds(at.q)
+        self.partition = at.partition
+        if formulation.state == "q, u" and u0 is not None:
+            at.u = u0
+        self.y0 = state_of(at, formulation)
+        self.speeds = number_of_speeds(scene, formulation)
+        self.rates = RightHandSide(scene, formulation, baumgarte)
+
+    def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
+        """Return `integrate`'s result for this motion; counts are set anew.
+
+        Args:
+            t_end: end, s.
+            projection: interval at which the velocity is projected onto the constraints, s.
+            options: of `integrate`.
+        """
+        self.rates.reset()
+        call = self.rates.address, self.rates.arguments
+        if projection is None:
+            return integrate(*call, self.y0, t_end, **options)
+        first, times = options.pop("first_step", 0.0), options.pop("output_times", None)
+        most = options.pop("max_steps", 0)
+
+        def piece(start, end, y, first_step, output_times, max_steps) -> Steps:
+            return integrate(
+                *call,
+                y,
+                end,
+                t_start=start,
+                first_step=first_step,
+                output_times=output_times,
+                max_steps=max_steps,
+                **options,
+            )
+
+        return in_pieces(piece, self.project, self.y0, t_end, projection, first, times, most)
+
+    def project(self, t: float, y: Array) -> Array:
+        """Return the state vector y with its speeds projected onto the constraints.
+
+        Raises:
+            RefusedError: a matrix is singular to working precision.
+        """
+        n, end = self.scene.n, self.scene.n + self.speeds
+        here = self.scene, self.formulation, self.partition
+        speeds = projected(*here, t, y[:n], y[n:end])
+        return np.concatenate((y[:n], speeds, y[end:]))
+
+    def split(self, y: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (q (n,), v (n,)) of a state vector at time t, s; NaN where it is not finite."""
+        n = self.scene.n
+        if not np.isfinite(y).all():
+            return np.full(n, np.nan), np.full(n, np.nan)
+        at = Evaluation(self.scene, y[:n], np.zeros(n), t)
+        del at.v
+        take_speeds(at, self.formulation, y[n : n + self.speeds])
+        return at.q, at.v
+
+    def seen(self, t: Array, y: Array) -> dict[str, Array]:
+        """Return v, u, energy, constraint and multipliers, each (k, ·), of states y (k, size)."""
+        observer = observer_of(self.scene, self.formulation)
+        solving = kernel_of(self.scene, self.formulation, also=ACCELERATION)
+        kernels = (observer, solving) if "multipliers" in solving.outputs else (observer,)
+        found: dict[str, Array] = {}
+        for kernel in kernels:
+            block = block_of(kernel, self.scene)
+            rows = kernel.rows(block, t[:, None], y[:, :, None])
+            found |= {name: x[:, :, 0] for name, x in rows.items()}
+        return found
+
+    def evaluation(self, y: Array, t: float) -> Evaluation | None:
+        """Return the evaluation at a state vector; None where doubles cannot hold it."""
+        q, v = self.split(y, t)
+        if not np.isfinite((q, v)).all():
+            return None
+        at = Evaluation(self.scene, q, v, t)
+        if self.formulation.state == "q, u":
+            at.u = y[self.scene.n : self.scene.n + self.speeds]
+        return at

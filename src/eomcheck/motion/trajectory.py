@@ -1,0 +1,183 @@
+"""A motion as it came out, and how far what was found in it can be trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.integrators import Steps
+from eomcheck.motion.motion import Motion
+from eomcheck.numbers.contract import Array
+
+LOOKED_AT = 200
+"""Most states of a trajectory at which the matrices solved are looked at."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion, as one formulation and one integrator found it.
+
+    Attributes:
+        scene: the scene.
+        key: the formulation.
+        integrator: the integrator.
+        rtol: relative tolerance.
+        atol: absolute tolerance.
+        times: (k,), s.
+        q: coordinates (k, n).
+        v: velocities (k, n).
+        multipliers: λ (k, r), or None where the formulation has none.
+        energy: T + U (k,), J.
+        constraint_residual: |a v + b| (k, r), m/s, or None without constraints.
+        right_hand_sides: right-hand sides evaluated.
+        steps: steps taken.
+        status: "finished", or "failed" if the end was not reached.
+        reason: why not.
+        seconds: time of the integration alone, s.
+        refusal: what the formulation says to the state where it failed, if it refuses it.
+        rcond: smallest reciprocal condition number of each matrix solved, by name, at the states
+            looked at: `LOOKED_AT` of them at most, first and last included.
+        rate_error: bound on the relative error of v̇ that rounding alone makes, the largest of the
+            first, the last and the worst conditioned of these states; infinite where none can be
+            measured.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None without.
+        projection: interval at which the velocity was projected, s, or None.
+    """
+
+    scene: Scene
+    key: str
+    integrator: str
+    rtol: float
+    atol: float
+    times: Array
+    q: Array
+    v: Array
+    multipliers: Array | None
+    energy: Array
+    constraint_residual: Array | None
+    right_hand_sides: int
+    steps: int
+    status: str
+    reason: str
+    seconds: float
+    refusal: RefusedError | None = None
+    rcond: dict[str, float] = field(default_factory=dict)
+    rate_error: float = math.inf
+    baumgarte: float | None = None
+    projection: float | None = None
+
+
+def trajectory(
+    motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
+) -> Trajectory:
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
+    scene, formulation = motion.scene, motion.formulation
+    course = _Course(motion, found)
+    reason, refusal = course.refused or ("", None)
+    if not (reason or (found.success and course.whole)):
+        reason, refusal = _reason(motion, found)
+    n, residual, energy = scene.n, course.rows("constraint"), course.rows("energy")
+    assert energy is not None
+    return Trajectory(
+        scene,
+        formulation.key,
+        integrator,
+        rtol,
+        atol,
+        found.t[: course.kept],
+        found.y[: course.kept, :n],
+        course.seen["v"][: course.kept],
+        course.rows("multipliers"),
+        energy[:, 0],
+        None if residual is None else np.abs(residual),
+        motion.rates.calls,
+        found.steps,
+        "failed" if reason else "finished",
+        reason,
+        seconds,
+        refusal,
+        course.rcond,
+        course.rate_error(),
+    )
+
+
+class _Course:
+    """What follows from the states of a motion, up to the first that fails.
+
+    Seen in machine code. At `LOOKED_AT` of the states, and where a multiplier is no number, the
+    public path looks at the matrices that are solved.
+    """
+
+    def __init__(self, motion: Motion, found: Steps):
+        self.formulation = motion.formulation
+        self.seen = motion.seen(found.t, found.y)
+        whole = np.asarray(np.isfinite(found.y).all(axis=1))
+        for name in ("v", "energy", "constraint"):
+            if name in self.seen:
+                whole &= np.isfinite(self.seen[name]).all(axis=1)
+        count = len(whole)
+        self.kept = count if whole.all() else int(np.argmin(whole))
+        self.rcond: dict[str, float] = {}
+        self.refused: tuple[str, RefusedError] | None = None
+        self._looked: dict[int, Evaluation] = {}
+        self._worst = (math.inf, 0)
+        places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
+        if "multipliers" in self.seen:
+            places |= set(np.flatnonzero(np.isnan(self.seen["multipliers"]).any(axis=1)).tolist())
+        for place in sorted(place for place in places if place < self.kept):
+            try:
+                self._look(motion, place, float(found.t[place]), found.y[place])
+            except RefusedError as refusal:
+                self.refused = (
+                    f"the state at t = {found.t[place]:.9g} s is refused: {refusal}",
+                    refusal,
+                )
+                self.kept = place
+                break
+        self.whole = self.kept == count
+
+    def _look(self, motion: Motion, place: int, t: float, y: Array) -> None:
+        at = motion.evaluation(y, t)
+        if at is None:
+            raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
+        for name, rcond in at.acceleration(self.formulation).rcond.items():
+            self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
+            self._worst = min(self._worst, (rcond, place))
+        self._looked[place] = at
+
+    def rows(self, name: str) -> Array | None:
+        """Return what was seen at the states kept (k, ·), or None."""
+        return self.seen[name][: self.kept] if name in self.seen else None
+
+    def rate_error(self) -> float:
+        """Return the largest relative error bound of v̇ at the first, last and worst state."""
+        worst = 0.0
+        for place in {0, self._worst[1], max(self._looked)} if self._looked else ():
+            at = self._looked[place]
+            size = largest(at.acceleration(self.formulation).vdot)
+            bound = allowed_error(at.acceleration_spread(self.formulation))
+            worst = max(worst, bound / size if size > 0 else 0.0)
+        return worst
+
+
+def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
+    """Say why an integration did not reach its end."""
+    if motion.rates.failed == 0:
+        return found.message or "the energy overflows", None
+    when = motion.rates.failure_time
+    y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
+    why, refusal = "it overflows, or a matrix is singular there", None
+    try:
+        q, v = motion.split(y, when)
+        # A velocity that the independent ones do not determine is what a_1 refuses as well.
+        at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
+        at.acceleration(motion.formulation)
+    except RefusedError as error:
+        why, refusal = str(error), error
+    return f"the right-hand side is not finite at t = {when:.9g} s: {why}", refusal
