@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -19,30 +20,54 @@ from eomcheck.numbers.entries import each, objects
 from eomcheck.numbers.noise import SAMPLES, STEP
 
 
-def _motions(e: Evaluation, vdot: Array) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return (parameters, prepared, q, v) while q changes at v, and while v changes at v̇."""
-    parameters, prepared, q, v = map(objects, (e.parameters, e.prepared, e.q, e.v))
-    return (parameters, *e.moving(e.v), v), (parameters, prepared, q, duals(e.v, vdot))
+class _Rates:
+    """Rates of the energy and of the bodies' velocities, differentiated exactly.
+
+    Their shares while q changes at v do not depend on v̇, and are the same for all formulations.
+    """
+
+    def __init__(self, e: Evaluation):
+        self._e, self._still = e, tuple(map(objects, (e.parameters, e.prepared, e.q, e.v)))
+
+    def _while_v_changes(self, vdot: Array) -> tuple[Any, ...]:
+        *still, _ = self._still
+        return (*still, duals(self._e.v, vdot))
+
+    @cached_property
+    def _while_q_changes(self) -> tuple[Any, ...]:
+        parameters, *_, v = self._still
+        return (parameters, *self._e.moving(self._e.v), v)
+
+    def _power(self, motion: tuple[Any, ...]) -> Any:
+        T, U = self._e.scene.energies(*motion)
+        return rate(T if U is None else T + U)
+
+    @cached_property
+    def _power_of_q(self) -> Any:
+        return self._power(self._while_q_changes)
+
+    def power(self, vdot: Array) -> Array:
+        """Return the shares of (q, v) in d(T+U)/dt (2,), W."""
+        shares = self._power_of_q, self._power(self._while_v_changes(vdot))
+        return np.array(shares, dtype=np.float64)
+
+    def _velocities(self, motion: tuple[Any, ...]) -> Array:
+        return np.concatenate(self._e.scene.velocities(*motion), axis=1)
+
+    @cached_property
+    def _velocities_of_q(self) -> tuple[Array, Array]:
+        along_q = self._velocities(self._while_q_changes)
+        return each(value, along_q), rate(along_q)
+
+    def bodies(self, vdot: Array) -> Array:
+        """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
+        along_v = rate(self._velocities(self._while_v_changes(vdot)))
+        return np.array([*self._velocities_of_q, along_v], dtype=np.float64)
 
 
-def _power_terms(e: Evaluation, vdot: Array) -> Array:
-    """Return the shares of (q, v) in d(T+U)/dt (2,), W, differentiated exactly."""
-    shares = []
-    for moved in _motions(e, vdot):
-        T, U = e.scene.energies(*moved)
-        shares.append(rate(T if U is None else T + U))
-    return np.array(shares, dtype=np.float64)
-
-
-def _body_rates(e: Evaluation, vdot: Array) -> Array:
-    """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
-    along_q, along_v = (
-        np.concatenate(e.scene.velocities(*moved), axis=1) for moved in _motions(e, vdot)
-    )
-    return np.array([each(value, along_q), rate(along_q), rate(along_v)], dtype=np.float64)
-
-
-def _power_of_inertia(at: Evaluation, formulation: Formulation) -> tuple[float, float]:
+def _power_of_inertia(
+    at: Evaluation, formulation: Formulation, rates_of: Callable[[Evaluation], _Rates]
+) -> tuple[float, float]:
     """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇|, W, and the same of what V, ω and their rates come from.
 
     Of the first the power is a sum, and may cancel. The second takes for each entry its size and
@@ -50,7 +75,7 @@ def _power_of_inertia(at: Evaluation, formulation: Formulation) -> tuple[float, 
     """
 
     def rates(e: Evaluation) -> Array:
-        return _body_rates(e, e.acceleration(formulation).vdot)
+        return rates_of(e).bodies(e.acceleration(formulation).vdot)
 
     def power(sizes: Array) -> float:
         speed, change = sizes[0], sizes[1] + sizes[2]
@@ -78,17 +103,19 @@ def power_balance(case: Case) -> Iterator[Finding]:
     if lost is None and not at.scene.conserves_energy:
         return
 
-    def power(e: Evaluation, formulation: Formulation) -> Array:
-        return np.asarray(_power_terms(e, e.acceleration(formulation).vdot).sum())
+    rates_of = cache(_Rates)
+
+    def shares_of(e: Evaluation, formulation: Formulation) -> Array:
+        return rates_of(e).power(e.acceleration(formulation).vdot)
 
     lost = 0.0 if lost is None else lost
     for formulation in case.solved:
-        shares = np.append(_power_terms(at, at.acceleration(formulation).vdot), lost)
-        summed, summed_spread = _power_of_inertia(at, formulation)
+        shares = np.append(shares_of(at, formulation), lost)
+        summed, summed_spread = _power_of_inertia(at, formulation, rates_of)
         scale = max(largest(shares), summed)
         # Energies are summed over the bodies, which rounds as often.
         rounding = at.scene.n * (largest(shares) + summed_spread)
-        spread = at.spread(lambda e, f=formulation: power(e, f)) + rounding
+        spread = at.spread(lambda e, f=formulation: shares_of(e, f).sum()) + rounding
         if not np.isfinite(case.vdot_spread(formulation)):
             spread = float("inf")
         yield case.compare(formulation.key, shares.sum(), np.zeros(()), spread, scale=scale)

@@ -13,15 +13,19 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
 from eomcheck.evaluation.enclosure import Enclosure, enclosure
 from eomcheck.formulations import Formulation
+from eomcheck.quantities import Quantities
 
 EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
 
 
-def _enclosed(case: Case, formulation: Formulation) -> Enclosure | str:
-    """Return the enclosure, or why there is none."""
+def _enclosed(
+    case: Case, formulation: Formulation, known: dict[int, Quantities]
+) -> Enclosure | str:
+    """Return the enclosure, or why there is none; see `enclosure` for `known`."""
     at = case.at
+    start, how = {"u": at.u}, (TRUE_DIGITS, at.partition)
     try:
-        return enclosure(at.scene, formulation, at.q, {"u": at.u}, at.t, TRUE_DIGITS, at.partition)
+        return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
     except RefusedError as refusal:
         return str(refusal)
     except TypeError as error:
@@ -40,8 +44,9 @@ def enclosures(case: Case) -> Iterator[Finding]:
     if not case.has_speeds or not np.isfinite(case.at.u).all():
         return
     found: list[tuple[Formulation, Enclosure]] = []
+    known: dict[int, Quantities] = {}
     for f in case.solved:
-        x = _enclosed(case, f)
+        x = _enclosed(case, f, known)
         if isinstance(x, str):
             yield _finding(case, "enclosures", f.key, 0, "inconclusive", x)
         else:

@@ -109,13 +109,20 @@ def enclosure(
     t: float,
     digits: int,
     partition: Partition,
+    known: dict[int, Quantities] | None = None,
 ) -> Enclosure:
-    """Return what `enclose` returns, of arguments that were checked; `start` is {"u": u} or v."""
+    """Return what `enclose` returns, of arguments that were checked; `start` is {"u": u} or v.
+
+    Formulations at one state share what they read of it in `known`, by the bits it was found with.
+    """
+    known = {} if known is None else known
     bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
     most = max(MOST_BITS, 4 * bits)
     while True:
         try:
-            found = _with_bits(scene, formulation, q, start, t, bits, partition)
+            if bits not in known:
+                known[bits] = _in_balls(scene, q, start, t, bits)
+            found = _with_bits(known[bits], formulation, bits, partition)
         except RefusedError:
             if bits >= most:
                 raise
@@ -133,20 +140,19 @@ def enclosure(
         bits *= 2
 
 
-def _with_bits(
-    scene: Scene,
-    formulation: Formulation,
-    q: Array,
-    start: dict[str, Array],
-    t: float,
-    bits: int,
-    partition: Partition,
-) -> Enclosure:
+def _in_balls(scene: Scene, q: Array, start: dict[str, Array], t: float, bits: int) -> Quantities:
     balls = Balls()
     with precision(bits):
         at = Quantities(scene, balls, balls.numbers(q), balls.numbers(np.array(t)).item())
         for name, value in start.items():
             setattr(at, name, balls.numbers(value))
+    return at
+
+
+def _with_bits(
+    at: Quantities, formulation: Formulation, bits: int, partition: Partition
+) -> Enclosure:
+    with precision(bits):
         vdot, multipliers = at.solution(formulation, partition)
         vdot, v = (np.array([ball(x) for x in y], object) for y in (vdot, at.v))
         return Enclosure(vdot, multipliers, v, bits, _certain_digits(vdot, v))
