@@ -66,7 +66,7 @@ class Run:
     Attributes:
         findings: every Finding, in the order made.
         seconds: time spent per claim.
-        cases: number of states looked at.
+        ends: number of findings there were after each state looked at.
         drawn: the states that hypothesis drew, and who refused them.
         refused: keys of the formulations that refused the last state looked at.
         minimal: the smallest failing case, if a claim failed.
@@ -74,10 +74,15 @@ class Run:
 
     findings: list[Finding] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-    cases: int = 0
+    ends: list[int] = field(default_factory=list)
     drawn: list[Drawn] = field(default_factory=list)
     refused: tuple[str, ...] = ()
     minimal: Finding | None = None
+
+    @property
+    def cases(self) -> int:
+        """Number of states looked at."""
+        return len(self.ends)
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, keep the Findings and return them."""
@@ -88,7 +93,7 @@ class Run:
             new += look(case, CLAIMS[one]) if case.finite or one == "finite-terms" else []
             self.seconds[one] += time.perf_counter() - start
         self.findings += new
-        self.cases += 1
+        self.ends.append(len(self.findings))
         self.refused = case.refused if case.finite else ()
         return new
 

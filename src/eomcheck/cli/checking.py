@@ -53,6 +53,12 @@ def validate(
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
     ] = None,
+    executor: Annotated[
+        str | None,
+        typer.Option(
+            help="Where to compute all scenes: local, local:PROCESSES or dask:ADDRESS. [local]"
+        ),
+    ] = None,
     json: Json = None,
     records: Kept = None,
     report: Annotated[
@@ -68,26 +74,35 @@ def validate(
     from eomcheck.claims.run import Run, Selection
     from eomcheck.console import console, progress
     from eomcheck.lab.report.findings import print_run, print_scenes, write_json
-    from eomcheck.lab.store.findings import look_at_kind
+    from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
+    from eomcheck.lab.store.workers import check_place
     from eomcheck.scenes.named import kinds_of
 
     kinds = kinds_of(scene)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
+    if executor is not None and len(kinds) == 1:
+        raise InputError(f"executor = {executor!r}: the states of one scene are not spread")
     selection = Selection.of(formulation, engine, scenes=kinds)
+    check_place(executor)
     for made in selection.engines:
         made.version()  # a missing library is bad input, said before anything is computed
     runs = {kind.key: Run() for kind in kinds}
-    interrupted = False
+    how = selection, bounds, examples, seed
+    interrupted, lost = False, None
     with (
         records_to_report(records, report) as kept,
         progress("checking", (examples + 2) * len(kinds)) as advance,
     ):
         try:
-            for kind in kinds:
-                look_at_kind(kind, runs[kind.key], selection, bounds, examples, seed, advance, kept)
+            if len(kinds) == 1:
+                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept)
+            else:
+                look_at_kinds(runs, *how, advance, kept, executor)
         except KeyboardInterrupt:
             interrupted = True
+        except WorkerError as error:
+            lost = error
         if report is not None and kept is not None:
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
@@ -101,6 +116,8 @@ def validate(
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
         raise typer.Exit(130)
+    if lost is not None:
+        raise lost
     if any(finding.verdict == "failed" for finding in findings):
         raise typer.Exit(1)
 

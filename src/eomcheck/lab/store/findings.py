@@ -1,19 +1,23 @@
 """Findings in Records: one Record per state looked at, or per structure proved.
 
-A file keeps the last validation of each scene. It is saved state by state; a Record of the run
-itself says what was asked for, and whether it came to its end.
+A file keeps the last validation of each scene. It is saved state by state, or of several kinds of
+scenes kind by kind; a Record of the run itself says what was asked for, and whether it came to its
+end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from eomcheck.claims.finding import Finding, python_of, ratio
 from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes.named import kinds_of
 
 STATES = "validation"
 RUNS = "validation run"
@@ -106,6 +110,59 @@ def keep_proof(records: Records, scene: Scene, rows: Iterable[dict[str, Any]]) -
     records.add(record_of(PROOFS, settings, rows, python_of(scene, None)))
 
 
+def look_at_kinds(
+    runs: dict[str, Run],
+    selection: Selection,
+    links: tuple[int, int],
+    examples: int,
+    seed: int,
+    on_case: Callable[[], None],
+    records: Records | None = None,
+    where: str | None = None,
+) -> None:
+    """Run the claims on the kinds of scenes whose keys `runs` has, spread over processes.
+
+    A run takes its place in `runs` as it is done, and is kept in `records`, if given. What is found
+    does not depend on how many processes there are.
+
+    Args:
+        runs: key of a kind in `SCENES` -> its run.
+        selection: what takes part.
+        links: smallest and largest number of links, for kinds that have one.
+        examples: number of random scenes of each kind.
+        seed: of the draws.
+        on_case: called for each case.
+        records: where to keep what is found.
+        where: see `eomcheck.studies.spread.executor`.
+
+    Raises:
+        WorkerError, InputError, EngineError: see `eomcheck.studies.spread.spread`.
+    """
+    how = selection, links, examples, seed
+    names = ("selection", "links", "examples", "seed")
+    look = partial(_run_of, **dict(zip(names, how, strict=True)))
+    for key, run in spread(where, look, sorted(runs, key=_size, reverse=True)):
+        runs[key] = run
+        if records is not None:
+            Keeper(records, kinds_of(key)[0], run, *how).finish()
+        for _ in range(run.cases):
+            on_case()
+
+
+def _size(key: str) -> int:
+    """Return the number of unknowns of an example; what takes longest is to begin first."""
+    example = kinds_of(key)[0].example()
+    return example.n + example.r
+
+
+def _run_of(
+    key: str, selection: Selection, links: tuple[int, int], examples: int, seed: int
+) -> Run:
+    run = Run()
+    look_at_kind(kinds_of(key)[0], run, selection, links, examples, seed, lambda: None)
+    return run
+
+
 def look_at_kind(
     kind: type[Scene],
     run: Run,
@@ -122,13 +179,7 @@ def look_at_kind(
     """
     keeper = None
     if records is not None:
-        asked = {
-            "examples": examples,
-            "seed": seed,
-            "first links": links[0],
-            "last links": links[1],
-        }
-        keeper = Keeper(records, kind, run, selection, asked)
+        keeper = Keeper(records, kind, run, selection, links, examples, seed)
 
     def after_case() -> None:
         if keeper is not None:
@@ -149,9 +200,11 @@ class Keeper:
     Args:
         records: where.
         kind: the kind of scene.
-        run: the run, of which nothing was looked at yet.
+        run: the run, of which nothing was kept yet.
         selection: what takes part.
-        asked: numbers that the run was asked for: examples, seed, ...
+        links: smallest and largest number of links that the run was asked for.
+        examples: number of random scenes.
+        seed: of the draws.
     """
 
     def __init__(
@@ -160,23 +213,32 @@ class Keeper:
         kind: type[Scene],
         run: Run,
         selection: Selection,
-        asked: dict[str, int],
+        links: tuple[int, int],
+        examples: int,
+        seed: int,
     ):
         self._records, self._kind, self._run = records, kind, run
-        self._selection, self._asked = selection, asked
+        self._selection = selection
+        self._asked = {
+            "examples": examples,
+            "seed": seed,
+            "first links": links[0],
+            "last links": links[1],
+        }
         self._saved = self._cases = 0
         earlier = records.all(STATES, scene=kind.key)
         records.forget(STATES, [record.settings for record in earlier])
         self._keep_run("failed", UNFINISHED)
 
     def save(self) -> None:
-        """Keep the Findings made since the last call: those of one state."""
-        new = self._run.findings[self._saved :]
-        if new:
-            self._save(new)
+        """Keep the Findings made since the last call, state by state."""
+        for end in self._run.ends:
+            if end > self._saved:
+                self._save(self._run.findings[self._saved : end])
 
     def finish(self) -> None:
-        """Keep what was said of the run as a whole, and that it came to its end."""
+        """Keep what is left, what was said of the run as a whole, and that it came to its end."""
+        self.save()
         for finding in self._run.findings[self._saved :]:
             self._save([finding])
         self._keep_run("done")
