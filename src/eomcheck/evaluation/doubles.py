@@ -19,13 +19,13 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.mechanics.assembled import Assembled
-from eomcheck.mechanics.records import Terms
-from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.linear import Solve, watching
-from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.mechanics.records import Terms
+from eomcheck.evaluation.point import Quantities
+from eomcheck.mechanics.assembled import Assembled
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 
 LOST = 2.0**-12
 """A change by this share of the quantity, at so small a noise, asks whether it is lost."""
@@ -67,7 +67,7 @@ class Evaluation(Quantities):
         super().__init__(scene, FLOAT64, q, t)
         self.v = v
         self._noise: Noise | None = None
-        self._origin = self
+        self._origin, self._moves = self, Moves()
         self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self._solves: dict[tuple[str, bool], dict[str, Solve]] = {}
@@ -81,7 +81,7 @@ class Evaluation(Quantities):
         with np.errstate(all="ignore"):
             if self._noise is not None:
                 with suppress(TypeError):
-                    return self._noise.run(function, *arguments)
+                    return self._origin._moves.run(self._noise, function, *arguments)
             return function(*arguments)
 
     def keep(self, record: Any) -> Any:

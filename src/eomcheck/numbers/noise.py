@@ -7,15 +7,13 @@ changes. Rounding then moves the result by about eps times that.
 
 Inputs and results are not enough: where large terms cancel identically, as those of a wheel's
 acceleration do, moving what they are made of moves them alike, and only the rounding of each by
-itself is left. So generic functions are run on `Moved` numbers, whose every operation adds a change
-of its own (Monte Carlo arithmetic: Parker 1997).
+itself is left. So every operation of a generic function adds a change of its own
+(`eomcheck.kernels.moved`; Monte Carlo arithmetic: Parker 1997).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -52,8 +50,6 @@ class Noise:
         self._random = np.random.default_rng(seed)
         self.step = step
         self._drawn = np.empty(0)
-        blocks = iter(lambda: self._draw(BLOCK).tolist(), None)
-        self._next = chain.from_iterable(blocks).__next__
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return random numbers of magnitude h/2 to h."""
@@ -88,22 +84,6 @@ class Noise:
         moved.noise = self
         return moved
 
-    def run(self, function: Callable, *arguments: Any) -> Any:
-        """Call a generic function of arrays of doubles, each of its operations moved.
-
-        Raises:
-            TypeError: the function does more than rational operations.
-        """
-        numbers = map_record(self._numbers, arguments)
-        return map_record(lambda part: np.array(part, np.float64), function(*numbers))
-
-    def _numbers(self, x: Any) -> Any:
-        if isinstance(x, np.ndarray) and x.dtype == np.float64:
-            moved, draw = np.empty(x.size, object), self._next
-            moved[:] = [Moved(y, draw) for y in x.ravel().tolist()]
-            return moved.reshape(x.shape)
-        return x
-
 
 EXACT = (np.negative, np.absolute, np.positive, np.maximum)
 """Operations of whole arrays that do not round."""
@@ -136,66 +116,6 @@ class MovedArray(np.ndarray):
             result += change
             return out[0]
         return noise.array(np.asarray(result + change))
-
-
-class Moved:
-    """A double; the result of an operation is moved by what `change` returns next."""
-
-    __slots__ = ("change", "value")
-
-    def __init__(self, value: float, change: Callable[[], float]):
-        self.value, self.change = value, change
-
-    def __float__(self) -> float:
-        return self.value
-
-    def _moved(self, x: float) -> Moved:
-        change = self.change
-        return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
-
-    # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
-
-    def __add__(self, other):
-        if type(other) is Moved:
-            x, change = self.value + other.value, self.change
-            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
-        if type(other) is int:
-            return self._moved(self.value + other) if other else self
-        return NotImplemented
-
-    def __sub__(self, other):
-        if type(other) is Moved:
-            return self._moved(self.value - other.value)
-        return self + -other
-
-    def __rsub__(self, other):
-        return -self + other
-
-    def __mul__(self, other):
-        if type(other) is Moved:
-            x, change = self.value * other.value, self.change
-            return Moved(x + change() * (x if x > NORMAL or x < -NORMAL else NORMAL), change)
-        if type(other) is int:
-            return self._moved(self.value * other)
-        return NotImplemented
-
-    def __truediv__(self, other):
-        if type(other) is Moved:
-            return self._moved(self.value / other.value if other.value else np.nan)
-        if type(other) is int:
-            return self._moved(self.value / other)
-        return NotImplemented
-
-    def __rtruediv__(self, other):
-        if type(other) is int:
-            return self._moved(other / self.value if self.value else np.nan)
-        return NotImplemented
-
-    def __neg__(self):
-        return Moved(-self.value, self.change)
-
-    __radd__ = __add__
-    __rmul__ = __mul__
 
 
 class Noisy:
