@@ -14,7 +14,11 @@ import eomcheck
 from eomcheck import cli
 from eomcheck.claims.run import Run
 from eomcheck.cli.checking import Registry
+from eomcheck.errors import WorkerError
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.scenes import SCENES
+from eomcheck.studies.findings import RUNS
+from eomcheck.studies.records import Records
 
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
@@ -35,6 +39,8 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--engine", "mujoco"], "unknown engine 'mujoco'; known: pinocchio, casadi"),
         (["validate", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["validate", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
+        (["validate", "--executor", "local"], "the states of one scene are not spread"),
+        (["validate", "--scene", "all", "--executor", "ray:1"], "expected local, local:NUMBER"),
         (["prove", "--links", "3,0"], "links = '0'"),
         (["prove", "--links", "2..1"], "links = '2..1'"),
         (["prove", "--points", "0"], "points = 0"),
@@ -189,6 +195,33 @@ def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys,
     assert run(*arguments, monkeypatch=monkeypatch) == 130
     assert len(json.loads(file.read_text(encoding="utf-8"))["cases"]) == 3
     assert "interrupted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("ended", "code"),
+    [(KeyboardInterrupt(), 130), (WorkerError("1 items killed every worker: bicycle"), 2)],
+    ids=["Ctrl-C", "killed"],
+)
+def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_done(
+    monkeypatch, capsys, tmp_path, ended, code
+):
+    def spread(where, function, items):
+        yield items[0], function(items[0])
+        raise ended
+
+    monkeypatch.setattr("eomcheck.studies.findings.spread", spread)
+    files = {name: str(tmp_path / name) for name in ("json", "records")}
+    options = [word for name, file in files.items() for word in (f"--{name}", file)]
+    arguments = ["validate", "--scene", "all", "--examples", "2", "--links", "2", *options]
+    assert run(*arguments, monkeypatch=monkeypatch) == code
+    cases = json.loads((tmp_path / "json").read_text(encoding="utf-8"))["cases"]
+    assert len(cases) >= 4 and len({case["scene"].split("[")[0] for case in cases}) == 1
+    with Records(tmp_path / "records") as records:
+        of_runs = [record.status for record in records.all(RUNS)]
+    assert sorted(of_runs) == ["done"] + ["failed"] * (len(SCENES) - 1), "not finished"
+    said = capsys.readouterr()
+    assert "findings passed" in said.out
+    assert ("interrupted" if code == 130 else "killed every worker") in said.out + said.err
 
 
 def test_bench_rhs_times_what_was_asked_for(monkeypatch, capsys, tmp_path):

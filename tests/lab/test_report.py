@@ -13,15 +13,16 @@ from tests.cli.test_cli import run
 
 from eomcheck import CLAIMS, check
 from eomcheck.errors import InputError
+from eomcheck.lab.show.figures import COLORS
 from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import SECTIONS, sections_of
-from eomcheck.lab.show.style import STYLES
-from eomcheck.lab.store.findings import RUNS, STATES, kept_in
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.scenes import SCENES
+from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
 from eomcheck.lab.studies.operations import operations_of
+from eomcheck.lab.store.records import Record, Records
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +78,26 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
         reports.look_at_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
     assert seen == [(1, "failed"), (2, "failed")]
     assert Overview(read([tmp_path / "r.db"])).verdict == "not finished"
+
+
+def test_kinds_of_scenes_are_looked_at_alike_in_any_number_of_processes(tmp_path: Path):
+    keys = ("sleigh", "rolling-disk", "chain-pendulum")
+    kinds = [SCENES[key] for key in keys]
+    selection = reports.Selection.of(None, [], ["kinetic-energy", "equivalence"], scenes=kinds)
+    found, cases = [], []
+    for count in (1, 2):
+        runs = {key: reports.Run() for key in keys}
+        how = selection, (1, 3), 4, 0, lambda: cases.append(1)
+        with Records(tmp_path / f"{count}.db") as records:
+            look_at_kinds(runs, *how, records, f"local:{count}")
+            kept = kept_in(records.all())
+        assert tuple(runs) == keys
+        assert len(cases) == 3 * 6 * count == sum(run.cases for run in runs.values()) * count
+        assert {(one.scene, one.case) for one in kept} == {
+            (key, i) for key in keys for i in range(6)
+        }
+        found.append([[f.as_dict() for f in run.findings] for run in runs.values()])
+    assert found[0] == found[1]
 
 
 def test_a_file_keeps_the_last_validation_of_a_scene(tmp_path: Path):

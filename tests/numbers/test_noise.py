@@ -16,7 +16,8 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, larges
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.contract import Angles
-from eomcheck.scenes import Snake
+from eomcheck.scenes import SCENES, Snake
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 
 seeds = pytest.mark.parametrize("seed", range(5))
 ROUNDING = 8 * EPS
@@ -143,6 +144,43 @@ def test_slices_of_moved_arrays_and_what_is_made_of_them_are_moved_too():
 @pytest.mark.parametrize("shape", [(0,), (0, 0), (0, 3)])
 def test_noise_leaves_empty_arrays_empty(shape):
     assert Noise(0).entries(np.zeros(shape)).shape == shape
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_without_noise_every_operation_is_what_it_is_in_python(kind):
+    scene = kind.example()
+    at = Evaluation(scene, *scene.initial_state())
+    arguments = at.parameters, at.prepared, at.q, at.v
+    found = Moves().run(Noise(0, step=0.0), scene.terms, *arguments)
+    for exact, part in zip(scene.terms(*arguments), found, strict=True):
+        assert (exact is None) == (part is None)
+        # Sums that a product of matrices adds up may be added in another order.
+        assert exact is None or np.allclose(part, exact, rtol=1e-12, atol=1e-12 * largest(exact))
+
+
+def test_what_was_listed_serves_other_numbers_and_other_noise():
+    def function(x, y):
+        return (x * y - y) / x + 2, y, np.zeros(2, x.dtype)
+
+    x, y = np.random.default_rng(0).uniform(1, 2, (2, 30))
+    moves = Moves()
+    moves.run(Noise(0), function, x, y)
+    for again, fresh in zip(
+        moves.run(Noise(1), function, y, x), Moves().run(Noise(1), function, y, x), strict=True
+    ):
+        assert np.array_equal(again, fresh)
+    assert moves.run(Noise(0), function, x[:3], y[:3])[0].shape == (3,), "another list"
+
+
+def test_a_function_that_is_not_rational_is_not_taken_for_one_the_second_time():
+    moves = Moves()
+    for _ in range(2):
+        with pytest.raises(TypeError):
+            moves.run(Noise(0), np.sin, np.ones(3))
+
+
+def test_a_moved_quotient_by_zero_is_no_number():
+    assert np.isnan(Moves().run(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
 
 
 def test_what_is_handed_in_does_not_move():

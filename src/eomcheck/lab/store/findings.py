@@ -141,18 +141,19 @@ def look_at_kinds(
     how = selection, links, examples, seed
     names = ("selection", "links", "examples", "seed")
     look = partial(_run_of, **dict(zip(names, how, strict=True)))
-    for key, run in spread(where, look, sorted(runs, key=_size, reverse=True)):
+
+    kinds = {key: kinds_of(key)[0] for key in runs}
+    if records is not None:
+        for key, run in runs.items():
+            Keeper(records, kinds[key], run, *how)  # says that it is not finished
+    # What takes longest is to begin first.
+    unknowns = {key: kind.example().n + kind.example().r for key, kind in kinds.items()}
+    for key, run in spread(where, look, sorted(runs, key=unknowns.__getitem__, reverse=True)):
         runs[key] = run
         if records is not None:
-            Keeper(records, kinds_of(key)[0], run, *how).finish()
+            Keeper(records, kinds[key], run, *how).finish()
         for _ in range(run.cases):
             on_case()
-
-
-def _size(key: str) -> int:
-    """Return the number of unknowns of an example; what takes longest is to begin first."""
-    example = kinds_of(key)[0].example()
-    return example.n + example.r
 
 
 def _run_of(
