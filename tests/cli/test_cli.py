@@ -16,9 +16,9 @@ from eomcheck.claims.run import Run
 from eomcheck.cli.checking import Registry
 from eomcheck.errors import WorkerError
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.store.findings import RUNS
+from eomcheck.lab.store.records import Records
 from eomcheck.scenes import SCENES
-from eomcheck.studies.findings import RUNS
-from eomcheck.studies.records import Records
 
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
@@ -209,7 +209,7 @@ def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_do
         yield items[0], function(items[0])
         raise ended
 
-    monkeypatch.setattr("eomcheck.studies.findings.spread", spread)
+    monkeypatch.setattr("eomcheck.lab.store.findings.spread", spread)
     files = {name: str(tmp_path / name) for name in ("json", "records")}
     options = [word for name, file in files.items() for word in (f"--{name}", file)]
     arguments = ["validate", "--scene", "all", "--examples", "2", "--links", "2", *options]

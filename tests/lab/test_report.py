@@ -13,16 +13,15 @@ from tests.cli.test_cli import run
 
 from eomcheck import CLAIMS, check
 from eomcheck.errors import InputError
-from eomcheck.lab.show.figures import COLORS
 from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import SECTIONS, sections_of
-from eomcheck.scenes import SCENES
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
-from eomcheck.lab.studies.operations import operations_of
 from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies.operations import operations_of
+from eomcheck.scenes import SCENES
 
 
 @pytest.fixture(scope="module")

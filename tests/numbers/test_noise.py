@@ -17,7 +17,6 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.contract import Angles
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 
 seeds = pytest.mark.parametrize("seed", range(5))
 ROUNDING = 8 * EPS

@@ -12,8 +12,8 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
 from eomcheck.evaluation.enclosure import Enclosure, enclosure
+from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation
-from eomcheck.quantities import Quantities
 
 EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
 

@@ -20,12 +20,10 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
-from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.mechanics.records import Terms
-from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.assembled import Assembled
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.mechanics.records import Terms
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.numbers.contract import Arithmetic, Array
 
 LOST = 2.0**-12
 """A change by this share of the quantity, at so small a noise, asks whether it is lost."""

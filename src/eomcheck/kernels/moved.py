@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.arithmetic.entries import map_record
-from eomcheck.arithmetic.noise import NORMAL, Noise
 from eomcheck.kernels.code import Code
-from eomcheck.model import Array
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.noise import NORMAL, Noise
 
 ADD, SUB, MUL, DIV, NEG = range(5)
 

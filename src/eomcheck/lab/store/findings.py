@@ -133,10 +133,10 @@ def look_at_kinds(
         seed: of the draws.
         on_case: called for each case.
         records: where to keep what is found.
-        where: see `eomcheck.studies.spread.executor`.
+        where: see `eomcheck.lab.store.workers.executor`.
 
     Raises:
-        WorkerError, InputError, EngineError: see `eomcheck.studies.spread.spread`.
+        WorkerError, InputError, EngineError: see `eomcheck.lab.store.workers.spread`.
     """
     how = selection, links, examples, seed
     names = ("selection", "links", "examples", "seed")
