@@ -18,6 +18,7 @@ from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import SECTIONS, sections_of
+from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies.operations import operations_of

@@ -16,6 +16,8 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, larges
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.linear import EPS, solve, watching
+from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise
 from eomcheck.scenes import SCENES, Snake
 
 seeds = pytest.mark.parametrize("seed", range(5))

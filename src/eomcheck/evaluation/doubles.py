@@ -24,6 +24,9 @@ from eomcheck.mechanics.assembled import Assembled
 from eomcheck.mechanics.records import Terms
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.linear import Solve, watching
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 
 LOST = 2.0**-12
 """A change by this share of the quantity, at so small a noise, asks whether it is lost."""
