@@ -20,6 +20,10 @@ def real_type(width: int) -> str:
     return "double" if width == 1 else f"<{width} x double>"
 
 
+FINITE_NOT_ZERO, NOT_FINITE = 0x198, 0x207
+"""LLVM's classes of numbers: normal and subnormal ones; infinities and what is no number."""
+
+
 class Turn:
     """One iteration of a loop: its number i, what is carried into it, and what it hands on."""
 
@@ -33,6 +37,7 @@ class Code:
     def __init__(self, width: int = 1):
         self.width, self.real = width, real_type(width)
         self.lines: list[str] = []
+        self.called: dict[str, None] = {}
         self.block, self._names, self._constants = "entry", 0, {}
 
     def wider(self, width: int) -> Code:
@@ -53,6 +58,10 @@ class Code:
         name = self.fresh()
         self.lines.append(f"{name} = {text}")
         return name
+
+    def calls(self, *texts: str) -> None:
+        """Note functions that are called, by their texts."""
+        self.called.update(dict.fromkeys(texts))
 
     def do(self, text: str) -> None:
         """Write an instruction that makes no value."""
@@ -106,8 +115,16 @@ class Code:
         """Return where x `how` y: ogt, oeq, une, ..."""
         return self.let(f"fcmp {how} {self.real} {x}, {y}")
 
+    def is_class(self, x: str, classes: int) -> str:
+        """Return where x is of one of LLVM's `classes` of floating-point numbers."""
+        suffix = "f64" if self.width == 1 else f"v{self.width}f64"
+        given = f"{self.real} {x}, i32 {classes}"
+        return self.let(f"call {self.like('i1')} @llvm.is.fpclass.{suffix}({given})")
+
     def choose(self, where: str, x: str, y: str) -> str:
         """Return x where `where` holds, otherwise y."""
+        if x == y:
+            return x
         return self.let(f"select {self.like('i1')} {where}, {self.real} {x}, {self.real} {y}")
 
     def both(self, x: str, y: str, how: str = "and") -> str:
@@ -128,6 +145,8 @@ class Code:
 
     def lane_of_condition(self, where: str, lane: int) -> str:
         """Return whether a condition holds in one lane."""
+        if self.width == 1:
+            return where
         return self.let(f"extractelement {self.like('i1')} {where}, i64 {lane}")
 
     def packed(self, doubles: Sequence[str]) -> str:

@@ -8,10 +8,12 @@ pivot is 0 or no finite number, x is NaN.
 from __future__ import annotations
 
 import ctypes
-from functools import cache
+from functools import cache, reduce
 
 from eomcheck.kernels.code import LANES, Code
 from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
+from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
+from eomcheck.kernels.code import FINITE_NOT_ZERO, LANES, Code
 
 ONE, EXPONENT = 1023, 52
 """The exponent of 1 in the bits of a double, and where it stands."""
@@ -37,52 +39,11 @@ def scale_of(code: Code, largest: str) -> str:
     return code.choose(code.both(above, below), scale, code.constant(0.5))
 
 
-def inline(code: Code, A: list[list[str]]) -> Pair | Inline:
-    """Return a matrix (k, k) of values, factored in registers."""
-    return Pair(code, A) if len(A) == 2 else Inline(code, A)
-
-
-class Pair:
-    """A matrix (2, 2), eliminated from either row: the choice of the pivot need not be waited for.
-
-    Planar vehicles have two degrees of freedom.
-    """
-
-    def __init__(self, code: Code, A: list[list[str]]):
-        self.code = code
-        one, other = (_scaled(code, row[0], _exponent(code, row)) for row in A)
-        self.second = _larger(code, other, one)
-        self.ways = [self._factored(*A), self._factored(*reversed(A))]
-
-    def _factored(self, first: list[str], other: list[str]) -> tuple[str, str, str, str]:
-        code = self.code
-        factor = code.div(other[0], first[0])
-        pivot = code.sub(other[1], code.mul(factor, first[1]))
-        return _usable(code, first[0]), first[1], factor, _usable(code, pivot)
-
-    def solve(self, b: list[str]) -> list[str]:
-        """Return x (2,) of values b (2,)."""
-        code, found = self.code, []
-        for (head, beside, factor, pivot), (c, d) in zip(self.ways, (b, b[::-1]), strict=True):
-            last = code.div(code.sub(d, code.mul(factor, c)), pivot)
-            found.append([code.div(code.sub(c, code.mul(beside, last)), head), last])
-        pairs = zip(*found, strict=True)
-        return [code.choose(self.second, other, one) for one, other in pairs]
-
-
-def _usable(code: Code, pivot: str) -> str:
-    """Return a pivot; NaN where it is 0, or infinite: what is divided by that looks like 0."""
-    there = code.compare("one", pivot, code.constant(0.0))
-    finite = code.compare("one", code.call("fabs", pivot), code.constant(float("inf")))
-    return code.choose(code.both(there, finite), pivot, code.constant(float("nan")))
-
-
 def _exponent(code: Code, row: list[str]) -> str:
     """Return the bits of the power of two that is nearest below the largest entry of a row."""
-    largest = code.call("fabs", row[0])
-    for x in row[1:]:
-        # A NaN is passed over here, and found by the pivots.
-        largest = code.call("maxnum", largest, code.call("fabs", x))
+    largest, *others = (code.call("fabs", x) for x in row)
+    for x in others:  # whichever row a NaN is in, x is NaN
+        largest = code.choose(code.compare("ogt", largest, x), largest, x)
     bits = _bits(code, code.mul(largest, code.constant(ABOVE_ONE)))
     mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
     return code.let(f"and {code.like('i64')} {bits}, {mask}")
@@ -104,48 +65,65 @@ def _larger(code: Code, one: str, other: str) -> str:
 class Inline:
     """A matrix (k, k) of values, factored in registers.
 
-    Rows are compared as scaled, and used as they are: powers of two round nothing.
+    Rows are compared as scaled, and used as they are: powers of two round nothing. Entries that are
+    literal zeros are no pivots, and what is done with them is left out.
     """
 
     def __init__(self, code: Code, A: list[list[str]]):
-        self.code = code
-        self.exponents = [] if len(A) == 1 else [_exponent(code, row) for row in A]
+        self.code, self.zero = code, code.constant(0.0)
+        self.exponents = [_exponent(code, row) for row in A]
         self.upper: list[list[str]] = []
         self.factors: list[list[str]] = []
-        self.chosen: list[list[str]] = []
+        self.chosen: list[list[str | None]] = []
         rows = A
         while rows:
             rows = self._eliminated(rows)
+        # Looked at beside the elimination, which does not wait for it: x is made NaN at the end.
+        usable = [code.is_class(row[0], FINITE_NOT_ZERO) for row in self.upper]
+        self.usable = reduce(code.both, usable)
 
     def _eliminated(self, rows: list[list[str]]) -> list[list[str]]:
         """Choose a pivot among `rows`, keep its row, and return the others without its column."""
         code = self.code
-        pairs = zip(rows, self.exponents, strict=False)
-        sizes, where = [_scaled(code, row[0], exponent) for row, exponent in pairs], []
-        for size in sizes[1:]:
-            where.append(_larger(code, size, sizes[0]))
-            sizes[0] = self._whole(where[-1], size, sizes[0])
+        largest = _scaled(code, rows[0][0], self.exponents[0])
+        where: list[str | None] = []
+        for row, exponent in zip(rows[1:], self.exponents[1:], strict=True):
+            if row[0] == self.zero:
+                where.append(None)
+                continue
+            size = _scaled(code, row[0], exponent)
+            where.append(_larger(code, size, largest))
+            largest = self._whole(where[-1], size, largest)
         # Of several that are larger than all before, the last one is the pivot.
-        marks: list[str] = []
+        marks: list[str | None] = []
         later = None
         for mark in reversed(where):
-            taken = mark if later is None else code.both(mark, self._not(later))
-            later = mark if later is None else code.both(later, mark, "or")
+            taken = mark
+            if mark is not None:
+                taken = mark if later is None else code.both(mark, self._not(later))
+                later = mark if later is None else code.both(later, mark, "or")
             marks.insert(0, taken)
         self.chosen.append(marks)
-        pivot, *others = self._exchanged(rows)
-        if self.exponents:
-            first, *rest = self.exponents
-            pairs = zip(marks, rest, strict=True)
-            self.exponents = [self._whole(mark, first, x) for mark, x in pairs]
-        pivot[0] = _usable(code, pivot[0])
+        pivot, *others = self._exchanged(rows, marks)
+        first, *rest = self.exponents
+        self.exponents = [
+            x if mark is None else self._whole(mark, first, x)
+            for mark, x in zip(marks, rest, strict=True)
+        ]
         self.upper.append(pivot)
-        factors = [code.div(row[0], pivot[0]) for row in others]
+        factors = [self._quotient(row[0], pivot[0]) for row in others]
         self.factors.append(factors)
         return [
-            [code.sub(x, code.mul(f, y)) for x, y in zip(row[1:], pivot[1:], strict=True)]
+            [self._less(x, f, y) for x, y in zip(row[1:], pivot[1:], strict=True)]
             for row, f in zip(others, factors, strict=True)
         ]
+
+    def _quotient(self, x: str, y: str) -> str:
+        return x if x == self.zero else self.code.div(x, y)
+
+    def _less(self, x: str, y: str, z: str) -> str:
+        """Return x - y z."""
+        return x if self.zero in (y, z) else self.code.sub(x, self.code.mul(y, z))
 
     def _whole(self, where: str, x: str, y: str) -> str:
         kind = self.code.like("i64")
@@ -155,11 +133,14 @@ class Inline:
         kind = self.code.like("i1")
         return self.code.let(f"xor {kind} {where}, {self.code.splat_of('i1 true')}")
 
-    def _exchanged(self, rows: list[list[str]]) -> list[list[str]]:
-        """Return the row chosen, and the others with the first one in its place."""
-        first, others = list(rows[0]), []
-        pivot = list(first)
-        for row, mark in zip(rows[1:], self.chosen[-1], strict=True):
+    def _exchanged(self, rows: list[list[str]], marks: list[str | None]) -> list[list[str]]:
+        """Return the row that is marked, and the others with the first one in its place."""
+        first, others = rows[0], []
+        pivot = first
+        for row, mark in zip(rows[1:], marks, strict=True):
+            if mark is None:
+                others.append(row)
+                continue
             pivot = [self.code.choose(mark, x, y) for x, y in zip(row, pivot, strict=True)]
             pairs = zip(first, row, strict=True)
             others.append([self.code.choose(mark, x, y) for x, y in pairs])
@@ -168,21 +149,18 @@ class Inline:
     def solve(self, b: list[str]) -> list[str]:
         """Return x (k,) of values b (k,)."""
         code = self.code
-        left, done = b, []
+        left, done = [[y] for y in b], []
         for marks, factors in zip(self.chosen, self.factors, strict=True):
-            first = pivot = left[0]
-            others: list[str] = []
-            for entry, mark in zip(left[1:], marks, strict=True):
-                pivot = code.choose(mark, entry, pivot)
-                others.append(code.choose(mark, first, entry))
+            (pivot,), *others = self._exchanged(left, marks)
             done.append(pivot)
-            left = [code.sub(y, code.mul(f, pivot)) for y, f in zip(others, factors, strict=True)]
+            left = [[self._less(y, f, pivot)] for (y,), f in zip(others, factors, strict=True)]
         x: list[str] = []
         for row, right in zip(reversed(self.upper), reversed(done), strict=True):
             for coefficient, y in zip(reversed(row[1:]), reversed(x), strict=True):
-                right = code.sub(right, code.mul(coefficient, y))
-            x.insert(0, code.div(right, row[0]))
-        return x
+                right = self._less(right, coefficient, y)
+            x.insert(0, self._quotient(right, row[0]))
+        nan = code.constant(float("nan"))
+        return [code.choose(self.usable, y, nan) for y in x]
 
 
 # ---- In memory -----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
-from eomcheck.kernels.code import LANES, Code
+from eomcheck.kernels.code import NOT_FINITE, Code
 from eomcheck.kernels.program import Program, Tree
 from eomcheck.numbers import tape as t
 
@@ -95,7 +95,7 @@ def function_texts(
         name: of the function.
         program: what it does.
         layout: of the block.
-        outputs: first place in `out` of each output, by name.
+        outputs: number of entries of each output, by name, in their order.
         width: lanes.
     """
     return _Emitter(name, program, layout, outputs, width).texts()
@@ -107,15 +107,14 @@ class _Emitter:
     ):
         self.name, self.program, self.layout, self.outputs = name, program, layout, outputs
         self.code = Code(width)
-        self.called: list[str] = [sincos.function(w) for w in sorted({1, width, sincos.AT_ONCE})]
         self.values: list[str] = []
         self.parts: dict[str, list[str]] = {}
-        self.factored: dict[int, dense.Pair | dense.Inline] = {}
+        self.factored: dict[int, dense.Inline] = {}
         self.known: dict[Tree, str] = {}
         self.loops = 0
         self.single = width == 1
-        # 0 x of outputs x: 0 unless one is not finite.
-        self.zeros: list[str] = [self.code.constant(0.0)]
+        # Outputs, or sums of them: a sum of all is not finite if one is not.
+        self.sums: list[str] = []
         self.stepping = {
             x[1]
             for item in program.items
@@ -127,8 +126,6 @@ class _Emitter:
     def texts(self) -> list[str]:
         """Return all texts."""
         code = self.code
-        for room in ("%cos_room", "%sin_room"):
-            code.do(f"{room} = alloca <{LANES} x double>, align 64")
         if self.single:
             code.do("%block = load ptr, ptr %arguments")
             code.store("%t", code.at("%block", TIME, "double"))
@@ -138,8 +135,10 @@ class _Emitter:
         self.bases = {"y": "%y", "t": time}
         for name, place in self.layout.places.items():
             self.bases[name] = code.at(self.numbers, place)
-        for name, place in self.outputs.items():
+        place = 0
+        for name, size in self.outputs.items():
             self.bases[f"out {name}"] = code.at("%out", place)
+            place += size
         for item in self.program.items:
             getattr(self, f"_{item[0]}")(*item[1:])
         time = "double" if self.single else "ptr noalias"
@@ -147,17 +146,27 @@ class _Emitter:
         given = f"ptr noalias %out, {time} %t, ptr noalias %y, {last}"
         if self.single:
             self._count()
-        return [*self.called, code.function(f"define void @{self.name}({given}) nounwind")]
+        return [*code.called, code.function(f"define void @{self.name}({given}) nounwind")]
 
     def _count(self) -> None:
         """Count the call, and whether any output is not finite."""
-        code, sums = self.code, list(self.zeros)
+        code, sums = self.code, self.sums
         while len(sums) > 1:
             pairs = zip(sums[::2], sums[1::2], strict=False)
             sums = [code.add(x, y) for x, y in pairs] + (sums[-1:] if len(sums) % 2 else [])
         calls = code.let("load i64, ptr %block")
         code.do(f"store i64 {code.integer('add', calls, 1)}, ptr %block")
-        with code.when(code.compare("une", sums[0], code.constant(0.0))):
+        for x in sums:
+            with code.when(code.is_class(x, NOT_FINITE)):
+                self._look()
+
+    def _look(self) -> None:
+        """Count a failure if an output is not finite: a sum may be too large all the same."""
+        code, zero = self.code, self.code.constant(0.0)
+        with code.loop(sum(self.outputs.values()), (code.real, zero)) as turn:
+            nothing = code.mul(code.load("%out", turn.i), zero)
+            turn.handed[0] = code.add(turn.carried[0], nothing)
+        with code.when(code.compare("une", turn.carried[0], zero)):
             place = code.at("%block", FAILED, "i64")
             failed = code.let(f"load i64, ptr {place}")
             when = code.at("%block", FAILURE_TIME, "double")
@@ -196,7 +205,7 @@ class _Emitter:
     def _put(self, x: Tree, array: str, place: int, step: int) -> None:
         self.code.store(self.value(x), self.target(array), place)
         if self.single and array in self.outputs:
-            self.zeros.append(self.code.mul(self.value(x), self.code.constant(0.0)))
+            self.sums.append(self.value(x))
 
     # ---- Loops -----------------------------------------------------------------------------------
 
@@ -236,8 +245,7 @@ class _Emitter:
                     code.store(read(x), self.target(array), code.along(turn.i, place, step))
                     made.append("")
                     if watched and array in self.outputs:
-                        zero = code.mul(read(x), code.constant(0.0))
-                        turn.handed[-1] = code.add(turn.handed[-1], zero)
+                        turn.handed[-1] = code.add(turn.handed[-1], read(x))
                     continue
                 _, op, x, y = item
                 made.append(_operated(self.code, op, read(x), y and read(y)))
@@ -246,7 +254,7 @@ class _Emitter:
             for x, place in carried.items():
                 turn.handed[place] = made[x[1]]
         if watched:
-            self.zeros.append(turn.carried[-1])
+            self.sums.append(turn.carried[-1])
 
     # ---- Groups ----------------------------------------------------------------------------------
 
@@ -257,7 +265,7 @@ class _Emitter:
             values = [self.value(x) for x in given]
             if kind == t.FACTORS:
                 rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
-                self.factored[number] = dense.inline(self.code, rows)
+                self.factored[number] = dense.Inline(self.code, rows)
                 return
             made = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
             self.parts[f"x{number}"] = made
@@ -288,8 +296,7 @@ class _Emitter:
 
     def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
-        if text not in self.called:
-            self.called.append(text)
+        self.code.calls(text)
 
         def call(lane: str | int) -> None:
             places = []

@@ -32,11 +32,9 @@ class Kernel:
     ):
         self.width, self.parameters, self.outputs = width, dict(parameters), dict(outputs)
         self.layout: Layout = layout_of(program, parameters)
-        places, self.size = {}, 0
-        for name, size in outputs.items():
-            places[name] = self.size
-            self.size += size
-        self.machine = Machine(function_texts("kernel", program, self.layout, places, width))
+        self.size = sum(self.outputs.values())
+        texts = function_texts("kernel", program, self.layout, self.outputs, width)
+        self.machine = Machine(texts)
         self.address = self.machine.address("kernel")
 
     def block(self, parameters: Mapping[str, Array]) -> Array:

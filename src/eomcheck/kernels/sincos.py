@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.code import Code, real_type
+from eomcheck.kernels.code import Code
 from eomcheck.kernels.machine import features, has_sincos
 
 REACH = 1e5
@@ -44,26 +44,57 @@ TO_WHOLE = 1.5 * 2.0**52
 """A number of moderate size plus this is rounded to a whole one, in the last bits of the sum."""
 
 
-def name_of(width: int) -> str:
-    """Return the name of the function for `width` lanes."""
-    return f"sincos_{width}"
+def _called(flow: Code, code: Code, name: str, *x: str) -> tuple[str, str]:
+    """Return what a function of numbers `x` returns, cosines and sines."""
+    both = f"{{ {code.real}, {code.real} }}"
+    given = ", ".join(f"{code.real} {y}" for y in x)
+    made = flow.let(f"call {both} @{name}_{code.width}({given})")
+    cos, sin = (flow.let(f"extractvalue {both} {made}, {i}") for i in range(2))
+    return cos, sin
 
 
-def function(width: int) -> str:
-    """Return the text of the function (x, address of cos x, address of sin x)."""
-    code = Code(width)
-    head = f"define internal void @{name_of(width)}({code.real} %x, ptr %cos, ptr %sin) nounwind"
+def _function(code: Code, name: str, cos: str, sin: str, *x: str) -> str:
+    """Return the text of a function of numbers `x`, which returns cosines and sines."""
+    both = f"{{ {code.real}, {code.real} }}"
+    one = code.let(f"insertvalue {both} poison, {code.real} {cos}, 0")
+    two = code.let(f"insertvalue {both} {one}, {code.real} {sin}, 1")
+    given = ", ".join(f"{code.real} {y}" for y in x)
+    head = f"define internal {both} @{name}_{code.width}({given}) nounwind"
+    return code.function(head, f"{both} {two}")
+
+
+def _by_function(flow: Code, code: Code, x: str) -> tuple[str, str]:
+    """Return (cos x, sin x) by a function of this width."""
+    function = Code(code.width)
+    text = _function(function, "sincos", *_inline(function, function, "%x"), "%x")
+    flow.calls(*function.called, text)
+    return _called(flow, code, "sincos", x)
+
+
+def _inline(flow: Code, code: Code, x: str) -> tuple[str, str]:
+    """Return (cos x, sin x); `flow` is the code that is written, `code` that of the width of x."""
+    library = Code(code.width)
+    flow.calls(_by_library(library))
     if not features()[2]:
-        _by_library(code, "%x")
-        return code.function(head)
-    cos, sin = _reduced(code, "%x")
-    code.store(cos, "%cos")
-    code.store(sin, "%sin")
-    within = code.compare("ole", code.call("fabs", "%x"), code.constant(REACH))
-    beyond = code.let(f"xor {code.like('i1')} {within}, {code.splat_of('i1 true')}")
-    with code.when(code.anywhere(beyond)):
-        _by_library(code, "%x", beyond)
-    return code.function(head)
+        return _called(flow, code, "library", x, x, x)
+    fast = _reduced(code, x)
+    yes, after = flow.labels("beyond", "after")
+    before = flow.block
+    flow.branch(code.anywhere(_beyond(code, x)), yes, after)
+    flow.enter(yes)
+    slow = _called(flow, code, "library", x, *fast)
+    flow.jump(after)
+    flow.enter(after)
+    cos, sin = (
+        flow.let(f"phi {code.real} [{one}, %{before}], [{other}, %{yes}]")
+        for one, other in zip(fast, slow, strict=True)
+    )
+    return cos, sin
+
+
+def _beyond(code: Code, x: str) -> str:
+    """Return where x is too large for `_reduced`, or no number."""
+    return code.compare("ugt", code.call("fabs", x), code.constant(REACH))
 
 
 def _reduced(code: Code, x: str) -> tuple[str, str]:
@@ -72,35 +103,30 @@ def _reduced(code: Code, x: str) -> tuple[str, str]:
     def fma(x: str, y: str, z: str) -> str:
         return code.call("fma", x, y, z)
 
-    def polynomial(z: str, coefficients: tuple[float, ...]) -> str:
-        out = code.constant(coefficients[-1])
-        for c in reversed(coefficients[:-1]):
-            out = fma(out, z, code.constant(c))
-        return out
-
     shifted = fma(x, code.constant(2 / math.pi), code.constant(TO_WHOLE))
     whole = code.let(f"bitcast {code.real} {shifted} to {code.like('i64')}")
     turns = code.sub(code.constant(TO_WHOLE), shifted)
     first = fma(turns, code.constant(PARTS[0]), x)
-    step = code.mul(turns, code.constant(PARTS[1]))
-    second = code.add(first, step)
-    r = fma(turns, code.constant(PARTS[2]), second)
-    # What the sum lost, whichever of the two was larger (Knuth), and what the last part left.
-    back = code.sub(second, first)
-    lost = code.add(code.sub(first, code.sub(second, back)), code.sub(step, back))
-    y = code.add(fma(turns, code.constant(PARTS[2]), code.sub(second, r)), lost)
-
+    r = code.add(first, code.mul(turns, code.constant(PARTS[1])))
+    # What r lost by rounding: nothing where the second part is the larger one, for then all bits
+    # of the sum are there.
+    lost = fma(turns, code.constant(PARTS[1]), code.sub(first, r))
+    y = fma(turns, code.constant(PARTS[2]), lost)
     z = code.mul(r, r)
-    half = code.mul(code.constant(0.5), z)
-    v = code.mul(z, r)
-    tail = polynomial(z, SIN[1:])
-    inner = code.sub(code.mul(code.constant(0.5), y), code.mul(v, tail))
-    correction = code.sub(fma(z, inner, code.neg(y)), code.mul(v, code.constant(SIN[0])))
-    sin = code.sub(r, correction)
-    w = code.sub(code.constant(1.0), half)
-    lost = code.sub(code.sub(code.constant(1.0), w), half)
-    curve = code.mul(z, polynomial(z, COS))
-    cos = code.add(w, code.add(lost, fma(z, curve, code.neg(code.mul(r, y)))))
+    square = code.mul(z, z)
+
+    def curve(coefficients: tuple[float, ...], factor: str, rest: str) -> str:
+        """Return factor times a polynomial of z, plus rest; few operations wait for another."""
+        numbers = [code.constant(c) for c in coefficients]
+        one, two, three = (fma(b, z, a) for a, b in zip(numbers[::2], numbers[1::2], strict=True))
+        high = fma(three, square, two)
+        return fma(code.mul(factor, square), high, fma(factor, one, rest))
+
+    half = code.constant(-0.5)
+    w = fma(z, half, code.constant(1.0))
+    sin = code.add(r, curve(SIN, code.mul(z, r), code.mul(y, w)))
+    lost = fma(z, half, code.sub(code.constant(1.0), w))
+    cos = code.add(w, curve(COS, square, code.sub(lost, code.mul(r, y))))
 
     def flag(bits: str, mask: int) -> str:
         kind = code.like("i64")
@@ -116,17 +142,20 @@ def _reduced(code: Code, x: str) -> tuple[str, str]:
     )
 
 
-def _by_library(code: Code, x: str, where: str | None = None) -> None:
-    """Write what the C library says over the lanes `where` a condition holds, by default all."""
+def _by_library(code: Code) -> str:
+    """Return the function (x, cos x, sin x) that asks the C library where `_reduced` cannot tell.
+
+    On a machine that cannot multiply and add at once that is everywhere.
+    """
+    rooms = cos, sin = [code.let(f"alloca {code.real}") for _ in range(2)]
+    for room, x in zip(rooms, ("%cos", "%sin"), strict=True):
+        code.store(x, room)
+    where = _beyond(code, "%x") if features()[2] else code.splat_of("i1 true")
     for lane in range(code.width):
-        angle = code.lane(x, lane)
-        cos, sin = code.at("%cos", lane, "double"), code.at("%sin", lane, "double")
-        if where is None:
-            library_call(code, angle, cos, sin)
-            continue
-        here = where if code.width == 1 else code.lane_of_condition(where, lane)
-        with code.when(here):
-            library_call(code, angle, cos, sin)
+        with code.when(code.lane_of_condition(where, lane)):
+            places = (code.at(room, lane, "double") for room in (cos, sin))
+            library_call(code, code.lane("%x", lane), *places)
+    return _function(code, "library", *map(code.load, rooms), "%x", "%cos", "%sin")
 
 
 def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
@@ -140,19 +169,24 @@ def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
 
 def of_values(code: Code, x: list[str]) -> list[str]:
     """Return the cosines, then the sines, of a few values."""
-    width = code.width if code.width > 1 or len(x) == 1 else AT_ONCE
-    kind, step, cos, sin = real_type(width), 1 if width == code.width else width, [], []
+    wide = code if code.width > 1 or len(x) == 1 else code.wider(AT_ONCE)
+    step = wide.width // code.width
+    made = _inline if len(x) <= step else _by_function
+    found: list[list[str]] = [[], []]
     for first in range(0, len(x), step):
         some = x[first : first + step]
-        angles = some[0]
-        if width > code.width:
-            angles = "zeroinitializer"
-            for i, angle in enumerate(some):
-                angles = code.let(f"insertelement {kind} {angles}, double {angle}, i64 {i}")
-        code.do(f"call void @{name_of(width)}({kind} {angles}, ptr %cos_room, ptr %sin_room)")
-        cos += [code.load("%cos_room", i) for i in range(len(some))]
-        sin += [code.load("%sin_room", i) for i in range(len(some))]
-    return cos + sin
+        angles = some[0] if step == 1 else _padded(wide, some)
+        for out, y in zip(found, made(code, wide, angles), strict=True):
+            out += [y] if step == 1 else [wide.lane(y, i) for i in range(len(some))]
+    return [*found[0], *found[1]]
+
+
+def _padded(wide: Code, doubles: list[str]) -> str:
+    """Return doubles as a number of more lanes, which are 0."""
+    out = "zeroinitializer"
+    for i, x in enumerate(doubles):
+        out = wide.let(f"insertelement {wide.real} {out}, double {x}, i64 {i}")
+    return out
 
 
 def room(count: int) -> int:
@@ -162,24 +196,18 @@ def room(count: int) -> int:
 
 def write(code: Code, x: str, cos: str, sin: str, count: int) -> None:
     """Write the cosines and sines of `count` numbers at x to the addresses `cos` and `sin`."""
-    if code.width > 1:
-        with code.loop(count) as turn:
-            angle = code.load(x, turn.i)
-            places = f"ptr {code.at(cos, turn.i)}, ptr {code.at(sin, turn.i)}"
-            code.do(f"call void @{name_of(code.width)}({code.real} {angle}, {places})")
-        return
-    wide = code.wider(AT_ONCE)
-    full, left = divmod(count, AT_ONCE)
+    wide = code if code.width > 1 else code.wider(AT_ONCE)
+    step = wide.width // code.width
+    full, left = divmod(count, step)
+
+    def keep(angles: str, first: int | str) -> None:
+        for y, place in zip(_by_function(code, wide, angles), (cos, sin), strict=True):
+            wide.store(y, code.at(place, first))
+
     if full:
         with code.loop(full) as turn:
-            at = code.integer("mul", turn.i, AT_ONCE)
-            places = f"ptr {code.at(cos, at)}, ptr {code.at(sin, at)}"
-            angles = wide.load(code.at(x, at))
-            code.do(f"call void @{name_of(AT_ONCE)}({wide.real} {angles}, {places})")
-    if left:
-        first, angles = full * AT_ONCE, "zeroinitializer"
-        for i in range(left):  # nothing past the end is read
-            angle = code.load(x, first + i)
-            angles = code.let(f"insertelement {wide.real} {angles}, double {angle}, i64 {i}")
-        places = f"ptr {code.at(cos, first)}, ptr {code.at(sin, first)}"
-        code.do(f"call void @{name_of(AT_ONCE)}({wide.real} {angles}, {places})")
+            at = turn.i if step == 1 else code.integer("mul", turn.i, step)
+            keep(wide.load(code.at(x, at)), at)
+    if left:  # nothing past the end is read
+        first = full * step
+        keep(_padded(wide, [code.load(x, first + i) for i in range(left)]), first)
