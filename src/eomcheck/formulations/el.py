@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import product, solve
 from eomcheck.formulations.base import Formulation
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
@@ -24,7 +26,7 @@ def system(M, F, a, gamma, partition):
     primed[:, :n] = M[first]
     primed[:, n] = F[first]
     eliminated = solve(np.ascontiguousarray(a[:, first].T), primed, "a'T")
-    reduced = np.ascontiguousarray(a[:, second].T) @ eliminated
+    reduced = product(np.ascontiguousarray(a[:, second].T), eliminated)
     M_El = np.zeros((n, n), M.dtype)
     M_El[: n - r] = M[second] - reduced[:, :n]
     M_El[n - r :] = a

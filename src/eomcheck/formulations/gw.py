@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import product, solve
 from eomcheck.formulations.base import Formulation
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
@@ -22,7 +24,7 @@ def multipliers(M, F, a, gamma):
     columns = np.zeros((n, r + 1), M.dtype)
     columns[:, :r] = a.T
     columns[:, r] = F
-    mobility = a @ solve(M, columns, "M")
+    mobility = product(a, solve(M, columns, "M"))
     return -solve(np.ascontiguousarray(mobility[:, :r]), mobility[:, r] + gamma, MOBILITY)
 
 

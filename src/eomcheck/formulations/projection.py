@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import generic
+from eomcheck.numbers.linear import product
 
 
 @generic
@@ -15,5 +17,11 @@ def project(M, F, W, rest):
     """
     if W is None:
         return M, F
+    n, p = W.shape
+    # M on W and the rest together: one matrix is read once.
+    columns = np.zeros((n, p + 1), M.dtype)
+    columns[:, :p] = W
+    columns[:, p] = rest
+    moved = product(M, columns)
     Wt = np.ascontiguousarray(W.T)
-    return Wt @ (M @ W), Wt @ (F - M @ rest)
+    return Wt @ np.ascontiguousarray(moved[:, :p]), Wt @ (F - moved[:, p])

@@ -92,8 +92,9 @@ class Inline:
                 where.append(None)
                 continue
             size = _scaled(code, row[0], exponent)
-            where.append(_larger(code, size, largest))
-            largest = self._whole(where[-1], size, largest)
+            larger = _larger(code, size, largest)
+            where.append(larger)
+            largest = self._whole(larger, size, largest)
         # Of several that are larger than all before, the last one is the pivot.
         marks: list[str | None] = []
         later = None

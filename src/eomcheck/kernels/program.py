@@ -111,6 +111,7 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
     lines, arrays = _Lines(), {}
     made: dict[int, int] = {}
     done: dict[int, int] = {}
+    factored: dict[Sequence[int], int] = {}
 
     def read(place: int) -> tuple[int, int]:
         op, x, y = tape.operations[place]
@@ -127,7 +128,9 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
 
     def put(reads: Sequence[int], array: str) -> None:
         target = lines.class_of(array)
-        for i, place in enumerate(reads):
+        # In the order in which they were made: what stands on both sides of a diagonal is put twice
+        # in one step of a loop.
+        for place, i in sorted(zip(reads, range(len(reads)), strict=True)):
             if tape.value(place) != 0:
                 lines.add("put", read(place), out=(target, i))
 
@@ -135,10 +138,15 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
         if number in done:
             return
         kind, name, shape, reads, by = tape.groups[number]
+        if kind is t.FACTORS and reads in factored:
+            done[number] = factored[reads]  # of one matrix, whatever it is called
+            return
         if by >= 0:
             group(by)
         mine = done[number] = len(done)
-        factored = done.get(by, -1)
+        factors = done.get(by, -1)
+        if kind is t.FACTORS:
+            factored[reads] = mine
         order = shape[0]
         inline = kind is t.ANGLES and order <= FEW_ANGLES
         if kind in (t.FACTORS, t.SOLVE):
@@ -153,7 +161,7 @@ def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, di
         else:
             arrays[f"r{mine}"] = len(reads)
             put(_ordered(kind, reads, order), f"r{mine}")
-        lines.add(("group", mine, kind, name, shape, inline, factored, given))
+        lines.add(("group", mine, kind, name, shape, inline, factors, given))
 
     for place in places:
         op, x, y = tape.operations[place]

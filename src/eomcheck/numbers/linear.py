@@ -8,6 +8,7 @@ refused. Object arrays go to the solver registered for their scalar type; fields
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -26,6 +27,9 @@ _getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.
 
 SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
+
+PRODUCTS: dict[type, Callable] = {}
+"""Scalar type -> function (A, B) -> A B, for arithmetics that bring a product of their own."""
 
 CARRIERS: set[type] = set()
 """Kinds of number that carry another kind, and stand beside it where they have nothing to add."""
@@ -141,10 +145,21 @@ def solve(A, b, name):
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
         return b.copy()
+    return SOLVERS.get(_kind_of(A, b), eliminate)(A, b, name)
+
+
+def product(A, B):
+    """Return A B (k, m) of matrices (k, l) and (l, m): `@` where they may be large."""
+    if A.dtype != object:
+        return A @ B
+    return PRODUCTS.get(_kind_of(A, B), operator.matmul)(A, B)
+
+
+def _kind_of(*arrays):
+    """Return the kind of numbers in object arrays."""
     # Generic functions write literal zeros and ones among the numbers of the model.
-    kinds = {type(x) for x in chain(A.flat, b.flat) if not isinstance(x, int)}
-    kind = next(iter(kinds & CARRIERS or kinds), int)
-    return SOLVERS.get(kind, eliminate)(A, b, name)
+    kinds = {type(x) for x in chain(*(a.flat for a in arrays)) if not isinstance(x, int)}
+    return next(iter(kinds & CARRIERS or kinds), int)
 
 
 def _lapack_solve(A, b, name):

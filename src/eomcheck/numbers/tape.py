@@ -26,6 +26,11 @@ from eomcheck.numbers.contract import Angles, Array
 from eomcheck.numbers.entries import each
 from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
 from eomcheck.numbers.linear import CARRIERS, SOLVERS
+from eomcheck.numbers.banded import BANDED_SOLVERS
+from eomcheck.numbers.entries import each
+from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
+from eomcheck.numbers.linear import CARRIERS, PRODUCTS, SOLVERS
+from eomcheck.numbers.contract import Angles, Array
 
 ADD, SUB, MUL, DIV, NEG, SQRT = "+", "-", "*", "/", "neg", "sqrt"
 CONSTANT, INPUT, PART = "constant", "input", "part"
@@ -158,14 +163,16 @@ class Tape:
         factors = self.group_number(Group(FACTORS, name, (size,), self._read(A)))
         shape = (size, b.size // size)
         x = self.group(SOLVE, name, shape, self._read(b), b.size, by=factors)
-        return x.reshape(b.shape).view(Solved)
+        return x.reshape(b.shape)
 
     def solve_banded(self, bands: Array, b: Array, name: str) -> Array:
         """Return x (k,) of bands (k, 7)."""
         return self.group(BAND, name, (len(b),), self._read(bands, b), len(b))
 
     def product(self, A: Array, B: Array) -> Array:
-        """Return A B as one group, B (l, m)."""
+        """Return A B (k, m), B (l, m): one group unless it is small."""
+        if A.size * B.shape[1] <= WRITTEN_OUT:
+            return A @ B
         shape = (len(A), *B.shape)
         x = self.group(PRODUCT, "", shape, self._read(A, B), len(A) * B.shape[1])
         return x.reshape(len(A), B.shape[1])
@@ -311,22 +318,6 @@ def _quotient(a: float, b: float) -> float:
     return float(np.float64(a) / np.float64(b))
 
 
-class Solved(np.ndarray):
-    """An array of results of a solve, whose products with matrices may be large."""
-
-    def __array_ufunc__(self, ufunc, method, *inputs, **options):
-        plain = [x.view(np.ndarray) if isinstance(x, Solved) else x for x in inputs]
-        if ufunc is np.matmul and all(np.ndim(x) == 2 for x in plain):
-            A, B = plain
-            if A.size * B.shape[1] > WRITTEN_OUT:
-                tape = next(x.tape for x in chain(A.flat, B.flat) if isinstance(x, Number))
-                return tape.product(A, B).view(Solved)
-        if (out := options.get("out")) is not None:
-            options["out"] = tuple(x.view(np.ndarray) for x in out)
-        result = getattr(ufunc, method)(*plain, **options)
-        return result.view(Solved) if isinstance(result, np.ndarray) else result
-
-
 def _tape_of(*arrays: Array) -> Tape:
     return next(x.tape for x in chain(*(a.flat for a in arrays)) if isinstance(x, Number))
 
@@ -339,7 +330,11 @@ def _solve_banded(bands: Array, b: Array, name: str) -> Array:
     return _tape_of(bands, b).solve_banded(bands, b, name)
 
 
-SOLVERS[Number], BANDED_SOLVERS[Number] = _solve, _solve_banded
+def _product(A: Array, B: Array) -> Array:
+    return _tape_of(A, B).product(A, B)
+
+
+SOLVERS[Number], BANDED_SOLVERS[Number], PRODUCTS[Number] = _solve, _solve_banded, _product
 CARRIERS.add(Number)
 
 
