@@ -95,19 +95,46 @@ class _Lines:
 def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SHORT) -> Program:
     """Return the program that writes the entries of `tape` at `outputs`, by name of array.
 
-    With `short` operations or fewer it stays straight.
+    With `short` operations or fewer it stays straight, in the order in which they are urgent.
     """
-    lines, arrays = _lines(tape, outputs)
+    places, _ = live(tape, [p for roots in outputs.values() for p in roots])
+    straight = len(places) <= short
+    lines, arrays = _lines(tape, _urgent(tape, places) if straight else places, outputs)
     rows = np.array(lines.rows, np.int64).reshape(-1, 7)
-    stretches = _stretches(rows) if len(rows) > short else []
+    stretches = [] if straight else _stretches(rows)
     return Program(_Encoder(lines, rows).items(stretches), tuple(sorted(arrays.items())))
 
 
 # ---- From the tape to instructions ---------------------------------------------------------------
 
 
-def _lines(tape: Tape, outputs: Mapping[str, Sequence[int]]) -> tuple[_Lines, dict[str, int]]:
-    places, _ = live(tape, [p for roots in outputs.values() for p in roots])
+CYCLES = {t.ADD: 2, t.SUB: 2, t.MUL: 3, t.DIV: 14, t.NEG: 1, t.SQRT: 18, t.PART: 40}
+"""About what operations take until others can go on; inputs and constants wait for nothing."""
+
+
+def _urgent(tape: Tape, places: Sequence[int]) -> list[int]:
+    """Return `places` in another order: first what most time passes after, up to an output.
+
+    A processor looks ahead of what waits by some hundred operations, and finds others to do.
+    """
+    left = dict.fromkeys(places, 0)
+    for place in reversed(places):
+        op, *reads = tape.operations[place]
+        left[place] += CYCLES.get(op, 0)
+        if op in (t.CONSTANT, t.INPUT):
+            continue
+        if op is t.PART:
+            group = tape.groups[reads[0]]
+            reads = group.reads if group.by < 0 else group.reads + tape.groups[group.by].reads
+        for x in reads:
+            if x is not None:
+                left[x] = max(left[x], left[place])
+    return sorted(places, key=left.__getitem__, reverse=True)
+
+
+def _lines(
+    tape: Tape, places: Sequence[int], outputs: Mapping[str, Sequence[int]]
+) -> tuple[_Lines, dict[str, int]]:
     lines, arrays = _Lines(), {}
     made: dict[int, int] = {}
     done: dict[int, int] = {}
