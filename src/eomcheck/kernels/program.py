@@ -39,7 +39,7 @@ FEWEST = 4
 """Iterations of a loop, at least."""
 
 SHORT = 2500
-"""A program with fewer operations stays straight: it is faster, and soon there."""
+"""A program of fewer entries of a tape stays straight: it is faster, and soon there."""
 
 LONGEST = 256
 """Operations in one iteration of a loop, at most."""
@@ -95,7 +95,7 @@ class _Lines:
 def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SHORT) -> Program:
     """Return the program that writes the entries of `tape` at `outputs`, by name of array.
 
-    With `short` operations or fewer it stays straight, in the order in which they are urgent.
+    With `short` entries or fewer it stays straight, in the order in which they are urgent.
     """
     places, _ = live(tape, [p for roots in outputs.values() for p in roots])
     straight = len(places) <= short
