@@ -18,14 +18,11 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.numbers.banded import solve_banded
-from eomcheck.numbers.generic import GENERIC
-from eomcheck.numbers.linear import product, solve
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import right_hand_side
 from eomcheck.numbers.banded import solve_banded
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.numbers.linear import solve
+from eomcheck.numbers.linear import product, solve
 from eomcheck.scenes import SCENES
 
 PACKAGE = Path(eomcheck.__file__).parent

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import product, solve
 from eomcheck.formulations.base import Formulation
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import solve
+from eomcheck.numbers.linear import product, solve
 
 
 @generic

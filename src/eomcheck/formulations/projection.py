@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import product
 
 

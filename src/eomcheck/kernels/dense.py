@@ -10,10 +10,8 @@ from __future__ import annotations
 import ctypes
 from functools import cache, reduce
 
-from eomcheck.kernels.code import LANES, Code
-from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
-from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 from eomcheck.kernels.code import FINITE_NOT_ZERO, LANES, Code
+from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52
 """The exponent of 1 in the bits of a double, and where it stands."""

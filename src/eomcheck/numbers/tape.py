@@ -25,12 +25,7 @@ from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles, Array
 from eomcheck.numbers.entries import each
 from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
-from eomcheck.numbers.linear import CARRIERS, SOLVERS
-from eomcheck.numbers.banded import BANDED_SOLVERS
-from eomcheck.numbers.entries import each
-from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
 from eomcheck.numbers.linear import CARRIERS, PRODUCTS, SOLVERS
-from eomcheck.numbers.contract import Angles, Array
 
 ADD, SUB, MUL, DIV, NEG, SQRT = "+", "-", "*", "/", "neg", "sqrt"
 CONSTANT, INPUT, PART = "constant", "input", "part"
