@@ -24,7 +24,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
-from eomcheck.numbers.banded import HALF, WIDTH, full, solve_banded
+from eomcheck.numbers.banded import HALF, TERMS, WIDTH, full, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import Degrees
@@ -34,7 +34,7 @@ from eomcheck.numbers.noise import STEP, Noise
 from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
 from eomcheck.scenes import Snake
 
-SIZES = [1, 2, 3, 4, 7, 8, 30]
+SIZES = [1, 2, 3, 4, 7, 8, 9, 30, 31]
 sizes = pytest.mark.parametrize("size", SIZES)
 BANDED, AU = FORMULATIONS["banded"], FORMULATIONS["au"]
 
@@ -121,7 +121,7 @@ def test_a_singular_banded_matrix_is_refused_and_machine_code_gives_nan(size):
     with pytest.raises(RefusedError, match=f"the {size} x {size} matrix A is singular") as caught:
         solve_banded(bands, b, "A")
     refusal = caught.value
-    assert (refusal.what, refusal.rcond, refusal.threshold) == ("A", 0.0, singular_below(WIDTH))
+    assert (refusal.what, refusal.rcond, refusal.threshold) == ("A", 0.0, singular_below(TERMS))
     assert refusal.matrix is not None
     assert refusal.matrix.shape == bands.shape
     assert np.isnan(machine_solve(bands, b)).all()
@@ -131,7 +131,7 @@ def test_dependent_rows_are_refused_at_the_threshold_of_a_band_not_of_a_full_mat
     size = 200
     bands, b = np.zeros((size, WIDTH)), np.ones(size)
     bands[:, HALF] = 1.0
-    for small, refused in ((2 * singular_below(WIDTH), False), (singular_below(WIDTH) / 4, True)):
+    for small, refused in ((2 * singular_below(TERMS), False), (singular_below(TERMS) / 4, True)):
         # rows 0 and 1: [1, 1] and [1, 1 + small]; the condition is about 4 / small
         bands[0, HALF : HALF + 2] = bands[1, HALF - 1 : HALF + 1] = 1.0
         bands[1, HALF] = 1.0 + 4 * small
@@ -140,7 +140,7 @@ def test_dependent_rows_are_refused_at_the_threshold_of_a_band_not_of_a_full_mat
                 solve_banded(bands, b, "A")
         else:
             assert np.isfinite(solve_banded(bands, b, "A")).all()
-    assert singular_below(WIDTH) < singular_below(size)
+    assert singular_below(TERMS) < singular_below(size)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -281,9 +281,9 @@ def test_a_matrix_that_refinement_does_not_solve_is_refused_with_its_backward_er
         solve_banded(bands, b, "A")
     (solved,) = watch.solves
     refusal = caught.value
-    assert solved.rcond > singular_below(WIDTH), "refused as singular, and not by its error"
+    assert solved.rcond > singular_below(TERMS), "refused as singular, and not by its error"
     assert LEAST_STEPS <= solved.refinements <= MOST_STEPS
-    assert (refusal.what, refusal.threshold) == ("A", singular_below(WIDTH))
+    assert (refusal.what, refusal.threshold) == ("A", singular_below(TERMS))
     assert refusal.rcond <= refusal.threshold
     assert refusal.matrix is not None
     for part in ("14 x 14 matrix A", "backward error", f"allowed is up to {REFINED:.2g}"):

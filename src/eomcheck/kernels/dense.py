@@ -63,13 +63,15 @@ def _larger(code: Code, one: str, other: str) -> str:
 class Inline:
     """A matrix (k, k) of values, factored in registers.
 
-    Rows are compared as scaled, and used as they are: powers of two round nothing. Entries that are
-    literal zeros are no pivots, and what is done with them is left out.
+    Rows are compared as scaled, and used as they are: powers of two round nothing. Of a matrix that
+    is `scaled` they are compared as they are. Entries that are literal zeros are no pivots, and
+    what is done with them is left out.
     """
 
-    def __init__(self, code: Code, A: list[list[str]]):
+    def __init__(self, code: Code, A: list[list[str]], *, scaled: bool = False):
         self.code, self.zero = code, code.constant(0.0)
-        self.exponents = [_exponent(code, row) for row in A]
+        one = code.splat_of("i64 0")
+        self.exponents = [one if scaled else _exponent(code, row) for row in A]
         self.upper: list[list[str]] = []
         self.factors: list[list[str]] = []
         self.chosen: list[list[str | None]] = []

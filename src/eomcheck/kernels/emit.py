@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.code import NOT_FINITE, Code
+from eomcheck.kernels.machine import CACHE_LINE
 from eomcheck.kernels.program import Program, Tree
 from eomcheck.numbers import tape as t
 
@@ -50,9 +51,16 @@ def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
         sizes[f"l{loop}.{inner}"] = counts[loop]
     places, at = {}, 0
     for name, size in sizes.items():
+        if name not in parameters:
+            at = aligned(at)
         places[name] = at
         at += size
-    return Layout(places, at, max((_room(item) for item in program.items), default=0))
+    return Layout(places, aligned(at), max((_room(item) for item in program.items), default=0))
+
+
+def aligned(count: int) -> int:
+    """Return the first place at or behind this one that begins a line of cache."""
+    return -(-count // CACHE_LINE) * CACHE_LINE
 
 
 def _reads(items: Tree) -> Iterator[Tree]:

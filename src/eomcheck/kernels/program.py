@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import EomcheckError
+from eomcheck.kernels.band import padded
 from eomcheck.kernels.sincos import room
 from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape, live
@@ -153,11 +154,12 @@ def _lines(
             return lines.class_of(("i", f"x{done[x]}")), y
         return 0, made[place]
 
-    def put(reads: Sequence[int], array: str) -> None:
+    def put(reads: Sequence[int | None], array: str) -> None:
         target = lines.class_of(array)
         # In the order in which they were made: what stands on both sides of a diagonal is put twice
         # in one step of a loop.
-        for place, i in sorted(zip(reads, range(len(reads)), strict=True)):
+        given = ((place, i) for i, place in enumerate(reads) if place is not None)
+        for place, i in sorted(given):
             if tape.value(place) != 0:
                 lines.add("put", read(place), out=(target, i))
 
@@ -186,8 +188,9 @@ def _lines(
         elif kind is t.ANGLES and (row := _in_a_row(tape, reads)):
             given = row
         else:
-            arrays[f"r{mine}"] = len(reads)
-            put(_ordered(kind, reads, order), f"r{mine}")
+            ordered = _ordered(kind, reads, order)
+            arrays[f"r{mine}"] = len(ordered)
+            put(ordered, f"r{mine}")
         lines.add(("group", mine, kind, name, shape, inline, factors, given))
 
     for place in places:
@@ -203,13 +206,14 @@ def _lines(
     return lines, arrays
 
 
-def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int]:
-    """Return what a group reads as it is to stand in memory."""
+def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None]:
+    """Return what a group reads as it is to stand in memory; None is nothing."""
     if kind is t.FACTORS:  # column by column, as LAPACK wants it
         return [reads[i * order + j] for j in range(order) for i in range(order)]
-    if kind is t.BAND:  # each right-hand side behind its row
-        rows = [(*reads[7 * i : 7 * i + 7], reads[7 * order + i]) for i in range(order)]
-        return [x for row in rows for x in row]
+    if kind is t.BAND:  # diagonal by diagonal, the right-hand side as the last one
+        rest = [None] * (padded(order) - order)
+        columns = [*(reads[j : 7 * order : 7] for j in range(7)), reads[7 * order :]]
+        return [x for column in columns for x in (*column, *rest)]
     return reads
 
 

@@ -4,11 +4,12 @@ That is what two unknowns of each body and two of each joint need when they are 
 chain. Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, and where there is
 no column j there is a zero. The cost is O(m).
 
-Doubles are eliminated with partial pivoting, which may fill 3 more entries of a row, and refined
-in the same precision by the law of `eomcheck.numbers.pivots`. Without that a residual that is
-small for one row can be large for another, where rows are of very different size, as with masses
-over many decades; with it the residual of every row is small, or the matrix is refused. One step
-is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
+Doubles are eliminated from both ends at once with partial pivoting, which may fill 3 more entries
+of a row, and refined in the same precision, by the law of `eomcheck.numbers.pivots`. In the
+order in which columns are eliminated the matrix is a band of twice the width. Without refinement a
+residual that is small for one row can be large for another, where rows are of very different size,
+as with masses over many decades; with it the residual of every row is small, or the matrix is
+refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SHARE,
     SMALLEST_SIZE,
     STALLED,
+    from_both_ends,
 )
 
 _gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
@@ -47,6 +49,13 @@ HALF = 3
 """Entries on each side of the diagonal."""
 
 WIDTH = 2 * HALF + 1
+
+REACH = 2 * HALF
+"""Entries on each side of the diagonal in the order of elimination."""
+
+TERMS = 3 * HALF
+"""Terms of the sums that elimination forms, at most. On the way to the middle these are products
+with 6 earlier pivot rows. The last of 7 columns there meets 3 of an end and 6 of the middle."""
 
 BANDED_SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (bands, b, name) -> x. Other types that are in `SOLVERS` get the full
@@ -103,19 +112,18 @@ def _lapack_solve(bands, b, name):
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
         scale = column_scale(_by_column(bands, columns, inside))
         A = _Factored(bands * scale[columns], columns, inside)
-        det = determinant(A.lu[2 * HALF], A.pivots, scale, row_scale)
+        det = determinant(A.lu[2 * REACH], A.pivots, scale, row_scale)
         rcond = A.reciprocal_condition() if noise is None else np.nan
         x, error, steps = A.solve(b * row_scale)
-        # A column meets 2 HALF earlier pivot rows at most, so its entries are sums of WIDTH terms.
-        record(Solve(name, size, rcond, *det, steps), A.bands, terms=WIDTH)
+        record(Solve(name, size, rcond, *det, steps), A.bands, terms=TERMS)
         if noise is None:
             # An error that is not finite is an overflow, and told as one.
             if REFINED < error < np.inf:
                 raise RefusedError(
                     name,
                     # Of |A⁻¹||A|, rcond does not tell what |L||U| has stalled: no better than this.
-                    min(rcond, singular_below(WIDTH)),
-                    singular_below(WIDTH),
+                    min(rcond, singular_below(TERMS)),
+                    singular_below(TERMS),
                     f"the {size} x {size} matrix {name} is eliminated with too much rounding: the "
                     f"backward error of its solution, refined {steps} times, is {error:.2g}, "
                     f"allowed is up to {REFINED:.2g}",
@@ -143,9 +151,15 @@ class _Factored:
 
     def __init__(self, bands, columns, inside):
         self.bands, self.columns, self.inside = bands, columns, inside
-        A = _by_column(bands, columns, inside)
-        self.lu, self.pivots, _ = _gbtrf(np.vstack((np.zeros((HALF, len(bands))), A)), HALF, HALF)
-        self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * HALF].all())
+        size = len(bands)
+        self.order = from_both_ends(size)
+        place = np.argsort(self.order)
+        i, j = (np.broadcast_to(x, bands.shape)[inside] for x in (place[:, None], place[columns]))
+        # As LAPACK stores it: entry (i, j) at row 6 + i - j of column j, behind room for fill-in.
+        A = np.zeros((3 * REACH + 1, size))
+        A[2 * REACH + i - j, j] = bands[inside]
+        self.lu, self.pivots, _ = _gbtrf(A, REACH, REACH)
+        self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * REACH].all())
 
     def solve(self, b):
         """Return x (m,), its backward error, and how often it was refined.
@@ -180,7 +194,9 @@ class _Factored:
         return x + self._eliminated(residual)
 
     def _eliminated(self, b):
-        return _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
+        x = np.empty_like(b)
+        x[self.order] = _gbtrs(self.lu, REACH, REACH, b[self.order], self.pivots)[0]
+        return x
 
     def times(self, x):
         """Return A x."""
@@ -207,7 +223,9 @@ class _Factored:
             scaled = self.bands * weights[self.columns] / rows[:, None]
             other = _Factored(scaled, self.columns, self.inside)
             before = rcond
-            rcond = max(rcond, float(_gbcon(HALF, HALF, other.lu, other.pivots, 1.0, norm="I")[0]))
+            rcond = max(
+                rcond, float(_gbcon(REACH, REACH, other.lu, other.pivots, 1.0, norm="I")[0])
+            )
             if rcond < before / 0.9:
                 break
             weights = np.abs(self._eliminated(rows[:, None] * signs)).max(axis=1)

@@ -5,7 +5,10 @@ in machine code (`eomcheck.kernels`).
 
 - Rows are scaled by powers of two, which round nothing, so that the largest entry of each is near
   1. The scale of rows decides which pivots are taken.
-- The pivot of a column is its largest entry that is left, the first of several.
+- The pivot of a column is its largest entry that is left, the first of several. In machine code of
+  a band it may be another that is smaller by less than 2^-18 of it, and other rows are multiplied
+  by as little more than 1.
+- A band is eliminated from both ends at once, which need not wait for each other, to the middle.
 - A band solve is refined in the same precision until its backward error β, the largest of
   |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`; that many times at least `LEAST_STEPS`. A
   step that does not bring it below `STALLED` times what it was is the last one, and the matrix is
@@ -44,6 +47,12 @@ SMALLEST_SIZE = 2.0**-960
 
 SMALLEST_SHARE = EPS
 """|A||x| + |b| counts as this share of its largest entry at least; rows are scaled."""
+
+
+def from_both_ends(size: int) -> np.ndarray:
+    """Return the columns (size,) of a band in the order of their elimination: 0, -1, 1, -2, ..."""
+    columns = np.arange(size)
+    return np.where(columns % 2 == 0, columns // 2, size - 1 - columns // 2)
 
 
 def scale_of(largest: np.ndarray) -> np.ndarray:
