@@ -98,10 +98,14 @@ class Study:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""
         from eomcheck.lab.show.by_matplotlib import draw
 
-        written = []
+        drawn: dict[str, list[Chart]] = {}
         for chart in self.charts(found):
-            written.append(folder / f"{chart.name}.png")
-            draw(chart, written[-1])
+            for file, part in chart.figures().items():
+                drawn.setdefault(file, []).append(part)
+        written = []
+        for file, charts in drawn.items():
+            written.append(folder / f"{file}.png")
+            draw(charts, written[-1])
         for sheet in self.sheets(found):
             if sheet.rows:
                 written.append(folder / f"{sheet.name}.md")

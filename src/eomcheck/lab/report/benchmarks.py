@@ -12,17 +12,9 @@ from typing import Any
 from eomcheck.console import console
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.run_time import slope
-from eomcheck.lab.show.layout import numbers, table, words, write_json
+from eomcheck.lab.show.layout import numbers, seconds_text, table, words, write_json
 from eomcheck.lab.studies.motion import END, TOLERANCE, MotionTime
 from eomcheck.lab.studies.rhs import TRIGONOMETRY, Timing
-
-
-def seconds_text(value: float) -> str:
-    """Return a time with its unit."""
-    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if value >= scale:
-            return f"{value / scale:.3g} {unit}"
-    return f"{value / 1e-9:.3g} ns"
 
 
 def print_rhs(records: list[Timing]) -> None:

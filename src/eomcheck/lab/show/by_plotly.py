@@ -62,6 +62,8 @@ def _axis(axis: Axis) -> dict[str, Any]:
         made |= {"type": "log", "exponentformat": "power"}
     elif axis.range:
         made["range"] = axis.range
+    if axis.unit:
+        made |= {"exponentformat": "SI", "ticksuffix": axis.unit}
     if axis.ticks:
         made["tickvals"] = list(axis.ticks)
     return made
@@ -71,10 +73,10 @@ def _add(figure: Figure, line: Line) -> None:
     style = STYLES[line.key]
     symbols = [f"{style.symbol}-open" if flag else style.symbol for flag in line.hollow]
     look: dict[str, Any] = {"mode": "markers", "marker": {"symbol": "x-thin-open", "size": 7}}
-    if line.joined:
+    if not line.crosses:
         dash = "dot" if line.dashed or style.dashed else "solid"
         look = {
-            "mode": "lines+markers",
+            "mode": "lines+markers" if line.joined else "markers",
             "line": {"width": 1.6, "dash": dash},
             "marker": {"symbol": symbols or style.symbol, "size": 8},
         }

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 
 class Axis(NamedTuple):
-    """An axis: its title with the unit, in logarithms or not, over a range, with ticks."""
+    """An axis: its title with the unit, in logarithms or not, over a range, with ticks.
+
+    With a `unit` of its own each number has it, with a prefix, and the title has none.
+    Panels beside or above each other whose axes are alike have one scale, unless it is their `own`.
+    """
 
     title: str
     log: bool = False
     range: tuple[float | None, float | None] | None = None
     ticks: Sequence[float] = ()
     categories: Sequence[str] = ()
+    own: bool = False
+    unit: str = ""
 
 
 LINKS = Axis("number of links N", log=True, ticks=(1, 2, 3, 5, 7, 10, 20, 30, 50, 70, 100, 1000))
@@ -33,6 +39,7 @@ class Line(NamedTuple):
         dashed: whether it is, whatever its style.
         hollow: points that are drawn hollow, by default none.
         joined: whether its points are joined.
+        crosses: whether it is of crosses, for what could not be measured, which are not joined.
         every: (first, step) of the points that are marked, where there are many.
     """
 
@@ -44,6 +51,7 @@ class Line(NamedTuple):
     dashed: bool = False
     hollow: Sequence[bool] = ()
     joined: bool = True
+    crosses: bool = False
     every: tuple[int, int] | None = None
 
 
@@ -59,6 +67,7 @@ class Panel:
         unknown: below this ordinate the truth is not known, which is drawn in grey.
         marks: abscissae at which a dotted line stands.
         level: ordinate at which a line goes across.
+        legend: whether the legend of its lines stands in it, not above all panels.
     """
 
     x: Axis
@@ -68,6 +77,7 @@ class Panel:
     unknown: float | None = None
     marks: Sequence[float] = ()
     level: float | None = None
+    legend: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,12 +85,15 @@ class Chart:
     """Panels by what is chosen in some lists.
 
     Attributes:
-        name: that of its file and its anchor.
+        name: that of its anchor, and of its file.
         title: what it shows.
         choices: name of a list -> what can be chosen in it.
         panels: what was chosen in each list -> panel.
         grid: rows of choices that a figure shows. By default the last list runs along rows.
         size: width and height of a panel in a figure, in.
+        hollow: what a point is that is drawn hollow.
+        files: name of a file -> its own `grid`, where the chart is no figure, or more than one, or
+            stands in one with other charts.
     """
 
     name: str
@@ -89,6 +102,13 @@ class Chart:
     panels: Mapping[tuple[str, ...], Panel]
     grid: Sequence[Sequence[tuple[str, ...]]] = ()
     size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
+    hollow: str = ""
+    files: Mapping[str, Sequence[Sequence[tuple[str, ...]]]] = field(default_factory=dict)
+
+    def figures(self) -> dict[str, Self]:
+        """Return name of a file -> the chart with the grid that it has there."""
+        files = self.files or {self.name: self.grid}
+        return {name: replace(self, grid=grid, files={}) for name, grid in files.items()}
 
     def rows(self) -> list[list[tuple[str, ...]]]:
         """Return the rows of a figure: choices of panels that exist."""

@@ -36,6 +36,14 @@ def table(columns: Iterable[Column], rows: Iterable[Iterable[str]] = (), **optio
     return made
 
 
+def seconds_text(value: float) -> str:
+    """Return a time with its unit."""
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= scale:
+            return f"{value / scale:.3g} {unit}"
+    return f"{value / 1e-9:.3g} ns"
+
+
 def write_markdown_table(path: Path, rows: Sequence[Sequence[str]]) -> None:
     """Write a table in Markdown, its first row being the heading."""
     heading, *others = rows
