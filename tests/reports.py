@@ -69,7 +69,7 @@ def _work_precision():
                 "tolerance": 10.0**-k,
             }
             yield Record(
-                work_precision.STUDY,
+                work_precision.STUDY.key,
                 settings,
                 seconds=1e-3 * k * (1 + place),
                 quartiles=(1e-3, 2e-3),
@@ -78,7 +78,9 @@ def _work_precision():
                 errors={"final": 10.0**-k, "energy": 0.0, "constraint": 1e-15, "floor": 1e-14},
             )
     settings = {"reference": "paper-rest", "formulation": "kane", "integrator": "DOP853"}
-    yield Record(work_precision.STUDY, settings | {"tolerance": 1e-13}, "failed", "too many steps")
+    yield Record(
+        work_precision.STUDY.key, settings | {"tolerance": 1e-13}, "failed", "too many steps"
+    )
 
 
 def _stability():

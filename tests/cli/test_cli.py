@@ -55,7 +55,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["study", "work-precision", "x.db", "--reference", "none"], "none.json"),
         (["study", "work-precision", "x.db", "--integrator", "Euler"], "integrator 'Euler'"),
         (["study", "work-precision", "x.db", "--tolerance", "2"], "tolerance = 2.0"),
-        (["study", "work-precision", "x.db", "--figure", "x.gif"], "written as .png, .svg or .pdf"),
+        (["study", "work-precision", "x.db", "--figures", "no/such"], "not a folder that exists"),
         (["study", "accuracy", "--examples", "0"], "examples = 0"),
         (["study", "stability", "x.db", "--family", "none"], "unknown family 'none'; known: stiff"),
         (["study", "stability", "x.db", "--formulation", "xx"], "unknown formulation 'xx'"),

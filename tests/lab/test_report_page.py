@@ -104,27 +104,31 @@ def test_the_legend_lights_one_formulation_everywhere(page):
     assert page.complaints == []
 
 
+RUNS = '[data-chart="work-precision-paper-rest"]'
+
+
 def test_a_choice_changes_the_chart(page):
-    title = "() => document.querySelector('.plot')._fullLayout.yaxis.title.text"
+    title = f"() => document.querySelector('{RUNS} .plot')._fullLayout.yaxis.title.text"
     before = page.evaluate(title)
-    page.locator(".chart select").nth(1).select_option(index=1)
+    page.locator(f"{RUNS} select").nth(1).select_option(index=1)
     assert page.evaluate(title) != before
     assert page.complaints == []
 
 
 def test_a_point_tells_tolerance_counts_and_status(page):
-    said = page.evaluate("document.querySelector('.plot')._fullData[0].hovertext[0]")
+    said = page.evaluate(f"document.querySelector('{RUNS} .plot')._fullData[0].hovertext[0]")
     assert "tolerance 1e-04" in said
     assert "right-hand sides" in said and "steps" in said
     assert "disturbed" in said or "done" in said
-    page.locator(".plot").first.scroll_into_view_if_needed()
+    page.locator(f"{RUNS} .plot").scroll_into_view_if_needed()
     box = page.evaluate(
-        """() => { const r = document.querySelector(".plot .point").getBoundingClientRect();
-        return [r.x + r.width / 2, r.y + r.height / 2]; }"""
+        f"""() => {{ const point = document.querySelector('{RUNS} .plot .point');
+        const r = point.getBoundingClientRect();
+        return [r.x + r.width / 2, r.y + r.height / 2]; }}"""
     )
     page.mouse.move(*box)
-    page.wait_for_selector(".hoverlayer .hovertext")
-    assert "tolerance" in (page.locator(".hoverlayer").first.text_content() or "")
+    page.wait_for_selector(f"{RUNS} .hoverlayer .hovertext")
+    assert "tolerance" in (page.locator(f"{RUNS} .hoverlayer").first.text_content() or "")
 
 
 def test_a_link_to_a_failing_state_unfolds_it(page):

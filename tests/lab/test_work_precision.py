@@ -18,22 +18,22 @@ import pytest
 from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report import work_precision as report
-from eomcheck.lab.report.work_precision import ERRORS, draw_work_precision, print_work_precision
 from eomcheck.lab.run_time import disturbed
+from eomcheck.lab.show import by_matplotlib
+from eomcheck.lab.show.sheet import print_sheets
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies import work_precision
 from eomcheck.lab.studies.work_precision import (
+    ERRORS,
     STUDY,
+    cells,
+    charts,
     fastest_to,
-    measure,
     most_accurate,
     pareto_front,
-    plan,
+    sheets,
     summary,
 )
-
-FOLDER = Path("validation/references")
 
 
 def record(
@@ -50,9 +50,10 @@ def record(
         "tolerance": error,
     }
     if seconds is None:
-        return Record(STUDY, settings, "failed", "M is singular")
+        return Record(STUDY.key, settings, "failed", "M is singular")
     errors = {"final": error, "energy": error / 2, "constraint": 0.0, "floor": 1e-15}
-    return Record(STUDY, settings, seconds=seconds, counts={"right-hand sides": 100}, errors=errors)
+    counts = {"right-hand sides": 100, "steps": 9}
+    return Record(STUDY.key, settings, seconds=seconds, counts=counts, errors=errors)
 
 
 RECORDS = [
@@ -93,10 +94,10 @@ def test_a_run_that_had_to_share_its_core_is_disturbed_and_named(capsys):
         True,
         False,
     ]
-    print_work_precision([alone, unknown, shared])
+    print_sheets(sheets([alone, unknown, shared]))
     printed = capsys.readouterr().out
     assert "Disturbed, even the best run had to share its core: au, DOP853, 1e-05." in printed
-    print_work_precision([alone, unknown])
+    print_sheets(sheets([alone, unknown]))
     assert "Disturbed" not in capsys.readouterr().out
 
 
@@ -109,25 +110,29 @@ def test_the_summary_is_made_from_the_numbers():
 
 
 def test_tables_name_what_failed_and_diagrams_are_drawn(tmp_path: Path, capsys):
-    print_work_precision(RECORDS)
-    printed = capsys.readouterr().out
-    assert "failed: em, DOP853, 1e-04: M is singular" in printed
-    for against in ("seconds", "right-hand sides"):
-        draw_work_precision(RECORDS, tmp_path / "figure.png", against)
-        assert (tmp_path / "figure.png").stat().st_size > 10_000
+    print_sheets(sheets(RECORDS))
+    (line,) = (x for x in capsys.readouterr().out.splitlines() if "M is singular" in x)
+    assert [cell.strip() for cell in line.split("│")[1:-1]] == [
+        *("paper-rest", "em", "DOP853", "1e-04", "failed", "M is singular")
+    ]
+    figures = [path for path in STUDY.write(RECORDS, tmp_path) if path.suffix == ".png"]
+    assert [path.stem for path in figures] == ["work-precision", "work-precision-rhs"]
+    assert all(path.stat().st_size > 10_000 for path in figures)
 
 
 @pytest.fixture
 def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Return a function that draws Records, to a file if `rendered`, and returns the figure."""
-    close = report.plt.close
-    monkeypatch.setattr(report.plt, "close", lambda figure: None)
+    plt = by_matplotlib.plt
+    close = plt.close
+    monkeypatch.setattr(plt, "close", lambda figure: None)
 
-    def draw(records: list[Record], against: str = "seconds", rendered: bool = False):
+    def draw(records: list[Record], which: int = 0, rendered: bool = False):
         if not rendered:  # most of the time goes into where to put what
-            monkeypatch.setattr(report.plt.Figure, "savefig", lambda *_, **__: None)
-        draw_work_precision(records, tmp_path / "figure.png", against)
-        return report.plt.gcf()
+            monkeypatch.setattr(by_matplotlib, "save", lambda *_: None)
+        parts = [[*chart.figures().values()][which] for chart in charts(records)]
+        by_matplotlib.draw(parts, tmp_path / "figure.png")
+        return plt.gcf()
 
     yield draw
     close("all")
@@ -140,7 +145,8 @@ def test_several_scenes_are_drawn_block_by_block_under_one_legend(drawn: Callabl
         record("em", None, 1e-4, "BDF", "free-3"),
     ]
     figure = drawn(RECORDS + other, rendered=True)
-    assert [block.get_suptitle() for block in figure.subfigs] == ["paper-rest", "free-3"]
+    titles = [block.get_suptitle() for block in figure.subfigs]
+    assert [title.split(":")[0] for title in titles] == ["paper-rest", "free-3"]
     assert [legend for block in figure.subfigs for legend in block.legends] == []
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["kane", "au", "gw"]
@@ -160,8 +166,8 @@ def test_one_scene_needs_no_title(drawn: Callable):
 
 def test_disturbed_run_times_are_drawn_hollow_and_counts_are_not(drawn: Callable):
     records = [replace(RECORDS[0], cpu_seconds=0.5e-3), *RECORDS[1:]]
-    for against, hollow in (("seconds", 1), ("right-hand sides", 0)):
-        figure = drawn(records, against)
+    for which, hollow in enumerate((1, 0)):
+        figure = drawn(records, which)
         lines = [line for line in figure.subfigs[0].axes[0].lines if len(line.get_xdata())]
         assert sum(line.get_markerfacecolor() == "white" for line in lines) == hollow
         names = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -187,10 +193,15 @@ def test_errors_that_a_scene_has_not_get_no_panel_and_a_reason(drawn: Callable):
 
 def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(work_precision, "RUNS", 4)
-    planned = plan(FOLDER, ["free-3"], ["kane"], ["DOP853", "BDF"], [1e-4, 1e-8])
+    planned = {
+        "reference": ["free-3"],
+        "formulation": ["kane"],
+        "integrator": ["DOP853", "BDF"],
+        "tolerance": [1e-4, 1e-8],
+    }
     with Records(tmp_path / "records.db") as records:
-        first = measure(planned, records)
-        again = measure(planned, records)
+        first = STUDY.measure(records, **planned)
+        again = STUDY.measure(records, **planned)
     assert again == first
     assert len(first) == 4
     by_tolerance = {(r.settings["integrator"], r.settings["tolerance"]): r for r in first}
@@ -212,9 +223,9 @@ def test_a_record_tells_the_drift_of_what_drifts(
     key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
     monkeypatch.setattr(work_precision, "RUNS", 2)
-    planned = plan(FOLDER, ["free-3"], [key], ["DOP853"], [1e-5, 1e-9])
+    planned = {"reference": ["free-3"], "formulation": [key], "integrator": ["DOP853"]}
     with Records(tmp_path / "records.db") as records:
-        rough, fine = measure(planned, records)
+        rough, fine = STUDY.measure(records, **planned, tolerance=[1e-5, 1e-9])
     drifts = FORMULATIONS[key].level == "acceleration"
     for found in (rough, fine):
         assert {"energy_drift", "energy_exponent"} <= found.errors.keys()
@@ -225,7 +236,7 @@ def test_a_record_tells_the_drift_of_what_drifts(
         assert seen[1] < 1e-2 * seen[0]
         # free-3 takes 10 s: the law gives what the error comes to, within its scatter.
         assert fine.errors["constraint"] / 10 < 10.0 * seen[1] < 10 * fine.errors["constraint"]
-        print_work_precision([rough, fine])
+        print_sheets(sheets([rough, fine]))
         assert f"{seen[1]:.1e}" in capsys.readouterr().out
 
 
@@ -274,7 +285,7 @@ def test_kill_9_of_the_study_loses_at_most_the_cell_in_flight_and_repeats_nothin
 
     def kept() -> dict[tuple[str, float], Record]:
         with Records(path, readonly=True) as records:
-            found = records.all(STUDY)
+            found = records.all(STUDY.key)
         return {(r.settings["integrator"], r.settings["tolerance"]): r for r in found}
 
     before: dict[tuple[str, float], Record] = {}
@@ -305,23 +316,23 @@ def test_a_run_that_fails_stays_as_a_cell_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(work_precision, "simulate", partial(simulate, max_steps=10))
-    planned = plan(FOLDER, ["free-3"], ["kane"], ["DOP853"], [1e-6])
+    planned = {"reference": ["free-3"], "formulation": ["kane"], "integrator": ["DOP853"]}
     with Records(tmp_path / "records.db") as records:
-        (found,) = measure(planned, records)
+        (found,) = STUDY.measure(records, **planned, tolerance=[1e-6])
     assert found.status == "failed"
     assert "step" in found.reason.lower()
     assert found.seconds is None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "says"),
+    ("options", "error", "says"),
     [
-        ((FOLDER, ["no-such"]), InputError, "no-such"),
-        ((FOLDER, None, ["xx"]), UnknownNameError, "unknown formulation 'xx'"),
-        ((FOLDER, None, None, ["Euler"]), UnknownNameError, "unknown integrator 'Euler'"),
-        ((FOLDER, None, None, None, [0.0]), InputError, "tolerance = 0.0"),
+        ({"reference": ["no-such"]}, InputError, "no-such"),
+        ({"formulation": ["xx"]}, UnknownNameError, "unknown formulation 'xx'"),
+        ({"integrator": ["Euler"]}, UnknownNameError, "unknown integrator 'Euler'"),
+        ({"tolerance": [0.0]}, InputError, "tolerance = 0.0"),
     ],
 )
-def test_bad_plans_are_named(arguments, error, says):
+def test_bad_plans_are_named(options, error, says):
     with pytest.raises(error, match=says):
-        plan(*arguments)
+        list(cells(**options))

@@ -11,7 +11,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eomcheck.cli.options import (
-    REFERENCES,
     Examples,
     Formulations,
     Fresh,
@@ -19,11 +18,9 @@ from eomcheck.cli.options import (
     Kept,
     Links,
     Measured,
-    References,
     Seed,
     Where,
     at_least_one,
-    check_figure,
     check_folder,
     check_writable,
     interval,
@@ -207,42 +204,6 @@ def _study_absent(
     if json is not None:
         write_savings(json, found)
         typer.echo(f"written: {json}")
-
-
-@study.command("work-precision")
-def study_work_precision(
-    records: Measured,
-    reference: Annotated[
-        list[str] | None, typer.Option(help="Reference solution; repeat for more. [paper-rest]")
-    ] = None,
-    formulation: Formulations = None,
-    integrator: Annotated[
-        list[str] | None, typer.Option(help="Integrator; repeat for more. Default all.")
-    ] = None,
-    tolerance: Annotated[
-        list[float] | None, typer.Option(help="rtol = atol; repeat for more. [1e-3 .. 1e-13]")
-    ] = None,
-    references: References = REFERENCES,
-    fresh: Fresh = False,
-    figure: Annotated[
-        Path | None, typer.Option(help="Draw the errors against run time into this file.")
-    ] = None,
-) -> None:
-    """Measure error against run time: formulations, integrators and tolerances."""
-    check_figure(figure)
-    from eomcheck.lab.report.work_precision import draw_work_precision, print_work_precision
-    from eomcheck.lab.store.records import Records
-    from eomcheck.lab.studies.work_precision import measure, plan
-
-    planned = plan(references, reference, formulation, integrator, tolerance)
-    with Records(records) as kept:
-        found = measure(planned, kept, fresh)
-    print_work_precision(found)
-    if figure is not None:
-        draw_work_precision(found, figure)
-        rates = figure.with_stem(f"{figure.stem}-rhs")
-        draw_work_precision(found, rates, "right-hand sides")
-        typer.echo(f"written: {figure}, {rates}")
 
 
 @study.command("stability")

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from eomcheck.lab.study import Study
 
 STUDIES: dict[str, str] = {
+    "work-precision": "Measure error against run time: formulations, integrators and tolerances.",
     "stiff": "Compare explicit and implicit integrators on joints that are stiff, damped and not.",
     "long-run": "Measure how constraint and energy errors grow in 1 000 s, stabilized and not.",
 }

@@ -7,18 +7,23 @@ run times are those of the integration alone, in machine code and warm.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from functools import cache
 from itertools import product
-from pathlib import Path
-from typing import Any
+from math import isnan
+from typing import Annotated
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
-from eomcheck.formulations import FORMULATIONS, applicable, formulation_of, formulations_for
-from eomcheck.lab.run_time import RUNS, run_time
-from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.formulations import formulation_of, formulations_for
+from eomcheck.lab.references import CASES
+from eomcheck.lab.run_time import RUNS, disturbed, run_time
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.layout import seconds_text
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings, select, values
+from eomcheck.lab.study import REFERENCES, Formulations, References, Study
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.motion import Motion
@@ -26,120 +31,90 @@ from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stored import Reference, load_reference
 from eomcheck.motion.trajectory import Trajectory
 
-STUDY = "work-precision"
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors of the end state whose run times are compared."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What a run of the study covers.
-
-    Attributes:
-        references: files of reference solutions, which name scene, start and output times.
-        formulations: keys.
-        integrators: keys.
-        tolerances: rtol = atol.
-    """
-
-    references: tuple[Path, ...]
-    formulations: tuple[str, ...]
-    integrators: tuple[str, ...]
-    tolerances: tuple[float, ...]
+ERRORS = {
+    "final": "error of the end state",
+    "energy": "energy error, relative",
+    "constraint": "constraint error, m/s",
+}
+AGAINST = {
+    "seconds": Axis("run time", log=True, unit="s"),
+    "right-hand sides": Axis("right-hand sides", log=True),
+}
+NOTHING = 1e-17
+"""Errors that are exactly 0 are drawn here."""
 
 
-def plan(
-    folder: Path,
-    references: Iterable[str] | None = None,
-    formulations: Iterable[str] | None = None,
-    integrators: Iterable[str] | None = None,
-    tolerances: Iterable[float] | None = None,
-) -> Plan:
-    """Return a plan; what is None is taken whole, of references the paper's robot at rest.
+def cells(
+    *,
+    reference: Annotated[
+        list[str] | None, "Reference solution; repeat for more. [paper-rest]"
+    ] = None,
+    formulation: Formulations = None,
+    integrator: Annotated[list[str] | None, "Integrator; repeat for more. Default all."] = None,
+    tolerance: Annotated[
+        list[float] | None, "rtol = atol; repeat for more. [1e-3 .. 1e-13]"
+    ] = None,
+    references: References = REFERENCES,
+) -> Iterator[Settings]:
+    """Yield a cell for each reference, formulation that applies to it, integrator and tolerance.
 
     Raises:
         InputError: no such reference, a formulation that does not apply to its scene, a tolerance
             that is not in (0, 1).
         UnknownNameError: no such formulation or integrator.
     """
-    names = ("paper-rest",) if references is None else tuple(references)
-    files = tuple(folder / f"{name}.json" for name in names)
-    keys = tuple(formulations) if formulations else None
-    for file in files:
-        formulations_for(load_reference(file).scene, keys)
-    chosen = TOLERANCES if tolerances is None else tuple(tolerances)
-    for tolerance in chosen:
-        if not 0 < tolerance < 1:
-            raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
-    return Plan(
-        files,
-        tuple(dict.fromkeys(keys or FORMULATIONS)),
-        tuple(integrator_of(key).key for key in (integrators or INTEGRATORS)),
-        chosen,
-    )
-
-
-def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record]:
-    """Measure every cell that is not in `records` yet, and return the Records of all."""
-    return run_cells(
-        records, STUDY, list(_cells(planned)), _Worker(planned), fresh=fresh, label="measuring"
-    )
-
-
-def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
+    integrators = [integrator_of(key).key for key in (integrator or INTEGRATORS)]
+    for one in tolerance or ():
+        if not 0 < one < 1:
+            raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
     # Tolerances innermost: the code made for the first one serves the others.
-    for file in planned.references:
-        known = applicable(load_reference(file).scene)
-        keys = (key for key in planned.formulations if key in known)
-        for key, integrator, tolerance in product(keys, planned.integrators, planned.tolerances):
-            yield {
-                "reference": file.stem,
-                "formulation": key,
-                "integrator": integrator,
-                "tolerance": tolerance,
-            }
+    for name in reference or ("paper-rest",):
+        scene = load_reference(references / f"{name}.json").scene
+        keys = [f.key for f in formulations_for(scene, formulation or None)]
+        for key, how, rtol in product(keys, integrators, tolerance or TOLERANCES):
+            yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
 
 
-class _Worker:
-    def __init__(self, planned: Plan):
-        self._files = {file.stem: file for file in planned.references}
+class Worker:
+    """What integrates one motion, compares it with its reference, and takes its time.
+
+    Args:
+        known: nothing.
+        references: folder of the reference solutions.
+    """
+
+    def __init__(self, known: Sequence[Record], *, references: References = REFERENCES):
+        self._folder = references
         self._motion = cache(self._prepared)
 
     def _prepared(self, name: str, key: str) -> tuple[Reference, Motion, float]:
         """Return the reference, the motion and the seconds that making its code took."""
-        reference = load_reference(self._files[name])
+        reference = load_reference(self._folder / f"{name}.json")
         start = time.perf_counter()
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
         motion = Motion(scene, formulation_of(key), q0, velocity(scene, q0, u0), u0)
         return reference, motion, time.perf_counter() - start
 
-    def __call__(self, settings: dict[str, Any]) -> Record:
+    def __call__(self, settings: Settings) -> Record:
+        """Return the Record of one cell."""
         name, key = settings["reference"], settings["formulation"]
         reference, motion, compile_seconds = self._motion(name, key)
         end, tolerance = float(reference.times[-1]), settings["tolerance"]
-        options = {
-            "integrator": settings["integrator"],
-            "rtol": tolerance,
-            "atol": tolerance,
-        }
-        found = simulate(
-            reference.scene,
-            key,
-            end,
-            q0=reference.q0,
-            u0=reference.u0,
-            output_times=reference.times,
-            **options,
-        )
+        times = {"output_times": reference.times}
+        options = {"integrator": settings["integrator"], "rtol": tolerance, "atol": tolerance}
+        start = {"q0": reference.q0, "u0": reference.u0}
+        found = simulate(reference.scene, key, end, **start, **times, **options)
         counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
         if found.status != "finished":
-            return Record(STUDY, settings, "failed", found.reason, counts=counts)
-        taken = run_time(
-            lambda: motion.solve(end, output_times=reference.times, **options), runs=RUNS
-        )
+            return Record(STUDY.key, settings, "failed", found.reason, counts=counts)
+        taken = run_time(lambda: motion.solve(end, **times, **options), runs=RUNS)
         return Record(
-            STUDY,
+            STUDY.key,
             settings,
             **taken.recorded(),
             compile_seconds=compile_seconds,
@@ -160,31 +135,36 @@ def _drifts(found: Trajectory) -> dict[str, float]:
 # ---- What follows from the Records ---------------------------------------------------------------
 
 
-def finished(records: Iterable[Record]) -> list[Record]:
-    """Return the Records that have a run time."""
-    return [record for record in records if record.seconds is not None]
-
-
 def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str], Record]:
-    """Return, per (formulation, integrator), the fastest Record whose final error is <= target."""
+    """Return, per (formulation, integrator), the fastest Record whose final error is <= target.
+
+    The fastest of all comes first.
+    """
     best: dict[tuple[str, str], Record] = {}
-    for record in finished(records):
-        key = record.settings["formulation"], record.settings["integrator"]
-        if record.errors["final"] <= target and _faster(record, best.get(key)):
-            best[key] = record
+    for record in sorted(select(records), key=_seconds):
+        if record.errors["final"] <= target:
+            best.setdefault((record.settings["formulation"], record.settings["integrator"]), record)
     return best
 
 
-def _faster(record: Record, than: Record | None) -> bool:
-    return than is None or (record.seconds or 0.0) < (than.seconds or 0.0)
+def _best(records: Iterable[Record], target: float) -> dict[str, Record]:
+    """Return the same per formulation, whatever the integrator."""
+    best: dict[str, Record] = {}
+    for (key, _), record in fastest_to(records, target).items():
+        best.setdefault(key, record)
+    return best
+
+
+def _seconds(record: Record) -> float:
+    return record.seconds or 0.0
 
 
 def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
     """Return, per formulation, the Record with the smallest final error."""
     best: dict[str, Record] = {}
-    for record in finished(records):
-        than = best.get(record.settings["formulation"])
-        if than is None or record.errors["final"] < than.errors["final"]:
+    for record in select(records):
+        than = best.setdefault(record.settings["formulation"], record)
+        if record.errors["final"] < than.errors["final"]:
             best[record.settings["formulation"]] = record
     return best
 
@@ -192,37 +172,224 @@ def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
 def pareto_front(records: Iterable[Record]) -> list[Record]:
     """Return the Records than which no other is both faster and more accurate, fastest first."""
     front: list[Record] = []
-    for record in sorted(finished(records), key=lambda r: (r.seconds, r.errors["final"])):
+    for record in sorted(select(records), key=lambda r: (r.seconds, r.errors["final"])):
         if not front or record.errors["final"] < front[-1].errors["final"]:
             front.append(record)
     return front
 
 
-def summary(records: Iterable[Record]) -> str:
+def summary(records: Sequence[Record]) -> str:
     """Return one paragraph made from the numbers of one scene."""
-    records = list(records)
-    done = finished(records)
-    sentences = [f"{len(done)} of {len(records)} runs finished."]
+    sentences = [f"{len(select(records))} of {len(records)} runs finished."]
     for target in TARGETS:
-        best = fastest_to(records, target)
+        best = _best(records, target)
         if not best:
             sentences.append(f"None reaches an error of {target:.0e}.")
             continue
-        (key, integrator), first = min(best.items(), key=lambda item: item[1].seconds or 0.0)
-        by_formulation: dict[str, float] = {}
-        for (formulation, _), record in best.items():
-            seconds = record.seconds or 0.0
-            by_formulation[formulation] = min(by_formulation.get(formulation, seconds), seconds)
-        said = (
-            f"An error of {target:.0e} is reached first by {key} with {integrator} in "
-            f"{1e3 * (first.seconds or 0.0):.3g} ms"
+        key, *_, slowest = [*best] * 2
+        first, last = best[key], best[slowest]
+        told = (
+            f"An error of {target:.0e} is reached first by {key} with "
+            f"{first.settings['integrator']} in {1e3 * _seconds(first):.3g} ms"
         )
-        slowest = max(by_formulation, key=by_formulation.__getitem__)
         if slowest != key:
-            ratio = by_formulation[slowest] / (first.seconds or 1.0)
-            said += (
-                f"; the slowest formulation, {slowest}, takes {ratio:.3g} times as long with its "
-                "best integrator"
+            told += (
+                f"; the slowest formulation, {slowest}, takes "
+                f"{_seconds(last) / _seconds(first):.3g} times as long with its best integrator"
             )
-        sentences.append(said + ".")
+        sentences.append(told + ".")
     return " ".join(sentences)
+
+
+# ---- Tables --------------------------------------------------------------------------------------
+
+
+def _by_reference(found: Iterable[Record]) -> dict[str, list[Record]]:
+    found = list(found)
+    names = values(found, "reference")
+    return {name: [r for r in found if r.settings["reference"] == name] for name in names}
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield times to reach an error, the Pareto front and drift of each scene, and failures."""
+    for name, mine in _by_reference(found).items():
+        yield _targets(name, mine)
+        yield _front(name, mine)
+        yield _drift_laws(name, mine)
+    failed = [r for r in found if r.seconds is None]
+    rows = [(r.settings["reference"], *_run(r), r.status, r.reason) for r in failed]
+    columns = ("reference", "formulation", "integrator", "tolerance", "status", "reason")
+    title = "Runs that did not finish" if rows else "All runs finished."
+    yield Sheet("work-precision-unfinished", title, columns, rows)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield a paragraph on each scene."""
+    for name, mine in _by_reference(found).items():
+        yield f"{name}: {summary(mine)}"
+
+
+def _run(record: Record) -> tuple[str, ...]:
+    """Return formulation, integrator and tolerance."""
+    settings = record.settings
+    return settings["formulation"], settings["integrator"], f"{settings['tolerance']:.0e}"
+
+
+def _targets(name: str, records: Sequence[Record]) -> Sheet:
+    found = {target: _best(records, target) for target in TARGETS}
+    rows = []
+    for key in values(records, "formulation"):
+        cells = []
+        for best in found.values():
+            if key not in best:
+                cells += ["", "", ""]
+                continue
+            seconds, first = _seconds(best[key]), _seconds(next(iter(best.values())))
+            integrator = best[key].settings["integrator"]
+            cells += [seconds_text(seconds), integrator, f"{seconds / first:.3g}"]
+        rows.append((key, *cells))
+    heads = (head for target in TARGETS for head in (f"{target:.0e}", "with", "ratio"))
+    title = f"{name}: best time of a run whose end state is right to ..."
+    return Sheet(f"work-precision-targets-{name}", title, ("formulation", *heads), rows)
+
+
+def _front(name: str, records: Sequence[Record]) -> Sheet:
+    shared = "; ".join(", ".join(_run(r)) for r in records if disturbed(r))
+    return Sheet(
+        f"work-precision-front-{name}",
+        f"{name}: no run is both faster and more accurate than these",
+        ("formulation", "integrator", "tolerance", "run time", "error of the end state"),
+        [
+            (*_run(r), seconds_text(_seconds(r)), f"{r.errors['final']:.1e}")
+            for r in pareto_front(records)
+        ],
+        note=f"Disturbed, even the best run had to share its core: {shared}." if shared else "",
+    )
+
+
+def _drift_laws(name: str, records: Sequence[Record]) -> Sheet:
+    laws = {
+        f"{kind}_{law}": how
+        for kind in ("constraint", "energy")
+        for law, how in (("drift", ".1e"), ("exponent", ".1f"))
+    }
+    rows = [
+        (*_run(r), *(format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items()))
+        for r in most_accurate(records).values()
+    ]
+    heads = ("constraints, m/s per s", "t^", "energy, relative, per s", "t^")
+    return Sheet(
+        f"work-precision-drift-{name}",
+        f"{name}: drift in the most accurate run of each, and the power of time it goes with",
+        ("formulation", "integrator", "tolerance", *heads),
+        rows,
+    )
+
+
+# ---- Charts --------------------------------------------------------------------------------------
+
+
+def errors_shown(records: Sequence[Record]) -> dict[str, str]:
+    """Return the errors that the scene of these Records has, and their labels; all, of none."""
+    return {
+        error: label
+        for error, label in ERRORS.items()
+        if not records or any(not isnan(record.errors[error]) for record in records)
+    }
+
+
+def _absent(name: str, errors: Iterable[str]) -> str:
+    """Return why there is no panel for an error, if so."""
+    case = CASES.get(name)
+    reason = case.scene().why_not_conserved if case else ""
+    missing = []
+    if "energy" not in errors:
+        missing.append("energy is not conserved" + (f": {reason}" if reason else ""))
+    if "constraint" not in errors:
+        missing.append("no constraints")
+    return "; ".join(missing)
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield the errors of each scene against run time and right-hand sides."""
+    integrators = values(found, "integrator")
+    several = "-scenes" if len(values(found, "reference")) > 1 else ""
+    for name, mine in _by_reference(found).items():
+        done = select(mine)
+        errors = errors_shown(done)
+        floor = max((r.errors["floor"] for r in done), default=NOTHING)
+        lowest = max(NOTHING, min((r.errors["final"] for r in done), default=NOTHING)) / 5
+        panels = {}
+        for (error, label), against, integrator in product(errors.items(), AGAINST, integrators):
+            final = error == "final"
+            panels[integrator, label, AGAINST[against].title] = Panel(
+                AGAINST[against],
+                Axis(label, log=True, range=(lowest, None) if final else None),
+                _lines(select(done, integrator=integrator), error, against),
+                integrator,
+                unknown=floor if final else None,
+            )
+        missing = _absent(name, errors)
+        choices = {
+            "integrator": integrators,
+            "error": list(errors.values()),
+            "against": [axis.title for axis in AGAINST.values()],
+        }
+        grids = {
+            f"work-precision{several}{end}": [
+                [(integrator, label, AGAINST[what].title) for integrator in integrators]
+                for label in errors.values()
+            ]
+            for what, end in {"seconds": "", "right-hand sides": "-rhs"}.items()
+        }
+        yield Chart(
+            f"work-precision-{name}",
+            f"{name}: one line a formulation, one point a tolerance"
+            + (f"\n{missing}" if missing else ""),
+            choices,
+            panels,
+            size=(2.6, 2.5),
+            hollow="disturbed",
+            files=grids,
+        )
+
+
+def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
+    lines = []
+    for key in values(records, "formulation"):
+        mine = sorted(select(records, formulation=key), key=lambda r: -r.settings["tolerance"])
+        timed = against == "seconds"
+        lines.append(
+            Line(
+                key,
+                [_seconds(r) if timed else r.counts[against] for r in mine],
+                [max(r.errors[error], NOTHING) for r in mine],
+                [_told(r) for r in mine],
+                hollow=[timed and disturbed(r) for r in mine],
+            )
+        )
+    return lines
+
+
+def _told(record: Record) -> list[str]:
+    key, integrator, tolerance = _run(record)
+    counts = record.counts
+    status = "disturbed: shared its core" if disturbed(record) else record.status
+    return [
+        f"{key}, {integrator}",
+        f"tolerance {tolerance}",
+        f"run time {seconds_text(_seconds(record))}, {status}",
+        f"{counts['right-hand sides']} right-hand sides, {counts['steps']} steps",
+        *(f"{label} {record.errors[error]:.2e}" for error, label in errors_shown([record]).items()),
+    ]
+
+
+STUDY = Study(
+    key="work-precision",
+    cells=cells,
+    worker=Worker,
+    sheets=sheets,
+    charts=charts,
+    said=said,
+    reading="Error against run time over all tolerances; lower and further left is better.",
+)
