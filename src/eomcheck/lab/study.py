@@ -99,9 +99,8 @@ class Study:
         from eomcheck.lab.show.by_matplotlib import draw
 
         drawn: dict[str, list[Chart]] = {}
-        for chart in self.charts(found):
-            for file, part in chart.figures().items():
-                drawn.setdefault(file, []).append(part)
+        for chart in (file for one in self.charts(found) for file in one.files()):
+            drawn.setdefault(chart.name, []).append(chart)
         written = []
         for file, charts in drawn.items():
             written.append(folder / f"{file}.png")

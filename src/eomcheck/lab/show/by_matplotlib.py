@@ -46,12 +46,18 @@ def save(figure: Figure, path: Path, dpi: int = 150) -> None:
         picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
-def legend_above(figure: Figure, drawn: Iterable[Axes], columns: int, hollow: str = "") -> None:
-    """Put what is drawn into a legend above all panels, and what `hollow` points are."""
+def _handles(drawn: Iterable[Axes]) -> dict[str, Any]:
+    """Return label -> what is drawn in any of the axes, each label once."""
     handles: dict[str, Any] = {}
     for axes in drawn:
         for line, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, line)
+    return handles
+
+
+def legend_above(figure: Figure, drawn: Iterable[Axes], columns: int, hollow: str = "") -> None:
+    """Put what is drawn into a legend above all panels, and what `hollow` points are."""
+    handles = _handles(drawn)
     if hollow and any(line.get_gid() == HOLLOW for axes in drawn for line in axes.lines):
         look = {"color": "0.4", "mfc": "white", "ms": 4}
         handles[hollow] = Line2D([], [], ls="", marker="o", **look)
@@ -137,7 +143,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set_title(panel.title, fontsize=10)
     axes.grid(alpha=0.25)
     if panel.legend:
-        axes.legend(fontsize=8, frameon=False)
+        handles = _handles([axes])
+        axes.legend(handles.values(), handles, fontsize=8, frameon=False)
 
 
 def draw_line(axes: Axes, line: Line) -> None:
@@ -148,8 +155,8 @@ def draw_line(axes: Axes, line: Line) -> None:
         line.x,
         line.y,
         color=style.color,
-        marker="x" if line.crosses else style.marker,
-        ls=dashes if line.joined and not line.crosses else "",
+        marker=style.marker if line.look == "line" else "X",
+        ls=dashes if line.joined and line.look == "line" else "",
         markevery=line.every,
         ms=4,
         lw=1.2,

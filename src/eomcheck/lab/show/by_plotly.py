@@ -73,7 +73,7 @@ def _add(figure: Figure, line: Line) -> None:
     style = STYLES[line.key]
     symbols = [f"{style.symbol}-open" if flag else style.symbol for flag in line.hollow]
     look: dict[str, Any] = {"mode": "markers", "marker": {"symbol": "x-thin-open", "size": 7}}
-    if not line.crosses:
+    if line.look == "line":
         dash = "dot" if line.dashed or style.dashed else "solid"
         look = {
             "mode": "lines+markers" if line.joined else "markers",

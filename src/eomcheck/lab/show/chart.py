@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple
 
 
 class Axis(NamedTuple):
@@ -39,8 +39,8 @@ class Line(NamedTuple):
         dashed: whether it is, whatever its style.
         hollow: points that are drawn hollow, by default none.
         joined: whether its points are joined.
-        crosses: whether it is of crosses, for what could not be measured, which are not joined.
         every: (first, step) of the points that are marked, where there are many.
+        look: "line", or only "crosses", for what could not be measured.
     """
 
     key: str
@@ -51,8 +51,8 @@ class Line(NamedTuple):
     dashed: bool = False
     hollow: Sequence[bool] = ()
     joined: bool = True
-    crosses: bool = False
     every: tuple[int, int] | None = None
+    look: Literal["line", "crosses"] = "line"
 
 
 @dataclass(frozen=True)
@@ -80,20 +80,28 @@ class Panel:
     legend: bool = False
 
 
+class File(NamedTuple):
+    """A figure in a file: its name, its title, and rows of choices that it shows."""
+
+    name: str
+    title: str
+    grid: Sequence[Sequence[tuple[str, ...]]]
+
+
 @dataclass(frozen=True)
 class Chart:
     """Panels by what is chosen in some lists.
 
     Attributes:
-        name: that of its anchor, and of its file.
+        name: that of its file and its anchor.
         title: what it shows.
         choices: name of a list -> what can be chosen in it.
         panels: what was chosen in each list -> panel.
         grid: rows of choices that a figure shows. By default the last list runs along rows.
         size: width and height of a panel in a figure, in.
         hollow: what a point is that is drawn hollow.
-        files: name of a file -> its own `grid`, where the chart is no figure, or more than one, or
-            stands in one with other charts.
+        parts: figures in files of their own, if it is more than one, or stands in one file with
+            other charts.
     """
 
     name: str
@@ -103,12 +111,13 @@ class Chart:
     grid: Sequence[Sequence[tuple[str, ...]]] = ()
     size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
     hollow: str = ""
-    files: Mapping[str, Sequence[Sequence[tuple[str, ...]]]] = field(default_factory=dict)
+    parts: Sequence[File] | None = None
 
-    def figures(self) -> dict[str, Self]:
-        """Return name of a file -> the chart with the grid that it has there."""
-        files = self.files or {self.name: self.grid}
-        return {name: replace(self, grid=grid, files={}) for name, grid in files.items()}
+    def files(self) -> list[Chart]:
+        """Return what is drawn into files, one each; charts of one name stand in one file."""
+        if self.parts is None:
+            return [self]
+        return [replace(self, **part._asdict(), parts=None) for part in self.parts]
 
     def rows(self) -> list[list[tuple[str, ...]]]:
         """Return the rows of a figure: choices of panels that exist."""

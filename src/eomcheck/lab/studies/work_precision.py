@@ -19,7 +19,7 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import CASES
 from eomcheck.lab.run_time import RUNS, disturbed, run_time
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Settings, select, values
@@ -329,28 +329,28 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 integrator,
                 unknown=floor if final else None,
             )
-        missing = _absent(name, errors)
         choices = {
             "integrator": integrators,
             "error": list(errors.values()),
             "against": [axis.title for axis in AGAINST.values()],
         }
-        grids = {
-            f"work-precision{several}{end}": [
-                [(integrator, label, AGAINST[what].title) for integrator in integrators]
-                for label in errors.values()
-            ]
-            for what, end in {"seconds": "", "right-hand sides": "-rhs"}.items()
-        }
+        missing = _absent(name, errors)
+        what = f"{name}: one line a formulation, one point a tolerance"
         yield Chart(
             f"work-precision-{name}",
-            f"{name}: one line a formulation, one point a tolerance"
-            + (f"\n{missing}" if missing else ""),
+            f"{what}; {missing}" if missing else what,
             choices,
             panels,
             size=(2.6, 2.5),
             hollow="disturbed",
-            files=grids,
+            parts=[
+                File(
+                    f"work-precision{several}{end}",
+                    f"{name}\n{missing}" if missing else name,
+                    [[(i, label, against) for i in integrators] for label in errors.values()],
+                )
+                for against, end in zip(choices["against"], ("", "-rhs"), strict=True)
+            ],
         )
 
 
