@@ -101,7 +101,7 @@ def _paper():
     for links in (2, 7, 20, 40):
         for key in KEYS:
             yield Record(
-                paper.STUDY,
+                paper.STUDY.key,
                 {
                     "cell": "motion",
                     "links": links,

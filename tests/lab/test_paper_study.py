@@ -11,12 +11,10 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.paper import print_paper, sheets, write_sheets
-from eomcheck.lab.report.paper_figures import draw_paper
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import paper
-from eomcheck.lab.studies.paper import FULL, PAPER, QUICK, STUDY, Found, Plan, Solver, measure
-from eomcheck.lab.studies.paper_claims import (
+from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
+from eomcheck.lab.studies.paper import measure as paper
+from eomcheck.lab.studies.paper.claims import (
     PAPER_CLAIMS,
     Evidence,
     PaperClaim,
@@ -24,6 +22,8 @@ from eomcheck.lab.studies.paper_claims import (
     judgements,
     verdict_of,
 )
+from eomcheck.lab.studies.paper.measure import FULL, PAPER, QUICK, STUDY, Found, Plan, Solver
+from eomcheck.lab.studies.paper.show import said, sheets
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
 LINKS = (2, 7, 20)
@@ -252,7 +252,7 @@ def test_the_printed_sizes_of_states_are_held_against_those_integrated():
     assert verdict(doctored(as_printed), "Eqs. (6), (8), (14), (19)") == "holds"
 
 
-def test_a_motion_that_failed_is_compared_with_nothing_and_named(capsys):
+def test_a_motion_that_failed_is_compared_with_nothing_and_named():
     def failing(record: Record) -> Record | None:
         if record.settings["cell"] == "motion" and record.settings["formulation"] == "em":
             return Record(STUDY, record.settings, "failed", "a_1 is singular", counts={"state": 4})
@@ -261,9 +261,7 @@ def test_a_motion_that_failed_is_compared_with_nothing_and_named(capsys):
     records = doctored(failing)
     measured = judge(claim_at("Fig. 3"), Found(records)).measured
     assert "16 of 16 comparisons" in measured  # 4 by 2 formulations by 2 solvers
-    print_paper(records)
-    printed = capsys.readouterr().out
-    assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in printed
+    assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in list(said(records))
 
 
 # ---- Tables and figures --------------------------------------------------------------------------
@@ -271,11 +269,12 @@ def test_a_motion_that_failed_is_compared_with_nothing_and_named(capsys):
 
 def test_tables_and_figures_are_written(tmp_path: Path):
     records = made_up()
-    tables = write_sheets(records, tmp_path)
+    written = PAPER_STUDY.write(records, tmp_path)
+    tables = [path for path in written if path.suffix == ".md"]
     assert [path.name for path in tables] == [f"{sheet.name}.md" for sheet in sheets(records)]
     (claims,) = [path for path in tables if path.name == "paper-claims.md"]
     assert len(claims.read_text(encoding="utf-8").splitlines()) == 2 + len(PAPER_CLAIMS)
-    figures = draw_paper(Found(records), tmp_path)
+    figures = sorted(path for path in written if path.suffix != ".md")
     assert [path.name for path in figures] == [
         "paper-fig2.gif",
         *(f"paper-fig{i}.png" for i in range(2, 8)),
@@ -292,8 +291,9 @@ def test_table_i_shows_the_systems_in_n_and_r():
 
 def test_figures_show_only_what_was_measured(tmp_path: Path):
     records = [motion(n, key, SOLVERS[0]) for n in (2, 20) for key in ("au", "kane")]
-    figures = draw_paper(Found(records), tmp_path)
-    assert [path.name for path in figures] == [f"paper-fig{i}.png" for i in range(5, 8)]
+    written = [path.name for path in PAPER_STUDY.write(records, tmp_path)]
+    figures = [name for name in written if not name.endswith(".md")]
+    assert figures == [f"paper-fig{i}.png" for i in range(5, 8)]
 
 
 # ---- Measuring -----------------------------------------------------------------------------------
@@ -313,7 +313,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Recor
     path = tmp_path_factory.mktemp("paper") / "records.db"
     with Records(path) as records, pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper, "OUTPUTS", OUTPUTS)
-        return path, measure(SMALL, records)
+        patch.setattr(paper, "QUICK", SMALL)
+        return path, PAPER_STUDY.measure(records, quick=True)
 
 
 OUTPUTS = 21
@@ -356,10 +357,11 @@ def test_the_robot_begins_in_the_papers_pose(measured):
 def test_a_study_that_goes_on_repeats_nothing(measured, monkeypatch: pytest.MonkeyPatch):
     path, before = measured
     monkeypatch.setattr(paper, "OUTPUTS", OUTPUTS)
+    monkeypatch.setattr(paper, "QUICK", SMALL)
     monkeypatch.setattr(paper, "_equations", None)
     monkeypatch.setattr(paper, "_moved", None)
     with Records(path) as records:
-        assert measure(SMALL, records) == before
+        assert PAPER_STUDY.measure(records, quick=True) == before
 
 
 # ---- The command ---------------------------------------------------------------------------------

@@ -63,7 +63,7 @@ def page(request: pytest.FixtureRequest, browser, url: str) -> Iterator[sync_api
 
 def test_it_opens_without_a_complaint_and_draws_every_chart(page):
     charts = page.locator(".chart").count()
-    assert charts == 4
+    assert charts == 5
     assert page.locator(".chart .main-svg .scatterlayer").count() >= charts
     assert page.complaints == []
 

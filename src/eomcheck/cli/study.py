@@ -242,29 +242,3 @@ def study_stability(
         typer.echo(f"written: {', '.join(map(str, paths))}")
     if any(outcome(record) is Outcome.SILENT for record in found):
         raise typer.Exit(1)
-
-
-@study.command("paper")
-def study_paper(
-    records: Measured,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Four numbers of links and one tolerance only.")
-    ] = False,
-    fresh: Fresh = False,
-    figures: Annotated[
-        Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
-    ] = None,
-) -> None:
-    """Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by them."""
-    check_folder(figures)
-    from eomcheck.lab.report.paper import print_paper, write_sheets
-    from eomcheck.lab.report.paper_figures import draw_paper
-    from eomcheck.lab.store.records import Records
-    from eomcheck.lab.studies.paper import FULL, QUICK, Found, measure
-
-    with Records(records) as kept:
-        found = measure(QUICK if quick else FULL, kept, fresh)
-    print_paper(found)
-    if figures is not None:
-        written = [*draw_paper(Found(found), figures), *write_sheets(found, figures)]
-        typer.echo(f"written: {', '.join(map(str, written))}")

@@ -11,10 +11,11 @@ q̈, a wheel across its link), "motion" one integration (errors over time, CPU t
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from itertools import product
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity, violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import run_time, slope
-from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.study import Work
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.motion import Motion
@@ -85,40 +87,39 @@ def scene_of(links: int) -> Snake:
     return Snake.paper() if links == PAPER_LINKS else Snake.coil(links)
 
 
-def measure(planned: Plan, records: Records, fresh: bool = False) -> list[Record]:
-    """Measure every cell that is not in `records` yet, and return the Records of all."""
-    work = _Worker(planned.runs)
-    return run_cells(records, STUDY, _cells(planned), work, fresh=fresh, label="measuring")
+Quick = Annotated[bool, "Four numbers of links and one tolerance only."]
 
 
-def _cells(planned: Plan) -> Iterator[dict[str, Any]]:
+def cells(*, quick: Quick = False) -> Iterator[Settings]:
+    """Yield a cell for each state of each formulation, then for each motion."""
+    planned = QUICK if quick else FULL
     for key in planned.formulations:
         for links in planned.links:
             yield {"cell": "equations", "links": links, "formulation": key, "across": 0}
         for wheel in range(1, PAPER_LINKS + 1):
             yield {"cell": "equations", "links": PAPER_LINKS, "formulation": key, "across": wheel}
-    for links in planned.links:
-        for key in planned.formulations:
-            for solver in planned.solvers:
-                motion = {"cell": "motion", "links": links, "formulation": key}
-                yield motion | solver._asdict() | {"end": END, "outputs": OUTPUTS}
+    for links, key, solver in product(planned.links, planned.formulations, planned.solvers):
+        motion = {"cell": "motion", "links": links, "formulation": key}
+        yield motion | solver._asdict() | {"end": END, "outputs": OUTPUTS}
 
 
-class _Worker:
-    def __init__(self, runs: int):
-        self._runs, self._motion = runs, cache(_prepared)
+def worker(known: Sequence[Record], *, quick: Quick = False) -> Work:
+    """Return what works off a cell."""
+    runs, prepared = (QUICK if quick else FULL).runs, cache(_prepared)
 
-    def __call__(self, settings: dict[str, Any]) -> Record:
+    def work(settings: Settings) -> Record:
         if settings["cell"] == "equations":
             return _equations(settings)
-        motion, compile_seconds = self._motion(settings["links"], settings["formulation"])
-        return _moved(settings, motion, compile_seconds, self._runs)
+        motion = prepared(settings["links"], settings["formulation"])
+        return _moved(settings, *motion, runs)
+
+    return work
 
 
 # ---- One state -----------------------------------------------------------------------------------
 
 
-def _equations(settings: dict[str, Any]) -> Record:
+def _equations(settings: Settings) -> Record:
     """Solve for the acceleration in one state; with a wheel across its link at rest.
 
     Raises:
@@ -164,7 +165,7 @@ def _prepared(links: int, key: str) -> tuple[Motion, float]:
     return motion, time.perf_counter() - start
 
 
-def _moved(settings: dict[str, Any], motion: Motion, compile_seconds: float, runs: int) -> Record:
+def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int) -> Record:
     end, tolerance = settings["end"], settings["tolerance"]
     options = {
         "output_times": np.linspace(0.0, end, settings["outputs"]),

@@ -1,28 +1,24 @@
-"""The paper's table and figures as numbers, and its claims beside them: printed, and as files."""
+"""The paper's table and figures from Records, and its claims beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import zip_longest
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import product
 
-from rich.markup import escape
-from rich.table import Column
-
-from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.benchmarks import seconds_text
 from eomcheck.lab.report.operations import signed_sum
-from eomcheck.lab.show.layout import table, write_markdown_table
+from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.operations import fit_order
-from eomcheck.lab.studies.paper import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
-from eomcheck.lab.studies.paper_claims import KANE, judgements
+from eomcheck.lab.studies.paper.claims import KANE, judgements
+from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""
+NOTHING = 1e-18
+"""Norms that are exactly 0 are drawn here."""
 
 
 def sheets(records: Iterable[Record]) -> list[Sheet]:
@@ -30,32 +26,20 @@ def sheets(records: Iterable[Record]) -> list[Sheet]:
     records = list(records)
     found = Found(records)
     made = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
-    made += [
-        _over_links(found, 5, "constraint", "m/s"),
-        _over_links(found, 6, "energy", "J"),
-        _fig_7(found),
-        _claims(records),
-    ]
+    for figure, quantity, unit in ((5, "constraint", "m/s"), (6, "energy", "J")):
+        what = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
+        made.append(_over_links(found, f"paper-fig{figure}", what, quantity, "{:.1e}".format))
+    made += [_fig_7(found), _claims(records)]
     return [sheet for sheet in made if sheet.rows]
 
 
-def print_paper(records: Iterable[Record]) -> None:
-    """Print every table, and what could not be measured."""
+def said(records: Iterable[Record]) -> Iterator[str]:
+    """Yield on which machines it was measured, and what could not be."""
     records = list(records)
-    for sheet in sheets(records):
-        columns = [
-            Column(column, no_wrap=width is None and len(column) < 12, ratio=width)
-            for column, width in zip_longest(sheet.columns, sheet.widths)
-        ]
-        wide, rows = bool(sheet.widths), [map(escape, row) for row in sheet.rows]
-        shown = table(columns, rows, show_lines=wide, expand=wide)
-        console.print(f"\n[bold]{escape(sheet.title)}[/]", shown, sep="\n")
-    for machine in dict.fromkeys(_machine(record) for record in records):
-        console.print(f"Measured on {machine}.", highlight=False)
+    for machine in dict.fromkeys(map(_machine, records)):
+        yield f"Measured on {machine}."
     for record in Found(records).unfinished:
-        console.print(
-            escape(f"{record.status}: {_what(record.settings)}: {record.reason}"), soft_wrap=True
-        )
+        yield f"{record.status}: {', '.join(_what(record))}: {record.reason}"
 
 
 def _machine(record: Record) -> str:
@@ -66,20 +50,12 @@ def _machine(record: Record) -> str:
     return ", ".join((f"{cpu} ({cores} cores)", *versions))
 
 
-def _what(settings: dict[str, Any]) -> str:
+def _what(record: Record) -> list[str]:
+    settings = record.settings
     what = [settings["formulation"], f"{settings['links']} links"]
     if settings["cell"] == "motion":
         what.append(str(Solver(settings["integrator"], settings["tolerance"])))
-    return ", ".join(what)
-
-
-def write_sheets(records: Iterable[Record], folder: Path) -> list[Path]:
-    """Write every table as Markdown, one file each, and return the files."""
-    written = []
-    for sheet in sheets(records):
-        written.append(folder / f"{sheet.name}.md")
-        write_markdown_table(written[-1], [sheet.columns, *sheet.rows])
-    return written
+    return what
 
 
 # ---- Table I, and the robot of Figs. 2 to 4 ------------------------------------------------------
@@ -193,42 +169,36 @@ def _figs_3_and_4(found: Found) -> Sheet:
 # ---- Figs. 5 to 7, and the claims ----------------------------------------------------------------
 
 
-def _over_links(found: Found, figure: int, quantity: str, unit: str) -> Sheet:
+def _over_links(
+    found: Found,
+    name: str,
+    title: str,
+    quantity: str,
+    text: Callable[[float], str],
+    over: str | None = None,
+) -> Sheet:
+    """Return a quantity by solver, N and formulation; beside it the ratio to that of `over`."""
     rows = []
-    for solver in found.solvers:
-        for links in found.links:
-            values = [found.value(quantity, links, key, solver) for key in found.formulations]
-            cells = ["-" if value is None else f"{value:.1e}" for value in values]
-            rows.append((str(solver), str(links), *cells))
-    return Sheet(
-        f"paper-fig{figure}",
-        f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}",
-        ("solver", "N", *found.formulations),
-        rows,
-    )
+    for solver, links in product(found.solvers, found.links):
+        of = {key: found.value(quantity, links, key, solver) for key in found.formulations}
+        ours = of.get(over or "")
+        cells = []
+        for key, value in of.items():
+            ratio = f" ({_short(value / ours)})" if value and ours and key != over else ""
+            cells.append("-" if value is None else f"{text(value)}{ratio}")
+        rows.append((str(solver), str(links), *cells))
+    return Sheet(name, title, ("solver", "N", *found.formulations), rows)
 
 
 def _fig_7(found: Found) -> Sheet:
-    rows = []
-    for solver in found.solvers:
-        for links in found.links:
-            ours = found.value("cpu_seconds", links, KANE, solver)
-            cells = []
-            for key in found.formulations:
-                seconds = found.value("cpu_seconds", links, key, solver)
-                ratio = f" ({_short(seconds / ours)})" if seconds and ours and key != KANE else ""
-                cells.append("-" if seconds is None else f"{seconds_text(seconds)}{ratio}")
-            rows.append((str(solver), str(links), *cells))
+    title = f"Fig. 7: CPU time (its ratio to that of {KANE}); it grows as N^p from N = {LARGE} on"
+    sheet = _over_links(found, "paper-fig7", title, "cpu_seconds", seconds_text, KANE)
     slopes = [growth(found, key) for key in found.formulations]
+    powers = []
     for i, solver in enumerate(found.solvers):
         cells = [f"{of[i]:.2f}" if len(of) == len(found.solvers) else "-" for of in slopes]
-        rows.append((str(solver), "N^p", *cells))
-    return Sheet(
-        "paper-fig7",
-        f"Fig. 7: CPU time (its ratio to that of {KANE}); it grows as N^p from N = {LARGE} on",
-        ("solver", "N", *found.formulations),
-        rows,
-    )
+        powers.append((str(solver), "N^p", *cells))
+    return sheet._replace(rows=[*sheet.rows, *powers])
 
 
 def _short(ratio: float) -> str:
@@ -245,4 +215,135 @@ def _claims(records: Iterable[Record]) -> Sheet:
             for made in judgements(records)
         ],
         widths=(2, 5, 8, 2, 6),
+    )
+
+
+# ---- Charts --------------------------------------------------------------------------------------
+
+NORMS = {
+    "constraint": Axis("norm of the constraint error / (m/s)", log=True),
+    "energy": Axis("norm of the energy error / J", log=True),
+    "cpu_seconds": Axis("CPU time of a motion / s", log=True),
+}
+LINKS = Axis("number of links N", log=True, ticks=(2, 5, 10, 20, 50, 100))
+TIME = Axis("t / s")
+OVER_TIME = {
+    "constraint error": (
+        Axis("constraint error ‖c‖ / (m/s)", log=True),
+        Axis("enlarged / (m/s)", own=True),
+    ),
+    "energy error": (
+        Axis("energy error |T + U - E₀| / J", log=True),
+        Axis("enlarged: (T + U - E₀) / J", own=True),
+    ),
+}
+PARTS = "all formulations", "velocity level, enlarged"
+
+
+def charts(records: Iterable[Record]) -> Iterator[Chart]:
+    """Yield Figs. 5 to 7, and Figs. 3 and 4 where the paper's robot is among the motions."""
+    found = Found(records)
+    solvers = [*map(str, found.solvers)]
+    yield Chart(
+        "paper",
+        "Figs. 5 to 7: one line a formulation, one point a number of links",
+        {"quantity": list(QUANTITIES.values()), "solver": solvers},
+        {
+            (label, str(solver)): Panel(
+                LINKS,
+                NORMS[quantity],
+                [*_norms(found, quantity, solver), *_unfinished(found, quantity, solver)],
+                str(solver),
+                legend=quantity == "cpu_seconds",
+            )
+            for (quantity, label), solver in product(QUANTITIES.items(), found.solvers)
+        },
+        size=(max(3.4, 5.4 / max(len(solvers), 1)), 3.5),
+        parts=[
+            File(f"paper-fig{figure}", label, [[(label, solver) for solver in solvers]])
+            for figure, label in enumerate(QUANTITIES.values(), 5)
+        ],
+    )
+    if PAPER_LINKS in found.links:
+        yield _over_time(found, solvers)
+
+
+def _norms(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
+    """Yield a line a formulation; one of CPU times tells how they grow."""
+    for key in found.formulations:
+        of = [found.motions.get((links, key, solver)) for links in found.links]
+        done = [one for one in of if one is not None and one.status == "done"]
+        norms = (found.value(quantity, one.settings["links"], key, solver) or 0.0 for one in done)
+        powers = growth(found, key) if quantity == "cpu_seconds" else []
+        fitted = len(powers) == len(found.solvers)
+        yield Line(
+            key,
+            [one.settings["links"] for one in done],
+            [max(norm, NOTHING) for norm in norms],
+            [_told(one) for one in done],
+            f"{key} ~ N$^{{{powers[found.solvers.index(solver)]:.2f}}}$" if fitted else key,
+        )
+
+
+def _unfinished(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
+    """Yield crosses, above all that was measured, for motions that were not finished."""
+    points = product(found.links, found.formulations, found.solvers)
+    known = (found.value(quantity, *point) for point in points)
+    height = 3 * max((value for value in known if value is not None), default=1.0)
+    for key in found.formulations:
+        of = [found.motions.get((links, key, solver)) for links in found.links]
+        failed = [one for one in of if one is not None and one.status != "done"]
+        if failed:
+            yield Line(
+                key,
+                [one.settings["links"] for one in failed],
+                [height] * len(failed),
+                [[", ".join(_what(one)), f"{one.status}: {one.reason}"] for one in failed],
+                "not finished",
+                look="crosses",
+            )
+
+
+def _told(record: Record) -> list[str]:
+    settings = record.settings
+    return [
+        f"{settings['formulation']}, N = {settings['links']}",
+        f"{settings['integrator']}, tolerance {settings['tolerance']:.0e}, {record.status}",
+        f"CPU time {seconds_text(record.cpu_seconds or 0.0)}",
+        f"constraint error {record.errors['constraint']:.2e} m/s",
+        f"energy error {record.errors['energy']:.2e} J",
+        ", ".join(f"{value} {name}" for name, value in record.counts.items()),
+    ]
+
+
+def _over_time(found: Found, solvers: Sequence[str]) -> Chart:
+    """Return the errors of the robot, of all formulations and enlarged those at velocity level."""
+    panels = {}
+    for (error, axes), solver in product(OVER_TIME.items(), found.solvers):
+        for part, y in zip(PARTS, axes, strict=True):
+            lines = []
+            for i, key in enumerate(found.formulations):
+                record = found.motions.get((PAPER_LINKS, key, solver))
+                if record is None or record.status != "done":
+                    continue
+                times, values = record.series["times"], record.series[error.split()[0]]
+                if y.log:
+                    times, values = times[1:], [abs(value) for value in values[1:]]
+                elif FORMULATIONS[key].level != "velocity":
+                    continue
+                # Where lines coincide, their markers are set apart.
+                lines.append(Line(key, times, values, every=(3 * i, 3 * len(FORMULATIONS))))
+            panels[error, part, str(solver)] = Panel(TIME, y, lines, str(solver))
+    return Chart(
+        "paper-robot",
+        f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links over time",
+        {"error": list(OVER_TIME), "shown": PARTS, "solver": solvers},
+        panels,
+        size=(max(3.4, 5.4 / max(len(solvers), 1)), 2.8),
+        parts=[
+            File(
+                f"paper-fig{figure}", error, [[(error, part, s) for s in solvers] for part in PARTS]
+            )
+            for figure, error in enumerate(OVER_TIME, 3)
+        ],
     )

@@ -10,8 +10,8 @@ from statistics import median
 from typing import NamedTuple
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.studies.paper import Found, Solver
-from eomcheck.lab.studies.paper_claims.claim import CLEAR, KANE, NOTHING, Evidence
+from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, NOTHING, Evidence
+from eomcheck.lab.studies.paper.measure import Found, Solver
 
 
 class Ratio(NamedTuple):

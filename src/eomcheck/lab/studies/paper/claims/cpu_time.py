@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import product
 from statistics import mean, median
 
-from eomcheck.lab.studies.paper import LARGE, QUANTITIES, Found, growth
-from eomcheck.lab.studies.paper_claims.claim import CLEAR, KANE, NOTHING, Evidence, claim
-from eomcheck.lab.studies.paper_claims.comparing import (
+from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, NOTHING, Evidence, claim
+from eomcheck.lab.studies.paper.claims.comparing import (
     Ratio,
     clearly_larger,
     listed,
@@ -16,6 +15,7 @@ from eomcheck.lab.studies.paper_claims.comparing import (
     ratios_of,
     share,
 )
+from eomcheck.lab.studies.paper.measure import LARGE, QUANTITIES, Found, growth
 
 
 @claim(

@@ -7,14 +7,14 @@ from itertools import product
 import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.studies.paper import PAPER_LINKS, Found
-from eomcheck.lab.studies.paper_claims.claim import CLEAR, KANE, ML, NOTHING, Evidence, claim
-from eomcheck.lab.studies.paper_claims.comparing import (
+from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, ML, NOTHING, Evidence, claim
+from eomcheck.lab.studies.paper.claims.comparing import (
     listed,
     ratios_of,
     share,
     whole_range,
 )
+from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found
 
 
 @claim(

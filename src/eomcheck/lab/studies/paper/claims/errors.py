@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from itertools import product
 from statistics import mean, median
 
-from eomcheck.lab.studies.paper import PAPER_LINKS, Found, Solver
-from eomcheck.lab.studies.paper_claims.claim import KANE, Evidence, claim
-from eomcheck.lab.studies.paper_claims.comparing import (
+from eomcheck.lab.studies.paper.claims.claim import KANE, Evidence, claim
+from eomcheck.lab.studies.paper.claims.comparing import (
     Ratio,
     at_level,
     clearly_larger,
@@ -16,6 +15,7 @@ from eomcheck.lab.studies.paper_claims.comparing import (
     points_of,
     ratios_of,
 )
+from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, Solver
 
 
 @claim(

@@ -1,0 +1,28 @@
+"""The paper's simulations over again: its table, its figures, and its claims judged by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from eomcheck.lab.store.records import Record
+from eomcheck.lab.studies.paper import measure, show
+from eomcheck.lab.study import Study
+
+
+def _files(found: Sequence[Record], folder: Path) -> list[Path]:
+    from eomcheck.lab.studies.paper.robot import write_robot
+
+    return write_robot(found, folder)
+
+
+STUDY = Study(
+    key=measure.STUDY,
+    cells=measure.cells,
+    worker=measure.worker,
+    sheets=show.sheets,
+    charts=show.charts,
+    said=show.said,
+    files=_files,
+    reading="Norms of the errors are those over the output times, Eqs. (32) and (33).",
+)
