@@ -246,10 +246,15 @@ class Found:
         self.solvers = list(dict.fromkeys(solver for _, _, solver in self.motions))
         self.formulations = list(dict.fromkeys(key for _, key, _ in self.motions))
 
+    def finished(self, links: int, key: str, solver: Solver) -> Record | None:
+        """Return the Record of a motion, None where it was not finished."""
+        record = self.motions.get((links, key, solver))
+        return record if record is not None and record.status == "done" else None
+
     def value(self, quantity: str, links: int, key: str, solver: Solver) -> float | None:
         """Return one of `QUANTITIES`, None where the motion was not finished."""
-        record = self.motions.get((links, key, solver))
-        if record is None or record.status != "done":
+        record = self.finished(links, key, solver)
+        if record is None:
             return None
         return record.cpu_seconds if quantity == "cpu_seconds" else record.errors[quantity]
 

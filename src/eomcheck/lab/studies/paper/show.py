@@ -74,34 +74,19 @@ def _table_i(found: Found) -> Sheet:
             continue
         last = solved[max(solved)]
         systems = [name for name in last if name.startswith("order of ")]
-        rows.append(
-            (
-                key,
-                f.order_text,
-                ", then ".join(
-                    f"{name.removeprefix('order of ')}: {_order(solved.values(), name)}"
-                    for name in systems
-                ),
-                f"{last['final system']}",
-                f"{f.level} level",
-                "yes" if f.multipliers_in_paper else "no",
-                "yes" if last["multipliers"] else "no",
-            )
+        orders = (
+            f"{name.removeprefix('order of ')}: {_order(solved.values(), name)}" for name in systems
         )
-    columns = ("formulation", "number of equations (paper)", "systems really solved")
+        solving = (f.order_text, ", then ".join(orders), f"{last['final system']}")
+        multipliers = ("yes" if x else "no" for x in (f.multipliers_in_paper, last["multipliers"]))
+        rows.append((key, *solving, f"{f.level} level", *multipliers))
     largest = max((links for links, _ in found.equations), default=0)
-    return Sheet(
-        "paper-table1",
-        "Table I, with the systems really solved",
-        (
-            *columns,
-            f"last one at N = {largest}",
-            "constraints at",
-            "multipliers (paper)",
-            "multipliers (here)",
-        ),
-        rows,
+    columns = (
+        *("formulation", "number of equations (paper)", "systems really solved"),
+        *(f"last one at N = {largest}", "constraints at"),
+        *("multipliers (paper)", "multipliers (here)"),
     )
+    return Sheet("paper-table1", "Table I, with the systems really solved", columns, rows)
 
 
 def _order(counts: Iterable[dict[str, int]], name: str) -> str:
@@ -132,9 +117,8 @@ def _fig_2(found: Found) -> Sheet:
 
 def robot(found: Found) -> Record | None:
     """Return the motion of Fig. 2: the paper's robot by Kane's method and the last solver."""
-    records = [found.motions.get((PAPER_LINKS, KANE, solver)) for solver in found.solvers]
-    done = [record for record in records if record is not None and record.status == "done"]
-    return done[-1] if done else None
+    motions = (found.finished(PAPER_LINKS, KANE, solver) for solver in reversed(found.solvers))
+    return next(filter(None, motions), None)
 
 
 def _nearest(times: Sequence[float], time: float) -> int:
@@ -143,27 +127,15 @@ def _nearest(times: Sequence[float], time: float) -> int:
 
 def _figs_3_and_4(found: Found) -> Sheet:
     rows = []
-    for solver in found.solvers:
-        for key in found.formulations:
-            record = found.motions.get((PAPER_LINKS, key, solver))
-            if record is None or record.status != "done":
-                continue
-            constraint, energy = record.series["constraint"], record.series["energy"]
-            numbers = (
-                *(max(constraint), record.errors["constraint"]),
-                *(max(map(abs, energy)), record.errors["energy"]),
-            )
+    for solver, key in product(found.solvers, found.formulations):
+        if record := found.finished(PAPER_LINKS, key, solver):
+            numbers = []
+            for error in ("constraint", "energy"):
+                numbers += [max(map(abs, record.series[error])), record.errors[error]]
             rows.append((str(solver), key, *(f"{number:.2e}" for number in numbers)))
-    return Sheet(
-        "paper-fig3-4",
-        f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links",
-        (
-            *("solver", "formulation"),
-            *("constraint error, largest, m/s", "norm, m/s"),
-            *("energy error, largest, J", "norm, J"),
-        ),
-        rows,
-    )
+    heads = ("constraint error, largest, m/s", "norm, m/s", "energy error, largest, J", "norm, J")
+    title = f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links"
+    return Sheet("paper-fig3-4", title, ("solver", "formulation", *heads), rows)
 
 
 # ---- Figs. 5 to 7, and the claims ----------------------------------------------------------------
@@ -244,6 +216,9 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
     """Yield Figs. 5 to 7, and Figs. 3 and 4 where the paper's robot is among the motions."""
     found = Found(records)
     solvers = [*map(str, found.solvers)]
+    if not solvers:
+        return
+    width = max(3.4, 5.4 / len(solvers))
     yield Chart(
         "paper",
         "Figs. 5 to 7: one line a formulation, one point a number of links",
@@ -258,21 +233,20 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
             )
             for (quantity, label), solver in product(QUANTITIES.items(), found.solvers)
         },
-        size=(max(3.4, 5.4 / max(len(solvers), 1)), 3.5),
+        size=(width, 3.5),
         parts=[
             File(f"paper-fig{figure}", label, [[(label, solver) for solver in solvers]])
             for figure, label in enumerate(QUANTITIES.values(), 5)
         ],
     )
     if PAPER_LINKS in found.links:
-        yield _over_time(found, solvers)
+        yield _over_time(found, solvers, width)
 
 
 def _norms(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield a line a formulation; one of CPU times tells how they grow."""
     for key in found.formulations:
-        of = [found.motions.get((links, key, solver)) for links in found.links]
-        done = [one for one in of if one is not None and one.status == "done"]
+        done = [r for links in found.links if (r := found.finished(links, key, solver))]
         norms = (found.value(quantity, one.settings["links"], key, solver) or 0.0 for one in done)
         powers = growth(found, key) if quantity == "cpu_seconds" else []
         fitted = len(powers) == len(found.solvers)
@@ -291,8 +265,8 @@ def _unfinished(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
     known = (found.value(quantity, *point) for point in points)
     height = 3 * max((value for value in known if value is not None), default=1.0)
     for key in found.formulations:
-        of = [found.motions.get((links, key, solver)) for links in found.links]
-        failed = [one for one in of if one is not None and one.status != "done"]
+        mine = {"cell": "motion", "formulation": key} | solver._asdict()
+        failed = [one for one in found.unfinished if mine.items() <= one.settings.items()]
         if failed:
             yield Line(
                 key,
@@ -316,15 +290,15 @@ def _told(record: Record) -> list[str]:
     ]
 
 
-def _over_time(found: Found, solvers: Sequence[str]) -> Chart:
+def _over_time(found: Found, solvers: Sequence[str], width: float) -> Chart:
     """Return the errors of the robot, of all formulations and enlarged those at velocity level."""
     panels = {}
     for (error, axes), solver in product(OVER_TIME.items(), found.solvers):
         for part, y in zip(PARTS, axes, strict=True):
             lines = []
             for i, key in enumerate(found.formulations):
-                record = found.motions.get((PAPER_LINKS, key, solver))
-                if record is None or record.status != "done":
+                record = found.finished(PAPER_LINKS, key, solver)
+                if record is None:
                     continue
                 times, values = record.series["times"], record.series[error.split()[0]]
                 if y.log:
@@ -339,7 +313,7 @@ def _over_time(found: Found, solvers: Sequence[str]) -> Chart:
         f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links over time",
         {"error": list(OVER_TIME), "shown": PARTS, "solver": solvers},
         panels,
-        size=(max(3.4, 5.4 / max(len(solvers), 1)), 2.8),
+        size=(width, 2.8),
         parts=[
             File(
                 f"paper-fig{figure}", error, [[(error, part, s) for s in solvers] for part in PARTS]

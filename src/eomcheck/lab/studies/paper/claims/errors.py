@@ -29,8 +29,8 @@ from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, Solver
 def _accumulates(found: Found) -> Evidence:
     ratios = []
     for key, (links, solver) in product(at_level(found, "acceleration"), points_of(found)):
-        record = found.motions.get((links, key, solver))
-        if record is not None and record.status == "done":
+        record = found.finished(links, key, solver)
+        if record is not None:
             error = record.series["constraint"]
             quarter = len(error) // 4
             first, last = mean(error[1 : quarter + 1]), mean(error[-quarter:])
