@@ -14,7 +14,8 @@ STUDIES: dict[str, str] = {
     "work-precision": "Measure error against run time: formulations, integrators and tolerances.",
     "stiff": "Compare explicit and implicit integrators on joints that are stiff, damped and not.",
     "long-run": "Measure how constraint and energy errors grow in 1 000 s, stabilized and not.",
-    "paper": "Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims.",
+    "paper": "Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by "
+    "them.",
 }
 """Key -> what it does. A study of key a-b is STUDY of the module a_b, imported when it is asked
 for."""
