@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 from tests.samples import NOT_OF_SNAKES
@@ -82,6 +83,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch,
     assert says in captured.err
     assert len(captured.err.strip().splitlines()) == 1
     assert "Traceback" not in captured.err
+    assert not Path("x.db").exists()  # nothing was begun
 
 
 def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):

@@ -99,6 +99,7 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
+    one.check(**options)
     from eomcheck.lab.show.layout import write_json
     from eomcheck.lab.show.sheet import print_sheets
     from eomcheck.lab.store.records import Records

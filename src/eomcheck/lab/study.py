@@ -74,6 +74,11 @@ class Study:
         found |= signature(self.worker, eval_str=True).parameters
         return {name: one for name, one in found.items() if one.kind is Parameter.KEYWORD_ONLY}
 
+    def check(self, **options: Any) -> None:
+        """Raise InputError if an option has a value that makes no sense."""
+        for one in (*self.before, self):
+            list(_call(one.cells, options))
+
     def measure(self, records: Records, fresh: bool = False, **options: Any) -> list[Record]:
         """Work off every cell that is not in `records` yet; return the Records of all.
 
