@@ -16,7 +16,7 @@ from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
 from tests.samples import random_scene, random_state
 
 import eomcheck
-from eomcheck.claims import Finding, identities
+from eomcheck.claims import Finding, speeds
 from eomcheck.claims.run import Run, Selection
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.assembled import _made
@@ -113,8 +113,8 @@ def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.M
             failure = first_failure(kind_in(module, fault.file), FORMULATIONS)
         else:
             key = Path(fault.file).stem
-            if hasattr(identities, key):
-                monkeypatch.setattr(identities, key, module)
+            if hasattr(speeds, key):
+                monkeypatch.setattr(speeds, key, module)
             failure = first_failure(Snake, formulation_in(module, key))
     assert failure is not None, "not caught"
     assert failure.claim == fault.claim, str(failure)

@@ -1,13 +1,17 @@
-"""Checks: each file registers its claims in `CLAIMS`; each claim yields Findings."""
+"""What is claimed: each file registers its claims in `CLAIMS`, each once, by both its sides.
+
+`run` judges them in doubles, at states; `proof` in finite fields, for all states at once.
+"""
 
 from __future__ import annotations
 
 # In the order in which a failure is closest to its cause: single terms, then identities between
 # them, then whole accelerations.
-from eomcheck.claims import terms, identities, chain  # isort: skip
-from eomcheck.claims import equivalence, machine_code, physics, truth, refusals  # isort: skip
-from eomcheck.claims.claim import CLAIMS, Case, Claim
+from eomcheck.claims import terms, speeds, chain  # isort: skip
+from eomcheck.claims import accelerations, physics, truth, refusals  # isort: skip
+from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
+from eomcheck.claims.registry import CLAIMS, Claim
 
 __all__ = [
     "CLAIMS",
@@ -16,12 +20,11 @@ __all__ = [
     "Finding",
     "Proof",
     "State",
+    "accelerations",
     "chain",
-    "equivalence",
-    "identities",
-    "machine_code",
     "physics",
     "refusals",
+    "speeds",
     "terms",
     "truth",
 ]

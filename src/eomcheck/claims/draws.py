@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from eomcheck.claims.claim import CLAIMS
-from eomcheck.claims.finding import entry_name
-from eomcheck.claims.identities import embedding
+from eomcheck.claims.finding import entry_name, looks_like
 from eomcheck.claims.point import Point
-from eomcheck.claims.rational import IDENTITIES, Formulations, Key, Sides, Skipped, look_at
+from eomcheck.claims.registry import CLAIMS, Claim, NoRateError, Sides, Skipped
+from eomcheck.claims.speeds import embedding
 from eomcheck.errors import RefusedError
-from eomcheck.formulations import Partition
+from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.finite_field import FiniteField, random_prime
 
+Key = tuple[str, str]
+"""Claim and subject."""
+
 REDRAWS = 3
 """What refuses so many random points in a row refuses all points."""
+
+
+NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
+
+
+def look_at(at: Point, *claims: Claim) -> Iterator[tuple[Key, Sides | Skipped]]:
+    """Yield the sides of identities at a point, by default of all in the order of `CLAIMS`."""
+    for claim in claims or CLAIMS.values():
+        if claim.sides is None or not claim.provable:
+            continue
+        try:
+            for sides in claim.sides(at, at):
+                yield (claim.id, sides.subject), sides
+        except NoRateError:
+            yield (claim.id, claim.rate_of), Skipped(claim.rate_of, NO_RATE)
 
 
 @dataclass
@@ -49,7 +67,7 @@ class Draws:
         partition: a choice of dependent coordinates drawn at random, beside the paper's.
     """
 
-    def __init__(self, scene: Scene, formulations: Formulations, source: random.Random):
+    def __init__(self, scene: Scene, formulations: tuple[Formulation, ...], source: random.Random):
         self.scene, self.formulations, self._source = scene, formulations, source
         self.count = 0
         self.outcomes: dict[Key, Outcome] = {}
@@ -65,13 +83,13 @@ class Draws:
                 operations.
         """
         at, prime = self._point()
-        for key, sides in look_at(at, self.formulations):
+        for key, sides in look_at(at):
             outcome = self.outcomes.setdefault(key, Outcome())
             if isinstance(sides, Skipped):
                 outcome.skipped = sides.reason
                 continue
             outcome.primes.append(prime)
-            if not _equal(sides):
+            if not _same(*_both(sides)):
                 outcome.differs += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
 
@@ -82,7 +100,8 @@ class Draws:
             last = attempt == REDRAWS - 1
             self.count += 1
             prime = random_prime(self._source)
-            at = Point(self.scene, FiniteField(prime, self._source), self.partition)
+            field = FiniteField(prime, self._source)
+            at = Point(self.scene, field, self.formulations, self.partition)
             try:
                 if self.partition is None:
                     self.partition = at.other_partition = self._drawn_partition(at)
@@ -112,22 +131,19 @@ class Draws:
         return None
 
     def _detail(self, at: Point, key: Key, sides: Sides) -> str:
-        claim, subject = key
         if sides.names == (at.direction_names,):
             at.look_along_axes()
-            along_axes = IDENTITIES[claim](at, self.formulations)
-            named = (x for x in along_axes if isinstance(x, Sides) and x.subject == subject)
-            sides = next(named)
-        return f"{CLAIMS[claim].term}, {describe(sides)}"
+            along_axes = dict(look_at(at, CLAIMS[key[0]]))[key]
+            sides = along_axes if isinstance(along_axes, Sides) else sides
+        return f"{CLAIMS[key[0]].term}, {describe(sides)}"
 
 
 def _both(sides: Sides) -> tuple[Array, Array]:
     return np.asarray(sides.found, object), np.asarray(sides.expected, object)
 
 
-def _equal(sides: Sides) -> bool:
-    found, expected = _both(sides)
-    return found.shape == expected.shape and bool((found == expected).all())
+def _same(x: Array, y: Array) -> bool:
+    return np.shape(x) == np.shape(y) and bool(np.all(x == y))
 
 
 def describe(sides: Sides) -> str:
@@ -136,25 +152,5 @@ def describe(sides: Sides) -> str:
     if found.shape != expected.shape:
         return f"shape {found.shape}, expected {expected.shape}"
     where = tuple(int(i) for i in np.argwhere(found != expected)[0])
-    place = entry_name(where, sides.names)
-    what = _looks_like(found, expected, where)
+    place, what = entry_name(where, sides.names), looks_like(found, expected, where, _same)
     return f"{place}: {what}" if what else place
-
-
-def _looks_like(found: Array, expected: Array, where: tuple[int, ...]) -> str:
-    x, y = found[where], expected[where]
-    square = found.ndim == 2 and found.shape[0] == found.shape[1]
-    if square and bool((found == expected.T).all()):
-        return "transposed"
-    if x == -y:
-        return "sign"
-    if x == 0:
-        return "missing"
-    if y == 0:
-        return "should vanish"
-    for factor in (2, 4):
-        if x == factor * y:
-            return f"{factor} times too large"
-        if factor * x == y:
-            return f"1/{factor} of what it should be"
-    return ""

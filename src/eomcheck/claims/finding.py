@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -164,18 +165,29 @@ def diagnose(found: Array, expected: Array, allowed: float) -> str:
     worst = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
     x, y = float(found[worst]), float(expected[worst])
     near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
-    if found.ndim == 2 and found.shape[0] == found.shape[1] and largest(found - expected.T) <= near:
+    what = looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)
+    return what or f"{x:.6g}, expected {y:.6g}"
+
+
+def looks_like(
+    found: Array, expected: Array, where: tuple, same: Callable[[Any, Any], bool]
+) -> str:
+    """Return what `found` looks like beside `expected` in one entry, "" if like nothing known."""
+    x, y = found[where], expected[where]
+    if found.ndim == 2 and found.shape[0] == found.shape[1] and same(found, expected.T):
         return "transposed"
-    if abs(x + y) <= near:
+    if same(x, -y):
         return "sign"
-    if abs(x) <= near:
+    if same(x, 0):
         return "missing"
-    if abs(y) <= near:
+    if same(y, 0):
         return "should vanish"
-    for factor in (2.0, 0.5, 4.0, 0.25):
-        if abs(x - factor * y) <= near:
-            return f"{factor:g} times too large"
-    return f"{x:.6g}, expected {y:.6g}"
+    for factor in (2, 4):
+        if same(x, factor * y):
+            return f"{factor} times too large"
+        if same(factor * x, y):
+            return f"{1 / factor:g} times too large"
+    return ""
 
 
 def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:

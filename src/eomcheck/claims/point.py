@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from eomcheck.claims.registry import NoRateError
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities, Solution
 from eomcheck.formulations import Formulation, Partition
@@ -25,19 +27,31 @@ class Variables(Arithmetic, Protocol):
 class Point(Quantities):
     """A scene with every parameter, angle and speed a variable; v = W u + offset.
 
+    It is looked at as it is: see `eomcheck.claims.registry.Look`.
+
     Args:
         scene: decides sizes and what is absent; its numbers do not matter.
         arithmetic: what gives the variables.
+        formulations: those to look at.
         partition: a second partition of the coordinates, beside the paper's.
     """
 
-    def __init__(self, scene: Scene, arithmetic: Variables, partition: Partition | None = None):
+    exact: ClassVar[bool] = True
+    has_speeds: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        scene: Scene,
+        arithmetic: Variables,
+        formulations: tuple[Formulation, ...] = (),
+        partition: Partition | None = None,
+    ):
         super().__init__(scene, arithmetic, arithmetic.vector(scene.n), arithmetic.vector(1)[0])
         self.u = arithmetic.vector(scene.p)
-        self.other_partition = partition
+        self.formulations, self.other_partition = formulations, partition
         self.directions = [arithmetic.vector(scene.n)]
         self._free_velocity = arithmetic.vector(scene.n)
-        self._solutions: dict[tuple[str, bool], Solution | RefusedError] = {}
+        self._results: dict[tuple[str, bool], Solution | RefusedError] = {}
 
     @cached_property
     def free(self) -> Quantities:
@@ -57,31 +71,61 @@ class Point(Quantities):
         """Names of the directions."""
         return self.scene.coordinate_names if len(self.directions) > 1 else ("any direction",)
 
-    def solved(self, formulation: Formulation, other: bool = False) -> Solution | None:
-        """Return what `formulation` says, by the other partition on request; None if it refuses."""
-        result = self._solve(formulation, other)
-        return None if isinstance(result, RefusedError) else result
+    @property
+    def partitions(self) -> Iterator[tuple[str, Partition]]:
+        """The paper's partition and the other one."""
+        yield "em", self.partition
+        if self.other_partition is not None:
+            yield "em, drawn", self.other_partition
+
+    @property
+    def solutions(self) -> tuple[tuple[Formulation, Solution], ...]:
+        """What the formulations say that do not refuse."""
+        results = ((f, self._result(f)) for f in self.formulations)
+        return tuple((f, x) for f, x in results if isinstance(x, Solution))
+
+    @property
+    def others(self) -> tuple[tuple[Formulation, Solution, Solution], ...]:
+        """Partitioned formulations, a result by the paper's partition, theirs by the other one."""
+        if self.other_partition is None:
+            return ()
+        solutions = self.solutions
+        by_other = ((f, self._result(f, True)) for f in self.formulations if f.partitioned)
+        # Its own result by the paper's partition, or any other if that refuses.
+        return tuple(
+            (f, dict(solutions).get(f, solutions[0][1]), y)
+            for f, y in by_other
+            if solutions and isinstance(y, Solution)
+        )
 
     def refusal(self, formulation: Formulation) -> RefusedError | None:
         """Return why `formulation` refuses, or None."""
-        result = self._solve(formulation, False)
+        result = self._result(formulation)
         return result if isinstance(result, RefusedError) else None
 
-    def _solve(self, formulation: Formulation, other: bool) -> Solution | RefusedError:
+    def _result(self, formulation: Formulation, other: bool = False) -> Solution | RefusedError:
         key = (formulation.key, other)
-        if key not in self._solutions:
+        if key not in self._results:
             try:
                 partition = self.other_partition if other else self.partition
-                self._solutions[key] = self.solution(formulation, partition)
+                self._results[key] = self.solution(formulation, partition)
             except RefusedError as refusal:
-                self._solutions[key] = refusal
-        return self._solutions[key]
+                self._results[key] = refusal
+        return self._results[key]
 
-    @cached_property
-    def can_move(self) -> bool:
-        """Whether all that is prepared is angles and roots, which can be differentiated."""
+    def spread(self, quantity: Callable[[Any], Any]) -> float:
+        """Return 0: nothing is rounded."""
+        return 0.0
+
+    vdot_spread = multiplier_spread = spread
+
+    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+        """Return (prepared, q) while q changes at `qdot`, see `Quantities`.
+
+        Raises:
+            NoRateError: more is prepared than angles and roots, and cannot be differentiated.
+        """
         try:
-            self.moving(0 * self.q)
-        except (TypeError, AttributeError, NotImplementedError):
-            return False
-        return True
+            return super().moving(qdot, clock)
+        except (TypeError, AttributeError, NotImplementedError) as error:
+            raise NoRateError from error

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from eomcheck.claims.draws import REDRAWS, Draws
+from eomcheck.claims.draws import REDRAWS, Draws, Key, look_at
 from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.point import Point
-from eomcheck.claims.rational import Formulations, Key, Skipped, look_at
+from eomcheck.claims.registry import Skipped
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.errors import InputError, RefusedError, distinct, whole_number
 from eomcheck.evaluation import point as quantities
-from eomcheck.formulations import formulations_for
+from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.degree import Bound, Degrees
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, DomainError
@@ -100,7 +100,7 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
 
 
 def prove_structure(
-    scene: Scene, formulations: Formulations, points: int, seed: int
+    scene: Scene, formulations: tuple[Formulation, ...], points: int, seed: int
 ) -> list[Finding]:
     """Return the Findings about all scenes of the structure of `scene`.
 
@@ -112,7 +112,7 @@ def prove_structure(
     try:
         for _ in range(points):
             draws.look()
-        bounds = largest_bounds(Point(scene, Degrees(), draws.partition), formulations)
+        bounds = largest_bounds(Point(scene, Degrees(), formulations, draws.partition))
     except (TypeError, DomainError) as error:
         return [_not_rational(scene, error)]
     except (RefusedError, ZeroDivisionError) as error:
@@ -169,7 +169,7 @@ def _points(count: int) -> str:
     return "1 point" if count == 1 else f"{count} points"
 
 
-def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int, float]]:
+def largest_bounds(at: Point) -> dict[Key, tuple[int, float]]:
     """Return, per identity, bounds of the numerator of left - right.
 
     Returns:
@@ -177,7 +177,7 @@ def largest_bounds(at: Point, formulations: Formulations) -> dict[Key, tuple[int
         largest over all entries.
     """
     bounds: dict[Key, tuple[int, float]] = {}
-    for key, sides in look_at(at, formulations):
+    for key, sides in look_at(at):
         if isinstance(sides, Skipped):
             continue
         found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space, solve_triangular
 
-from eomcheck.claims.claim import CLAIMS, Case, Claim, claim
+from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import HUGE, largest
@@ -108,21 +109,17 @@ def _rcond(matrix: Array) -> float:
     return float(singular[-1] / singular[0] / singular.size) if singular[0] > 0 else 0.0
 
 
-@claim("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
+@check("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
 def refusals(case: Case) -> Iterator[Finding]:
     """Every refusal is justified by a reciprocal condition number computed independently."""
-    assert case.claim is not None
     for formulation in case.formulations:
         try:
             case.at.acceleration(formulation)
         except RefusedError as refusal:
             rcond = independent_rcond(formulation, refusal, case)
             justified = rcond <= refusal.threshold
-            yield Finding(
-                case.claim.id,
+            yield case.finding(
                 formulation.key,
-                case.at.scene,
-                case.state,
                 rcond,
                 refusal.threshold,
                 "passed" if justified else "failed",
@@ -141,7 +138,6 @@ CLAIMS["coverage"] = Claim(
     f"at least {1 - MAY_REFUSE:.0%} of ordinary states are solved by all formulations",
     "",
     "coverage",
-    None,
 )
 
 

@@ -17,7 +17,6 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case, Finding, State
-from eomcheck.claims.claim import look
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import ENGINES, Engine, engine_of
@@ -85,12 +84,12 @@ class Run:
         return len(self.ends)
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
-        """Look at one state, keep the Findings and return them."""
+        """Look at one state, add the Findings to `findings` and return them."""
         case = _case(scene, state, selection)
         new: list[Finding] = []
         for one in selection.claims:
             start = time.perf_counter()
-            new += look(case, CLAIMS[one]) if case.finite or one == "finite-terms" else []
+            new += case.look(CLAIMS[one]) if case.finite or one == "finite-terms" else []
             self.seconds[one] += time.perf_counter() - start
         self.findings += new
         self.ends.append(len(self.findings))
@@ -122,7 +121,7 @@ class Run:
                 self.drawn.append(Drawn(scene, state, self.refused))
                 on_case()
             else:
-                new = look(_case(*drawn, selection), CLAIMS[failing])
+                new = _case(*drawn, selection).look(CLAIMS[failing])
             for finding in new:
                 if finding.verdict == "failed":
                     failing = finding.claim

@@ -1,48 +1,24 @@
-"""Claims about single terms: M, B, Q, a and gamma against engines that derive them otherwise."""
+"""Claims about single terms: M, B, Q, a, b and gamma against energies, constraints and engines."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from eomcheck.claims.claim import Case, claim
+from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
-from eomcheck.engines import DerivingEngine, Engine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.claims.point import Point
+from eomcheck.claims.registry import Against, Look, Sides, along, check, claim, size
+from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.dual import rate
+from eomcheck.numbers.dual import constant, duals, rate
 from eomcheck.numbers.entries import objects
 
 
-def _against_engines(
-    case: Case,
-    ours: Callable[[Evaluation], Array],
-    theirs: Callable[..., Array],
-    *,
-    derived: bool = True,
-    size: Callable[[Engine], float] = lambda engine: 0.0,
-) -> Iterator[Finding]:
-    at = case.at
-    spread = None
-    for engine in case.engines:
-        if derived and not isinstance(engine, DerivingEngine):
-            continue
-        spread = at.spread(ours, coordinates=True) if spread is None else spread
-        found = ours(at)
-        # A term of size 0 (B at rest) is compared all the same: it should vanish.
-        yield case.compare(
-            engine.key,
-            found,
-            theirs(engine),
-            spread + size(engine),
-            scale=spread + size(engine),
-            evidence=f"compared: {engine.version()}",
-        )
-
-
-@claim("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
+@check("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
 def finite_terms(case: Case) -> Iterator[Finding]:
     """Every term is a finite number, unless the state itself is so large that it overflows."""
     at = case.at
@@ -55,127 +31,168 @@ def finite_terms(case: Case) -> Iterator[Finding]:
             yield case.compare(name, bad, zero, 0.0)
 
 
-@claim("mass-matrix", "M = ∂²T/∂q̇²", "(5), (25)", "mass matrix")
-def mass_matrix(case: Case) -> Iterator[Finding]:
-    """Compare the mass matrix."""
-    return _against_engines(
-        case,
+@claim(
+    "mass-matrix",
+    "M = ∂²T/∂q̇²",
+    "(5), (25)",
+    "mass matrix",
+    against=Against(
         lambda e: e.terms.M,
-        lambda engine: engine.mass_matrix(case.at.q, case.at.t),
+        lambda engine, at: (engine.mass_matrix(at.q, at.t), engine.mass_matrix_size(at.q, at.t)),
         derived=False,
-        size=lambda engine: engine.mass_matrix_size(case.at.q, case.at.t),
-    )
+    ),
+)
+def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
+    """M v is the rate of T along any change of v; M itself is symmetric."""
+    M, v = at.terms.M, at.free.v
+
+    def change(direction: Array) -> tuple[Any, Any]:
+        T, _ = at.scene.energies(at.parameters, at.prepared, at.q, duals(v, direction))
+        return direction @ M @ v, rate(T)
+
+    yield from along(look, "M v", change)
+    yield Sides("M", M, M.T, (at.scene.coordinate_names,) * 2)
 
 
-@claim("bias", "B = d/dt ∂T/∂q̇ - ∂T/∂q at q̈ = 0", "(5), (25)", "bias")
-def bias(case: Case) -> Iterator[Finding]:
-    """Compare the bias, zeros where the scene has none."""
-    zero = np.zeros(case.at.scene.n)
-    return _against_engines(
-        case,
-        lambda e: zero if e.terms.B is None else e.terms.B,
-        lambda engine: engine.bias(*case.state),
+@claim(
+    "bias",
+    "B = d/dt ∂T/∂q̇ - ∂T/∂q at q̈ = 0",
+    "(5), (25)",
+    "bias",
+    rate_of="B",
+    against=Against(
+        lambda e: np.zeros(e.scene.n) if e.terms.B is None else e.terms.B,
+        lambda engine, at: (engine.bias(*at), engine.bias_size(*at)),
         derived=False,
-        size=lambda engine: engine.bias_size(*case.state),
-    )
+    ),
+)
+def bias(at: Point, look: Look) -> Iterator[Sides]:
+    """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
+    v, B = at.free.v, at.free.terms.B
+    prepared, q = at.moving(v)
+    steady = constant(prepared), constant(q)
+
+    def work(direction: Array) -> tuple[Any, Any]:
+        T, _ = at.scene.energies(at.parameters, *steady, duals(v, direction))
+        T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction, clock=False), v)
+        return 0 if B is None else direction @ B, rate(rate(T)) - rate(T_aside)
+
+    return along(look, "B", work)
 
 
-@claim("generalized-forces", "Q = -∂U/∂q - ∂R/∂q̇", "(26)-(27)", "generalized forces")
-def generalized_forces(case: Case) -> Iterator[Finding]:
-    """Compare Q with the derivatives of the potential energy and of the dissipation."""
-    if case.at.terms.Q is None:
-        return iter(())
-    return _against_engines(case, lambda e: e.terms.Q, lambda engine: engine.forces(*case.state))
+@claim(
+    "generalized-forces",
+    "Q = -∂U/∂q - ∂R/∂q̇",
+    "(26)-(27)",
+    "generalized forces",
+    rate_of="Q",
+    against=Against(lambda e: e.terms.Q, lambda engine, at: (engine.forces(*at), 0.0)),
+)
+def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
+    """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
+    Q = at.terms.Q
+
+    def work(direction: Array) -> tuple[Any, Any] | None:
+        _, U = at.scene.energies(at.parameters, *at.moving(direction, clock=False), at.v)
+        R = at.dissipation(duals(at.v, direction))
+        if U is None and R is None and Q is None:
+            return None
+        expected = (0 if U is None else -rate(U)) - (0 if R is None else rate(R))
+        return 0 if Q is None else direction @ Q, expected
+
+    return along(look, "Q", work)
 
 
-@claim("constraint-jacobian", "a = ∂c/∂q̇", "(2), (28)", "constraint Jacobian")
-def constraint_jacobian(case: Case) -> Iterator[Finding]:
-    """Compare a with the derivative of the constraints."""
-    if case.at.terms.a is None:
-        return iter(())
-    return _against_engines(
-        case,
-        lambda e: e.terms.a,
-        lambda engine: engine.constraint_jacobian(*case.state),
-    )
-
-
-@claim("constraint-velocity", "a q̇ + b = c(q, q̇, t)", "(2)", "constraints at velocity level")
-def constraint_velocity(case: Case) -> Iterator[Finding]:
-    """Compare a and b with the constraints, without any engine."""
-
-    def from_terms(e: Evaluation) -> Array:
-        moving = e.terms.a @ e.v
-        return moving if e.terms.b is None else moving + e.terms.b
-
-    def direct(e: Evaluation) -> Array:
-        return e.call(e.scene.constraint, e.parameters, e.prepared, e.q, e.v)
-
-    at = case.at
-    if at.terms.a is None:
+def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
+    """Yield the sides of a v + b = c, where one of them is present."""
+    v, a, b = at.v, at.terms.a, at.terms.b
+    expected = at.call(at.scene.constraint, at.parameters, at.prepared, at.q, v)
+    if a is None and expected is None:
         return
-    size = largest(np.abs(at.terms.a) @ np.abs(at.v))
-    size += 0.0 if at.terms.b is None else largest(at.terms.b)
-    spread = at.spread(from_terms) + at.spread(direct) + size
-    names = (at.scene.constraint_names,)
-    yield case.compare("c", from_terms(at), direct(at), spread, scale=size, names=names)
+    zero = np.zeros(at.scene.r, object)
+    found = zero if a is None else a @ v if b is None else a @ v + b
+    expected = zero if expected is None else expected
+    terms = size(a, v) + size(b)
+    yield Sides(subject, found, expected, (at.scene.constraint_names,), terms)
 
 
-@claim("position-rate", "dΦ/dt = a q̇ + b, Φ = 0 where closed", "(2)", "rate of closed positions")
-def position_rate(case: Case) -> Iterator[Finding]:
-    """Compare holonomic constraints with the rates of what vanishes at closed positions."""
-    at = case.at
-    residual, rows = at.scene.position_residual, at.scene.holonomic
+@claim(
+    "constraint-jacobian",
+    "a = ∂c/∂q̇",
+    "(2), (28)",
+    "constraint Jacobian",
+    against=Against(lambda e: e.terms.a, lambda engine, at: (engine.constraint_jacobian(*at), 0.0)),
+)
+def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The constraints are a v + b for every v, and none is forgotten."""
+    return _constraints("a", look.free)
+
+
+@claim(
+    "constraint-velocity",
+    "a q̇ + b = c(q, q̇, t)",
+    "(2)",
+    "constraints at velocity level",
+    provable=False,
+)
+def constraint_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Compare a and b with the constraints, without any engine."""
+    return _constraints("c", look.free)
+
+
+@claim(
+    "position-rate",
+    "dΦ/dt = a q̇ + b, Φ = 0 where closed",
+    "(2)",
+    "rate of closed positions",
+    rate_of="Φ",
+)
+def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Holonomic constraints are the rates of what vanishes at closed positions."""
+    scene, rows = at.scene, at.scene.holonomic
+    residual, names = scene.position_residual, scene.constraint_names[rows]
     if residual is None or at.terms.a is None:
         return
 
-    def along(e: Evaluation, qdot: Array, clock: bool) -> Array:
-        return np.asarray(rate(residual(objects(e.parameters), *e.moving(qdot, clock))), np.float64)
+    def rates(qdot: Array, clock: bool = True) -> Array:
+        return rate(residual(objects(at.parameters), *at.moving(qdot, clock)))
 
-    def over_coordinates(e: Evaluation) -> Array:
-        # At a consistent velocity every rate is 0, and would tell nothing.
-        return np.array([along(e, axis, False) for axis in np.eye(e.scene.n)]).T
-
-    def over_time(e: Evaluation) -> Array:
-        return along(e, np.zeros(e.scene.n), True)
-
-    def b(e: Evaluation) -> Array:
-        return (np.zeros(e.scene.r) if e.terms.b is None else e.terms.b)[rows]
-
-    spread = at.spread(over_coordinates) + at.spread(lambda e: e.terms.a[rows])
-    names = (at.scene.constraint_names[rows], at.scene.coordinate_names)
-    yield case.compare("∂Φ/∂q", over_coordinates(at), at.terms.a[rows], spread, names=names)
-    if at.scene.depends_on_time:
-        spread = at.spread(over_time) + at.spread(b)
-        yield case.compare("∂Φ/∂t", over_time(at), b(at), spread, scale=spread, names=names[:1])
+    if look.exact:
+        v = look.free.v
+        expected = scene.constraint(at.parameters, at.prepared, at.q, v)[rows]
+        yield Sides("Φ", rates(v), expected, (names,))
+        return
+    # At a consistent velocity every rate is 0, and would tell nothing.
+    over_coordinates = np.array([rates(axis, False) for axis in look.directions]).T
+    yield Sides("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
+    if scene.depends_on_time:
+        b = (np.zeros(scene.r) if at.terms.b is None else at.terms.b)[rows]
+        yield Sides("∂Φ/∂t", rates(np.zeros(scene.n)), b, (names,), may_vanish=True)
 
 
-@claim("constraint-drift", "gamma = ȧ q̇ + ḃ", "(3)", "constraint drift")
-def constraint_drift(case: Case) -> Iterator[Finding]:
-    """Compare gamma with the time derivative of the constraints."""
-    if case.at.terms.gamma is None:
-        return iter(())
-    return _against_engines(
-        case,
-        lambda e: e.terms.gamma,
-        lambda engine: engine.constraint_drift(*case.state),
-    )
+@claim(
+    "constraint-drift",
+    "gamma = ȧ q̇ + ḃ",
+    "(3)",
+    "constraint drift",
+    rate_of="gamma",
+    against=Against(
+        lambda e: e.terms.gamma, lambda engine, at: (engine.constraint_drift(*at), 0.0)
+    ),
+)
+def constraint_drift(at: Point, look: Look) -> Iterator[Sides]:
+    """gamma is the rate of the constraints at v̇ = 0, for every v."""
+    free = at.free
+    if at.terms.a is None:
+        return
+    changing = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
+    yield Sides("gamma", free.terms.gamma, rate(changing), (at.scene.constraint_names,))
 
 
 @claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
-def kinetic_energy(case: Case) -> Iterator[Finding]:
-    """Compare M with the kinetic energy, without any engine."""
-
-    def from_mass_matrix(e: Evaluation) -> float:
-        return e.v @ e.terms.M @ e.v / 2
-
-    def direct(e: Evaluation) -> float:
-        return e.call(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
-
-    at = case.at
-    yield case.compare(
-        "T",
-        np.asarray(from_mass_matrix(at)),
-        np.asarray(direct(at)),
-        at.spread(from_mass_matrix) + at.spread(direct) + np.abs(at.v) @ np.abs(at.terms.M @ at.v),
-    )
+def kinetic_energy(at: Quantities, look: Look) -> Iterator[Sides]:
+    """vᵀ M v = 2 T for every v."""
+    v = look.free.v
+    momentum = at.terms.M @ v
+    T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, v)
+    yield Sides("T", v @ momentum, 2 * T, (), size(v, momentum))

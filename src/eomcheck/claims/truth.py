@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from eomcheck.claims.claim import Case, claim, pairs
-from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.claims.case import Case
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import check, pairs
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
 from eomcheck.evaluation.enclosure import Enclosure, enclosure
@@ -32,13 +33,7 @@ def _enclosed(
         return f"not rational: {error}"
 
 
-def _finding(case: Case, claim: str, subject: str, apart: int, verdict: Verdict, detail: str):
-    return Finding(
-        claim, subject, case.at.scene, case.state, float(apart), 0.0, verdict, EVIDENCE, detail
-    )
-
-
-@claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
+@check("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
 def enclosures(case: Case) -> Iterator[Finding]:
     """The enclosures by all formulations have a point in common, pair by pair."""
     if not case.has_speeds or not np.isfinite(case.at.u).all():
@@ -48,18 +43,19 @@ def enclosures(case: Case) -> Iterator[Finding]:
     for f in case.solved:
         x = _enclosed(case, f, known)
         if isinstance(x, str):
-            yield _finding(case, "enclosures", f.key, 0, "inconclusive", x)
+            yield case.finding(f.key, 0.0, 0.0, "inconclusive", EVIDENCE, x)
         else:
             found.append((f, x))
-    for (f, x), (g, y) in pairs(tuple(found)):
+    for (f, x), (g, y) in pairs(found):
         apart = np.flatnonzero(~x.overlaps(y))
         rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
         detail = f"acceleration, row {rows}: the balls are disjoint" if apart.size else ""
-        verdict: Verdict = "failed" if apart.size else "passed"
-        yield _finding(case, "enclosures", f"{f.key} ~ {g.key}", apart.size, verdict, detail)
+        verdict = "failed" if apart.size else "passed"
+        outcome = float(apart.size), 0.0, verdict, EVIDENCE, detail
+        yield case.finding(f"{f.key} ~ {g.key}", *outcome)
 
 
-@claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
+@check("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
     here = case.at
@@ -68,7 +64,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
     try:
         truth, at = true_state(here.scene, here.q, here.u, here.t)
     except (RefusedError, TypeError) as error:
-        yield _finding(case, "true-error", "all", 0, "inconclusive", str(error))
+        yield case.finding("all", 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
         return
     true = Case(at, case.formulations, case.engines, case.claim)
     for formulation in true.solved:

@@ -1,0 +1,199 @@
+"""Claims about whole accelerations: Eqs. (3) and (5), the formulations, engines, machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.linalg import null_space
+
+from eomcheck.claims.case import Case
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import (
+    Look,
+    Sides,
+    check,
+    claim,
+    magnitude,
+    numbered,
+    pairs,
+    size,
+    speed_names,
+    vanishing,
+)
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.formulations import FORMULATIONS, Formulation
+from eomcheck.motion.observe import as_integrated
+from eomcheck.motion.right_hand_side import acceleration_in_machine_code
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.linear import column_scale
+
+
+def _row_sum(matrix: Any) -> float:
+    """Return the largest sum of magnitudes in a row."""
+    return size(matrix, np.ones(matrix.shape[1]))
+
+
+@claim("equations-residual", "M q̈ - F - aᵀλ = 0", "(5)", "equations of motion")
+def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
+    M, _, _, a, _, _ = at.terms
+    F_spread = look.spread(lambda e: e.F)
+    motions, told = (None, True) if a is None else _allowed_motions(at, look)
+    for f, x in look.solutions:
+        residual, names = M @ x.vdot - at.F, at.scene.coordinate_names
+        terms = magnitude(M, x.vdot) + magnitude(at.F)
+        spread = _row_sum(M) * look.vdot_spread(f) + F_spread
+        if a is not None and x.multipliers is not None:
+            residual = residual - a.T @ x.multipliers
+            terms = terms + magnitude(a.T, x.multipliers)
+            spread += _row_sum(a.T) * look.multiplier_spread(f)
+        elif motions is not None:
+            cancelled = 0.0 if look.exact else _constraint_forces(a, residual)
+            terms = magnitude(motions.T, terms + cancelled)
+            residual = motions.T @ residual
+            names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
+            spread = spread if told else np.inf
+        scale = largest(terms)
+        yield vanishing(f.key, residual, (names,), scale, spread + scale)
+
+
+def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, bool]:
+    """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
+    if look.exact:
+        return at.speeds.W, True
+    a = at.terms.a
+    basis = null_space(a)
+    values = np.linalg.svd(a * column_scale(a.T)[:, None], compute_uv=False)
+    told = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
+    # Singular vectors are as accurate as the largest row of a allows, not each row for itself.
+    return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0], bool(told)
+
+
+def _constraint_forces(a: Any, net: Array) -> Array:
+    """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, which may have cancelled there."""
+    if not np.isfinite(net).all():
+        return np.full(net.size, np.inf)
+    return np.abs(a.T) @ np.abs(np.linalg.lstsq(a.T, net, rcond=None)[0])
+
+
+@claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
+def constraint_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Each q̈ satisfies the constraints differentiated."""
+    a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
+    if a is None:
+        return
+    gamma_spread = look.spread(lambda e: e.terms.gamma)
+    for f, x in look.solutions:
+        terms = size(a, x.vdot) + size(gamma)
+        spread = _row_sum(a) * look.vdot_spread(f) + gamma_spread + terms
+        yield vanishing(f.key, a @ x.vdot + gamma, names, terms, spread)
+
+
+@claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
+def equivalence(at: Quantities, look: Look) -> Iterator[Sides]:
+    """All formulations give the same acceleration, pair by pair, whatever the partition."""
+    names = (at.scene.coordinate_names,)
+    for (f, x), (g, y) in pairs(look.solutions):
+        spread = look.vdot_spread(f) + look.vdot_spread(g)
+        yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, spread=spread)
+    for f, x, y in look.others:
+        yield Sides(f"{f.key}, drawn", x.vdot, y.vdot, names)
+
+
+@claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
+def multipliers(at: Quantities, look: Look) -> Iterator[Sides]:
+    """All formulations that have multipliers have the same, pair by pair."""
+    if at.terms.a is not None:
+        for f, x in look.solutions:
+            has, declared = int(x.multipliers is not None), int(f.multipliers)
+            yield Sides(f.key, has, declared, (), size=1.0, spread=1.0)
+    having = [(f, x) for f, x in look.solutions if x.multipliers is not None]
+    for (f, x), (g, y) in pairs(having):
+        spread = look.multiplier_spread(f) + look.multiplier_spread(g)
+        names = (at.scene.constraint_names,)
+        yield Sides(f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, spread=spread)
+
+
+# ---- Engines -------------------------------------------------------------------------------------
+
+
+def _part_in(formulation: Formulation, T: Array, part: str, e: Evaluation) -> Array:
+    return getattr(e.acceleration_in(formulation, T), part)
+
+
+def _responses(at: Evaluation) -> tuple[float, float]:
+    """Return the largest change of v̇ and of λ per change of all entries of F by one unit."""
+    M, a = at.terms.M, at.terms.a
+    if a is None:
+        return float(np.linalg.norm(np.linalg.inv(M), np.inf)), 0.0
+    Z = null_space(a)
+    response = Z @ np.linalg.solve(Z.T @ M @ Z, Z.T)
+    multipliers = np.linalg.pinv(a.T) @ (M @ response - np.eye(len(M)))
+    return float(np.linalg.norm(response, np.inf)), float(np.linalg.norm(multipliers, np.inf))
+
+
+def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield the Findings of "vdot" or "multipliers", for each engine where that can be judged."""
+    at = case.at
+    Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
+    for engine in case.engines:
+        like, T = FORMULATIONS[engine.solves_like], engine.coordinates
+        if case.result(like) is None:
+            continue
+        try:
+            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
+            if (theirs := getattr(result, part)) is None:
+                continue
+            by_force = _responses(at)[part == "multipliers"] * engine.bias_size(*case.state)
+            spread = at.spread(partial(_part_in, like, T, part), coordinates=True) + by_force
+        except (np.linalg.LinAlgError, RefusedError):
+            continue
+        for formulation, x in case.solutions:
+            if (ours := getattr(x, part)) is not None:
+                both = case.part_spread(formulation, part, coordinates=True) + spread
+                here, evidence = (ours, theirs, both), f"compared: {engine.version()}"
+                subject = f"{formulation.key} ~ {engine.key}"
+                yield case.compare(subject, *here, evidence=evidence, names=(names,))
+
+
+@check("engine-acceleration", "q̈ = q̈ of the engine", "(5), (7)-(23)", "acceleration")
+def engine_acceleration(case: Case) -> Iterator[Finding]:
+    """Each formulation gives the constrained acceleration of each engine."""
+    return _against_engines(case, "vdot", case.at.scene.coordinate_names)
+
+
+@check("engine-multipliers", "λ = λ of the engine", "(5), (7), (9), (12)", "multipliers")
+def engine_multipliers(case: Case) -> Iterator[Finding]:
+    """Each formulation that has multipliers gives those of each engine."""
+    return _against_engines(case, "multipliers", case.at.scene.constraint_names)
+
+
+# ---- Machine code --------------------------------------------------------------------------------
+
+FEW = 5
+"""Coordinates of scenes for which machine code is made beside the example of a kind: it takes as
+long as hundreds of states."""
+
+
+@check("machine-code", "q̈ in machine code = q̈ of the public path", "(7)-(23)", "machine code")
+def machine_code(case: Case) -> Iterator[Finding]:
+    """Each formulation gives the same acceleration in machine code."""
+    scene = case.at.scene
+    if scene.n > FEW and scene.structure != type(scene).example().structure:
+        return
+    for formulation in case.solved:
+        try:
+            at = as_integrated(case.at, formulation)
+            found = acceleration_in_machine_code(at, formulation)
+            public = at.acceleration(formulation).vdot
+        except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
+            continue
+        # Velocities that differ by rounding have the same spread.
+        yield case.compare(formulation.key, found, public, 2 * case.vdot_spread(formulation))

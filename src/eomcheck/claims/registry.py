@@ -1,0 +1,215 @@
+"""What a claim is, and how one is registered: by both its sides, or by a check in doubles alone.
+
+Two judges look at the sides. In doubles (`eomcheck.claims.case`) they differ by no more than what
+rounding explains; in a finite field (`eomcheck.claims.proof`) they are equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.formulations import Formulation, Partition
+from eomcheck.mechanics.records import State
+from eomcheck.numbers.contract import Array
+
+if TYPE_CHECKING:
+    from eomcheck.claims.case import Case
+    from eomcheck.claims.finding import Finding
+
+Names = tuple[tuple[str, ...], ...]
+
+
+class Sides(NamedTuple):
+    """found = expected, about `subject`.
+
+    Attributes:
+        subject: what is compared.
+        found: ours.
+        expected: what it should be, same shape.
+        names: names along each axis.
+        size: of the terms that cancel in a side, which then are to be seen beside its entries.
+        spread: κ · scale of both sides; None where it is to be measured on them.
+        may_vanish: whether sides that are 0 are compared all the same.
+    """
+
+    subject: str
+    found: Any
+    expected: Any
+    names: Names
+    size: float | None = None
+    spread: float | None = None
+    may_vanish: bool = False
+
+
+class Skipped(NamedTuple):
+    """What could not be looked at, and why."""
+
+    subject: str
+    reason: str
+
+
+def vanishing(
+    subject: str, found: Any, names: Names, size: float, spread: float | None = None
+) -> Sides:
+    """Return the sides of found = 0, where `size` is that of the terms that cancel."""
+    return Sides(subject, found, np.zeros(np.shape(found), object), names, size, spread)
+
+
+def along(
+    look: Look, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
+) -> Iterator[Sides]:
+    """Yield what `sides` gives along all directions, if it gives anything."""
+    each = [sides(direction) for direction in look.directions]
+    both = [pair for pair in each if pair is not None]
+    if both:
+        found, expected = (np.array(side, object) for side in zip(*both, strict=True))
+        yield Sides(subject, found, expected, (look.direction_names,))
+
+
+class Look(Protocol):
+    """What a way of looking adds to the quantities at a point.
+
+    Attributes:
+        exact: whether nothing is rounded, v follows from u, and every variable is free.
+        has_speeds: whether generalized speeds exist here.
+        free: the same point with a velocity that need not satisfy the constraints, if there is any.
+        directions: virtual displacements (n,) that together stand for all.
+        direction_names: their names.
+        partitions: names and partitions of the coordinates for the embedding method.
+        solutions: what the formulations say that do not refuse.
+        others: of the partitioned ones, a result and another one by a second partition.
+    """
+
+    exact: bool
+    has_speeds: bool
+    free: Quantities
+    directions: Sequence[Array]
+    direction_names: tuple[str, ...]
+    partitions: Iterable[tuple[str, Partition]]
+    solutions: Sequence[tuple[Formulation, Any]]
+    others: Sequence[tuple[Formulation, Any, Any]]
+
+    def spread(self, quantity: Callable[[Any], Any]) -> float:
+        """Return κ · scale of a quantity; 0 where nothing is rounded."""
+        ...
+
+    def vdot_spread(self, formulation: Formulation) -> float:
+        """Return κ · scale of v̇ by `formulation`."""
+        ...
+
+    def multiplier_spread(self, formulation: Formulation) -> float:
+        """Return κ · scale of λ by `formulation`."""
+        ...
+
+
+class NoRateError(Exception):
+    """What is prepared uses more than angles, roots and the clock, and cannot be differentiated."""
+
+
+class Against(NamedTuple):
+    """A term, and what engines say that it is.
+
+    Attributes:
+        ours: the term, or None where there is none to compare.
+        theirs: the same by an engine, and the size of what it forms it from, where that cancels.
+        derived: whether only engines can say it that differentiate.
+    """
+
+    ours: Callable[[Any], Array | None]
+    theirs: Callable[[Any, State], tuple[Array, float]]
+    derived: bool = True
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement that the suite checks: by `check`, or by `sides`, which can be proved too.
+
+    A claim about a whole run has neither.
+
+    Attributes:
+        id: short name, used everywhere.
+        statement: what is claimed, in symbols of the paper.
+        equations: where the paper says so.
+        term: what is to blame first when the claim fails.
+        check: function of a `Case` that yields one Finding per subject.
+        sides: function of a point (`Quantities`) and of a `Look` that yields Sides.
+        rate_of: the subject of the sides that need a rate of what `prepare` makes.
+        against: what engines say instead of the sides, in doubles.
+        provable: False where another claim, proved, says the same.
+    """
+
+    id: str
+    statement: str
+    equations: str
+    term: str
+    check: Callable[[Case], Iterator[Finding]] | None = field(default=None, repr=False)
+    sides: Callable[[Any, Any], Iterator[Sides | Skipped]] | None = field(default=None, repr=False)
+    rate_of: str = ""
+    against: Against | None = field(default=None, repr=False)
+    provable: bool = True
+
+    @property
+    def proved(self) -> bool:
+        """Whether it is an identity that is proved."""
+        return self.sides is not None and self.provable
+
+
+CLAIMS: dict[str, Claim] = {}
+"""Id -> claim, single terms before whole accelerations: the first that fails is the closest."""
+
+
+def check(id: str, statement: str, equations: str, term: str) -> Callable:
+    """Register the decorated check under `id`; it is called with the `Case`, bound to the claim."""
+
+    def register(function: Callable[[Case], Iterator[Finding]]) -> Callable:
+        CLAIMS[id] = Claim(id, statement, equations, term, function)
+        return function
+
+    return register
+
+
+def claim(id: str, statement: str, equations: str, term: str, **options: Any) -> Callable:
+    """Register the decorated function as the sides of a claim; `options`: fields of `Claim`."""
+
+    def register(sides: Callable[[Any, Any], Iterator[Sides | Skipped]]) -> Callable:
+        CLAIMS[id] = Claim(id, statement, equations, term, sides=sides, **options)
+        return sides
+
+    return register
+
+
+def magnitude(*factors: Any) -> Any:
+    """Return |x| |y| ... of a product of arrays; 0 of exact numbers, and of what is absent."""
+    arrays = [np.asarray(x) for x in factors]
+    if any(x.dtype == object for x in arrays):
+        return 0.0
+    return reduce(np.matmul, map(np.abs, arrays))
+
+
+def size(*factors: Any) -> float:
+    """Return the largest entry of |x| |y| ...; 0 of exact numbers, and of what is absent."""
+    return largest(magnitude(*factors))
+
+
+def numbered(prefix: str, count: int) -> tuple[str, ...]:
+    """Return (prefix)1, (prefix)2, ..."""
+    return tuple(f"{prefix}{i + 1}" for i in range(count))
+
+
+def speed_names(at: Quantities) -> tuple[str, ...]:
+    """Return names for an axis over the generalized speeds."""
+    return numbered("u_", at.scene.p)
+
+
+def pairs(items: Sequence) -> Iterator[tuple]:
+    """Yield every unordered pair."""
+    for i, first in enumerate(items):
+        for second in items[i + 1 :]:
+            yield first, second

@@ -1,0 +1,171 @@
+"""Claims of the paper's appendices: null spaces, remainders, generalized forces, ML = Kane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.claims.case import Case
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import (
+    Look,
+    Sides,
+    Skipped,
+    check,
+    claim,
+    numbered,
+    size,
+    speed_names,
+    vanishing,
+)
+from eomcheck.engines import DerivingEngine
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.point import Quantities
+from eomcheck.formulations import Partition, em, kane
+from eomcheck.formulations.projection import project
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.dual import duals, rate
+
+
+def embedding(e: Quantities, partition: Partition) -> Array:
+    """Return the w (n, n-r) of the embedding method."""
+    return em.embedding(e.terms.a, e.terms.gamma, partition)[0]
+
+
+@claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
+def null_space_embedding(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
+    """The w of the embedding method spans the null space of a, for both partitions."""
+    names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
+    for subject, partition in () if at.terms.a is None else look.partitions:
+        try:
+            w = embedding(at, partition)
+        except RefusedError as refusal:
+            yield Skipped(subject, str(refusal))
+        else:
+            # Where w grows from row to row, so does what was rounded in it before.
+            yield vanishing(subject, at.terms.a @ w, names, size(at.terms.a, w))
+
+
+@claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
+def null_space_speeds(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The w′ of the generalized speeds spans the null space of a."""
+    if at.terms.a is not None and look.has_speeds:
+        a, W = at.terms.a, at.speeds.W
+        names = (at.scene.constraint_names, speed_names(at))
+        yield vanishing("ml, kane", a @ W, names, size(a, W))
+
+
+@claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
+def speeds_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The generalized speeds of a consistent velocity give it back, and it them."""
+    if not look.has_speeds:
+        return
+    names = (at.scene.coordinate_names,)
+    if look.exact:
+        u = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
+        yield Sides("ml, kane", u, at.u, (speed_names(at),))
+    else:
+        # v may violate what nearly dependent constraints amplify, and u leaves out.
+        yield Sides("ml, kane", at.velocity, at.v, names)
+    if at.scene.qdot is not None:
+        yield Sides("q̇", at.qdot, at.v, names)
+    a, b = at.terms.a, at.terms.b
+    # Without b and x′ this is a w′ = 0.
+    if look.exact and a is not None and not (b is None and at.speeds.offset is None):
+        found = a @ at.v if b is None else a @ at.v + b
+        yield vanishing("a q̇ + b", found, (at.scene.constraint_names,), 0.0)
+
+
+@claim(
+    "speeds-remainder",
+    "a (ẇ′u + ẋ′) + gamma = 0",
+    "(3), (20)",
+    "remainder ẇ′u + ẋ′",
+    rate_of="rest",
+)
+def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
+    """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
+    if not look.has_speeds:
+        return
+    a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
+    if a is not None:
+        names, terms = (at.scene.constraint_names,), size(a, rest) + size(gamma)
+        yield vanishing("ml, kane", a @ rest + gamma, names, terms)
+    if at.speeds.W is None or not look.exact:
+        return
+    prepared, q = at.moving(at.v)
+    steady = duals(at.u, np.zeros(at.scene.p, object))
+    W, _, offset = at.scene.speeds(
+        at.parameters, prepared, at.scene.kinematics(at.parameters, prepared, q, steady)
+    )
+    expected = rate(W) @ at.u if offset is None else rate(W) @ at.u + rate(offset)
+    yield Sides("rest", rest, expected, (at.scene.coordinate_names,))
+
+
+@claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
+def active_forces(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's active forces, from the bodies, are Lagrange's, projected."""
+    if not look.has_speeds or at.terms.Q is None or at.bodies.force is None:
+        return
+    W, Q = at.speeds.W, at.terms.Q
+    projected, terms = (Q, size(Q)) if W is None else (W.T @ Q, size(W.T, Q))
+    yield Sides("kane", at.bodies.force, projected, (speed_names(at),), terms)
+
+
+def ml_system(e: Quantities) -> tuple[Array, Array]:
+    """Return (M_ML (p, p), F_ML (p,))."""
+    return project(e.terms.M, e.F, e.speeds.W, e.speeds.rest)
+
+
+def kane_system(e: Quantities) -> tuple[Array, Array]:
+    """Return (M_Kane (p, p), N_Kane q̇ + G_Kane (p,))."""
+    return e.call(kane.inertia_sums, *e.bodies[:-1])
+
+
+@claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
+def kane_ml_mass(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same mass matrix, element by element."""
+    if look.has_speeds:
+        yield Sides("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
+
+
+@claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
+def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same right-hand side."""
+    if not look.has_speeds:
+        return
+    force, remainder = at.bodies.force, kane_system(at)[1]
+    found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
+    terms = size(remainder) + size(force)
+    yield Sides("kane ~ ml", found, expected, (speed_names(at),), terms)
+
+
+@check(
+    "kane-n-matrix",
+    "N q̇ + G by recursion = N_Kane q̇ in full",
+    "(22)-(23)",
+    "inertia remainder N q̇ + G",
+)
+def kane_n_matrix(case: Case) -> Iterator[Finding]:
+    """Our remainder is N_Kane q̇ + G_Kane of Eq. (23), differentiated by an engine."""
+    if not case.has_speeds:
+        return
+
+    def remainder(e: Quantities) -> Array:
+        return kane_system(e)[1]
+
+    for engine in case.engines:
+        if not isinstance(engine, DerivingEngine):
+            continue
+        expected, terms, condition = engine.kane_inertia_remainder(*case.state)
+        scale = case.at.spread(remainder, coordinates=True) + terms
+        yield case.compare(
+            f"kane ~ {engine.key}",
+            remainder(case.at),
+            expected,
+            condition * scale,
+            scale=scale,
+            evidence=f"compared: {engine.version()}",
+            names=(speed_names(case.at),),
+        )
