@@ -1,1 +1,1 @@
-"""The validation suite: one file per claim, on hypothesis's random snakes and special ones."""
+"""The validation suite: a chapter a family of claims, on random snakes and special ones."""

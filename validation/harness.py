@@ -1,4 +1,4 @@
-"""`holds(claim)`: the test that one claim holds on drawn and on special states."""
+"""`holds(claim, ...)` asserts that one claim holds on drawn and on special states."""
 
 from __future__ import annotations
 
@@ -67,31 +67,37 @@ FOUND: tuple[tuple[Snake, State], ...] = tuple(
 
 def holds(
     claim: str,
+    links: tuple[int, int],
+    examples: int | None,
     of: Callable[[Scene], SearchStrategy[State]] = strategies.states,
     **ranges,
-) -> Callable[..., None]:
-    """Return the test that `claim` holds on drawn snakes and on the special states.
+) -> None:
+    """Assert that `claim` holds on drawn snakes and on the special states.
 
     It also fails if nothing could be checked on any of them.
     """
+    drawn = strategies.scene_states(strategies.snakes(*links, **ranges), of)
+    holds_on(claim, drawn, examples, SPECIAL + FOUND)
 
-    def test(links: tuple[int, int], examples: int | None) -> None:
-        conclusive = 0
 
-        def holds_here(case: tuple[Scene, State]) -> None:
-            nonlocal conclusive
-            scene, state = case
-            for finding in eomcheck.check(scene, *state, claims=[claim]):
-                assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
-                conclusive += finding.verdict == "passed"
+def holds_on(
+    claim: str,
+    drawn: SearchStrategy[tuple[Scene, State]],
+    examples: int | None,
+    special: tuple[tuple[Scene, State], ...] = (),
+) -> None:
+    """Assert that `claim` holds on `examples` drawn states, or as many as the profile says."""
+    conclusive = 0
 
-        drawn = strategies.scene_states(strategies.snakes(*links, **ranges), of)
-        search = given(drawn)(holds_here)
-        for case in SPECIAL + FOUND:
-            search = example(case)(search)
-        search = settings(max_examples=examples or settings().max_examples)(search)
-        search()
-        assert conclusive > 0
+    def holds_here(case: tuple[Scene, State]) -> None:
+        nonlocal conclusive
+        scene, state = case
+        for finding in eomcheck.check(scene, *state, claims=[claim]):
+            assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
+            conclusive += finding.verdict == "passed"
 
-    test.__doc__ = f"{eomcheck.CLAIMS[claim].statement}: Eqs. {eomcheck.CLAIMS[claim].equations}."
-    return test
+    search = given(drawn)(holds_here)
+    for case in special:
+        search = example(case)(search)
+    settings(max_examples=examples or settings().max_examples)(search)()
+    assert conclusive > 0

@@ -1,9 +1,12 @@
+"""Who refuses which states, and why; how many of the ordinary ones."""
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
+from eomcheck.claims.run import Run, Selection
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform
@@ -17,7 +20,9 @@ HEAVY_LINK = Snake(
     [0.0] * 9 + [np.pi / 2],
 )
 
-test_a_formulation_refuses_special_states_only_where_it_must = holds("refusals")
+
+def test_a_formulation_refuses_special_states_only_where_it_must(links, examples):
+    holds("refusals", links, examples)
 
 
 def test_a_formulation_refuses_hostile_states_only_where_it_must(links, examples):
@@ -58,3 +63,12 @@ def test_el_and_em_refuse_wherever_the_last_two_wheels_are_parallel():
 
 def test_ml_and_kane_refuse_a_wheel_across_its_link_and_nobody_else():
     assert refused(ACROSS, SPECIAL[-1][1]) == {"ml", "kane"}
+
+
+def test_at_least_95_percent_of_ordinary_states_are_solved_by_all_formulations(links, examples):
+    run, selection = Run(), Selection.of(engines=[], claims=["coverage"])
+    drawn = strategies.scene_states(strategies.snakes(*links))
+    run.explore(drawn, selection, examples or 200, seed=0)
+    (finding,) = run.finish(selection)
+    print(finding.detail)
+    assert finding.verdict == "passed", finding.detail

@@ -11,6 +11,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS, Claim
@@ -153,7 +154,9 @@ def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
 
 
 def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
-    """Return the tests of each claim: those that name it. Those that prove are under "proved".
+    """Return the tests of each claim: those that name it, or have it for a parameter.
+
+    Those that prove are under "proved".
 
     Raises:
         InputError: there is no such folder, or no test in it.
@@ -163,28 +166,26 @@ def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
         raise InputError(f"{str(suite)!r} holds no validation suite")
     found: dict[str, tuple[str, ...]] = {}
     for file in files:
-        for name, statement in _tests_in(file):
-            for key in sorted(_claims_in(statement)):
-                found[key] = (*found.get(key, ()), f"{suite.name}/{file.name}::{name}")
+        for test in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
+                chosen = {x for one in test.decorator_list for x in _constants(one)}
+                for key in sorted(_claims_in(test)):
+                    name = f"{test.name}[{key}]" if key in chosen else test.name
+                    found[key] = (*found.get(key, ()), f"{suite.name}/{file.name}::{name}")
     return found
 
 
-def _tests_in(file: Path) -> Iterator[tuple[str, ast.stmt]]:
-    for statement in ast.parse(file.read_text(encoding="utf-8")).body:
-        match statement:
-            case ast.FunctionDef(name=name) | ast.Assign(targets=[ast.Name(id=name)]):
-                if name.startswith("test_"):
-                    yield name, statement
+def _constants(tree: ast.AST) -> set[Any]:
+    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
 
 
-def _claims_in(statement: ast.stmt) -> set[str]:
-    named = {node.value for node in ast.walk(statement) if isinstance(node, ast.Constant)}
+def _claims_in(test: ast.FunctionDef) -> set[str]:
     calls = {
         node.func.attr
-        for node in ast.walk(statement)
+        for node in ast.walk(test)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
     }
-    return {key for key in CLAIMS if key in named} | ({PROVED} if "prove" in calls else set())
+    return (CLAIMS.keys() & _constants(test)) | ({PROVED} if "prove" in calls else set())
 
 
 # ---- What another run says too -------------------------------------------------------------------

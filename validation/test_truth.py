@@ -1,10 +1,17 @@
+"""The true acceleration, enclosed in balls of 30 digits and more."""
+
+import pytest
+
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
 from eomcheck.lab.draws import draw
 from validation.harness import holds
 
-test_enclosures_of_all_formulations_have_a_point_in_common = holds("enclosures")
+
+@pytest.mark.parametrize("claim", ["enclosures", "true-error"])
+def test_the_true_acceleration_is_one_and_doubles_are_near_it(claim: str, links, examples):
+    holds(claim, links, examples)
 
 
 def test_enclosures_of_all_formulations_overlap_at_200_states_of_up_to_30_links():

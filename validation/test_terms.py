@@ -1,0 +1,38 @@
+"""Single terms: M, B, Q, a, b and gamma are what energies, constraints and engines say."""
+
+import pytest
+from hypothesis import settings
+
+from eomcheck import strategies
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES
+from validation.harness import holds, holds_on
+
+# Snakes and whatever else only rolls have no positions to close.
+CLOSED = [kind for kind in SCENES.values() if kind.position_residual is not None]
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        "finite-terms",
+        "mass-matrix",
+        "bias",
+        "generalized-forces",
+        "constraint-jacobian",
+        "constraint-velocity",
+        "constraint-drift",
+        "kinetic-energy",
+    ],
+)
+def test_terms_are_what_defines_them(claim: str, links, examples):
+    holds(claim, links, examples)
+
+
+@pytest.mark.parametrize("kind", CLOSED, ids=lambda kind: kind.key)
+def test_holonomic_constraints_are_rates_of_what_vanishes_at_closed_positions(
+    kind: type[Scene], links, examples
+):
+    drawn = strategies.scene_states(strategies.scenes(kind, *links))
+    # Closing a pose takes longer than looking at it.
+    holds_on("position-rate", drawn, examples or settings().max_examples // 4)
