@@ -8,8 +8,9 @@ from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import operations, paper, stability, work_precision
-from eomcheck.lab.studies.families import FAMILIES
+from eomcheck.lab.studies import operations, paper, work_precision
+from eomcheck.lab.studies.stability import measure as stability
+from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.scenes import Sleigh
 from eomcheck.scenes.sleigh import energies
 
@@ -88,7 +89,7 @@ def _stability():
     for key in KEYS:
         for place, severity in enumerate(family.quick):
             method = stability.Method(key)
-            settings = stability.Place(family.key, family.variants[0], severity).settings(method)
+            settings = stability.settings_of(family.key, family.variants[0], severity, method)
             if key == "kane" and place == len(family.quick) - 1:
                 yield Record(stability.STUDY, settings, "refused", "M_Kane: rcond <1e-17>")
                 continue

@@ -63,8 +63,9 @@ def page(request: pytest.FixtureRequest, browser, url: str) -> Iterator[sync_api
 
 def test_it_opens_without_a_complaint_and_draws_every_chart(page):
     charts = page.locator(".chart").count()
-    assert charts == 5
-    assert page.locator(".chart .main-svg .scatterlayer").count() >= charts
+    assert charts == 6
+    drawn = page.locator(".chart .main-svg :is(.scatterlayer, .heatmaplayer)").count()
+    assert drawn >= charts
     assert page.complaints == []
 
 

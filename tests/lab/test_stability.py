@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,28 +18,28 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.report.stability import draw_all, print_stability
+from eomcheck.lab.show.sheet import print_sheets
+from eomcheck.lab.store import records as store
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import stability
-from eomcheck.lab.studies.families import FAMILIES
-from eomcheck.lab.studies.families.base import decades
-from eomcheck.lab.studies.families.dependent import DEPENDENT, TwoWheels
-from eomcheck.lab.studies.stability import (
+from eomcheck.lab.studies import study_of
+from eomcheck.lab.studies.stability.families import FAMILIES
+from eomcheck.lab.studies.stability.families.base import decades
+from eomcheck.lab.studies.stability.families.dependent import DEPENDENT, TwoWheels
+from eomcheck.lab.studies.stability.measure import (
+    STATE,
     STUDY,
     Method,
     Outcome,
-    Place,
-    breaks_at,
+    atlas_of,
+    break_of,
+    cells,
     digits_lost,
     measure,
-    measure_state,
     methods_of,
     outcome,
-    plan,
-    steps,
+    settings_of,
 )
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scenes import SCENES
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 
@@ -118,13 +119,14 @@ def test_two_wheels_at_one_angle_leave_no_speed_to_choose():
 
 def test_every_formulation_refuses_a_constraint_written_twice():
     for method in methods_of(applicable(TwoWheels)):
-        (record,) = measure_state((Place("dependent", "moving", 0.0), [method]))
+        record = measure(settings_of("dependent", "moving", 0.0, method))
         assert record.status == "refused", method
 
 
 # ---- Measuring -----------------------------------------------------------------------------------
 
-PLACE = Place("straight", "3 links", 1e-4)
+ATLAS = study_of("stability")
+PLACE = ("straight", "3 links", 1e-4)
 
 
 def test_a_formulation_with_a_partition_is_measured_with_both():
@@ -133,21 +135,19 @@ def test_a_formulation_with_a_partition_is_measured_with_both():
 
 
 def test_a_formulation_that_does_not_apply_to_the_scenes_of_a_family_has_no_cells_there():
-    planned = plan(["straight", "dependent"])
-    assert Method("banded") in planned.methods("straight")
-    assert Method("banded") not in planned.methods("dependent")
-    assert Method("kane") in planned.methods("dependent")
+    planned = list(cells(family=["straight", "dependent"]))
+    known = {(one["family"], one["formulation"]) for one in planned}
+    assert ("straight", "banded") in known
+    assert ("dependent", "banded") not in known
+    assert ("dependent", "kane") in known
 
 
 def test_a_cell_holds_the_true_error_what_was_foreseen_and_every_condition_number():
     posed = FAMILIES["straight"].pose("3 links", 1e-4)
-    for method, record in zip(
-        methods_of(FORMULATIONS),
-        measure_state((PLACE, list(methods_of(FORMULATIONS)))),
-        strict=True,
-    ):
+    for method in methods_of(FORMULATIONS):
+        record = measure(settings_of(*PLACE, method))
         found = accuracy(posed.scene, method.key, posed.q, posed.u, pivoted=method.pivoted)
-        assert record.settings == PLACE.settings(method)
+        assert record.settings == settings_of(*PLACE, method)
         assert record.status == "done"
         assert record.errors["relative"] == found.relative
         assert record.errors["bound"] == pytest.approx(found.relative_bound, rel=0.7), "noise"
@@ -158,14 +158,13 @@ def test_a_cell_holds_the_true_error_what_was_foreseen_and_every_condition_numbe
 
 
 def test_a_refused_cell_names_the_matrix():
-    (record,) = measure_state((Place("straight", "3 links", 0.0), [Method("em")]))
+    record = measure(settings_of("straight", "3 links", 0.0, Method("em")))
     assert record.status == "refused"
     assert "matrix a_1 is singular to working precision" in record.reason
 
 
 def test_where_constraints_are_violated_each_has_its_own_truth():
-    place = Place("violated", "coil", 1e-4)
-    au, kane = measure_state((place, [Method("au"), Method("kane")]))
+    au, kane = (measure(settings_of("violated", "coil", 1e-4, Method(k))) for k in ("au", "kane"))
     for record in (au, kane):
         assert record.errors["relative"] < 1e-12
     assert au.errors["question"] < EPS
@@ -173,65 +172,68 @@ def test_where_constraints_are_violated_each_has_its_own_truth():
 
 
 def test_a_run_is_resumed_and_repeats_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stability, "spread", _here)
-    planned = plan(["turns"], ["au", "kane"], quick=True)
+    monkeypatch.setattr(store, "spread", _here)
+    planned: dict[str, Any] = {"family": ["turns"], "formulation": ["au", "kane"], "quick": True}
     with Records(tmp_path / "records.db") as records:
-        first = measure(planned, records)
+        first = ATLAS.measure(records, **planned)
         assert len(first) == 2 * 2 * len(FAMILIES["turns"].quick)
         assert {outcome(record) for record in first} == {Outcome.GOOD}
         records.forget(STUDY, [first[3].settings])
         asked.clear()
-        again = measure(planned, records)
-        assert asked == [(Place(*_place(first[3])), 1)]
+        again = ATLAS.measure(records, **planned)
+        assert asked == [(_place(first[3].settings), 1)]
         assert [r.settings for r in again] == [r.settings for r in first]
         asked.clear()
-        wider = measure(plan(["turns"], ["au", "kane", "em"], quick=True), records)
+        wider = ATLAS.measure(records, **planned | {"formulation": ["au", "kane", "em"]})
         assert len(wider) == len(first) * 2
         assert {count for _, count in asked} == {2}, "em, and em with a pivoted partition"
         asked.clear()
-        assert len(measure(planned, records, fresh=True)) == len(first)
+        assert len(ATLAS.measure(records, fresh=True, **planned)) == len(first)
         assert len(asked) == len(first) / 2
 
 
-asked: list[tuple[Place, int]] = []
+asked: list[tuple[tuple, int]] = []
 
 
 def _here(where, function, items):
-    for place, methods in items:
-        asked.append((place, len(methods)))
-        yield (place, methods), function((place, methods))
+    for together in items:
+        (place,) = set(map(_place, together))
+        asked.append((place, len(together)))
+        yield together, function(together)
 
 
-def _place(record: Record) -> tuple:
-    return tuple(record.settings[name] for name in Place._fields)
+def _place(settings: dict) -> tuple:
+    return tuple(settings[name] for name in STATE)
 
 
 def test_processes_measure_the_same(tmp_path: Path):
-    planned = plan(["dependent"], ["au"], quick=True)
+    planned: dict[str, Any] = {"family": ["dependent"], "formulation": ["au"], "quick": True}
     with Records(tmp_path / "records.db") as records:
-        found = measure(planned, records, "local:2")
+        found = ATLAS.measure(records, executor="local:2", **planned)
     for record in found:
-        (here,) = measure_state((Place(*_place(record)), [Method("au")]))
+        here = measure(record.settings)
         assert (here.status, here.errors) == (record.status, record.errors)
 
 
-@pytest.mark.parametrize(("families", "formulations"), [(["none"], None), (None, ["newton"])])
-def test_unknown_families_and_formulations_are_named(families, formulations):
+@pytest.mark.parametrize(
+    "unknown", [{"family": ["none"]}, {"formulation": ["newton"]}, {"scene": "worm"}]
+)
+def test_unknown_families_formulations_and_scenes_are_named(unknown):
     with pytest.raises(UnknownNameError):
-        plan(families, formulations)
+        list(cells(**unknown))
 
 
 def test_a_plan_covers_every_family_variant_and_severity_once():
-    places = list(plan(kinds=SCENES.values()).places())
-    assert len(places) == len(set(places))
-    assert len(places) == sum(len(f.values) * len(f.variants) for f in FAMILIES.values())
+    planned = [_place(cell) for cell in cells(scene="all", formulation=["kane"])]
+    assert len(planned) == len(set(planned))
+    assert len(planned) == sum(len(f.values) * len(f.variants) for f in FAMILIES.values())
 
 
 # ---- What is read off the Records ----------------------------------------------------------------
 
 
 def record(severity: float, relative: float | None, bound: float = math.inf, variant="3 links"):
-    settings = Place("straight", variant, severity).settings(Method("el"))
+    settings = settings_of("straight", variant, severity, Method("el"))
     if relative is None:
         return Record(STUDY, settings, "refused", "a'T is singular", errors={"rcond": 0.0})
     errors = {"relative": relative, "bound": bound, "predicted": 2 * relative, "condition": 7.0}
@@ -267,8 +269,12 @@ def test_an_outcome_is_read_off_error_and_bound(one, expected):
     assert outcome(one) is expected
 
 
+def steps(records):
+    return atlas_of(records)["straight"][Method("el")]
+
+
 def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
-    found = steps(reversed(RECORDS), "straight", Method("el"))
+    found = steps(reversed(RECORDS))
     assert [step.severity for step in found] == [1e-1, 1e-4, 1e-8, 0.0]
     assert [step.worst for step in found] == [
         Outcome.GOOD,
@@ -280,19 +286,23 @@ def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
     assert found[1].lost == pytest.approx(DIGITS_OF_DOUBLES - 9)
     assert found[1].foreseen == pytest.approx(DIGITS_OF_DOUBLES - 9 + math.log10(2))
     assert math.isnan(found[3].lost)
-    assert steps(RECORDS, "straight", Method("el", True)) == []
+    assert list(atlas_of(RECORDS)["straight"]) == [Method("el")]
 
 
 def test_a_method_breaks_where_some_variant_first_fails():
-    found = breaks_at(RECORDS, "straight", Method("el"))
+    found = break_of(steps(RECORDS))
     assert found is not None
     assert (found.severity, found.outcome) == (1e-8, Outcome.TOLD)
-    assert breaks_at(RECORDS[:4], "straight", Method("el")) is None
+    assert break_of(steps(RECORDS[:4])) is None
+
+
+def printed(records, capsys) -> str:
+    print_sheets(ATLAS.sheets(records))
+    return "\n".join((capsys.readouterr().out, *ATLAS.said(records)))
 
 
 def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(capsys):
-    print_stability(RECORDS)
-    before = capsys.readouterr().out
+    before = printed(RECORDS, capsys)
     assert "1e-08" in before and "bound tells" in before and "0 silently wrong" in before
     doctored = [
         replace(r, errors=r.errors | {"relative": 1e-3, "bound": 1e-5})
@@ -300,13 +310,15 @@ def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(c
         else r
         for r in RECORDS
     ]
-    found = breaks_at(doctored, "straight", Method("el"))
+    found = break_of(steps(doctored))
     assert found is not None
     assert (found.severity, found.outcome) == (1e-4, Outcome.SILENT)
-    print_stability(doctored)
-    after = capsys.readouterr().out
+    after = printed(doctored, capsys)
     assert "0.0001" in after and "2 silently wrong" in after
-    assert after.count("SILENT:") == 2
+    (wrong,) = (sheet for sheet in ATLAS.sheets(doctored) if sheet.name == "stability-wrong")
+    assert [row[:2] for row in wrong.rows] == [("el", "SILENT")] * 2
+    assert "stability-wrong" not in {sheet.name for sheet in ATLAS.sheets(RECORDS)}
+    assert ATLAS.alarm(doctored) and not ATLAS.alarm(RECORDS)
 
 
 def test_digits_lost_count_from_those_that_doubles_have():
@@ -317,24 +329,24 @@ def test_digits_lost_count_from_those_that_doubles_have():
 
 def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentation(tmp_path: Path):
     silent = record(1e-4, 1e-3, 1e-9, "20 links")
-    paths = draw_all([*RECORDS, silent, *_cheap()], tmp_path)
+    paths = ATLAS.write([*RECORDS, silent, *_cheap()], tmp_path)
     assert [path.name for path in paths] == [
         "stability.png",
-        "stability-breaks.md",
         "stability-straight.png",
         "stability-dependent.png",
+        "stability-breaks.md",
+        "stability-wrong.md",
     ]
-    table = paths.pop(1).read_text(encoding="utf-8").splitlines()
-    assert table[0] == "|  | Straight snake | Dependent constraints |"
-    assert table[2].startswith("| `el` | 0.0001 SILENT | – |")
-    assert table[3].startswith("| `au` | – | 1e-12 |")
+    table = paths[3].read_text(encoding="utf-8").splitlines()
+    assert table[0] == "| method | Straight snake | Dependent constraints |"
+    assert table[2].startswith("| el | 0.0001 SILENT | – |")
+    assert table[3].startswith("| au | – | 1e-12 |")
+    paths = paths[:3]
     for path in paths:
         assert 10_000 < path.stat().st_size < 200_000
         assert image.imread(path)[..., :3].std() > 0.05
 
 
 def _cheap() -> list[Record]:
-    found = []
-    for severity in DEPENDENT.quick:
-        found += measure_state((Place("dependent", "moving", severity), [Method("au")]))
-    return found
+    method = Method("au")
+    return [measure(settings_of("dependent", "moving", x, method)) for x in DEPENDENT.quick]

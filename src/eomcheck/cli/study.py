@@ -12,14 +12,12 @@ from typer.core import TyperCommand, TyperGroup
 
 from eomcheck.cli.options import (
     Examples,
-    Formulations,
     Fresh,
     Json,
     Kept,
     Links,
     Measured,
     Seed,
-    Where,
     at_least_one,
     check_folder,
     check_writable,
@@ -205,41 +203,3 @@ def _study_absent(
     if json is not None:
         write_savings(json, found)
         typer.echo(f"written: {json}")
-
-
-@study.command("stability")
-def study_stability(
-    records: Measured,
-    scene: Annotated[str, typer.Option(help="Kind of scene, or all of them.")] = "snake",
-    family: Annotated[
-        list[str] | None, typer.Option(help="Family of states; repeat for more. Default all.")
-    ] = None,
-    formulation: Formulations = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A few severities of each family.")
-    ] = False,
-    fresh: Fresh = False,
-    executor: Where = "local",
-    figures: Annotated[
-        Path | None,
-        typer.Option(help="Folder to draw the atlas, a figure a family and a table into."),
-    ] = None,
-) -> None:
-    """Drive every formulation through states of growing severity, and certify what it delivers."""
-    check_folder(figures)
-    from eomcheck.lab.report.stability import draw_all, print_stability
-    from eomcheck.lab.store.records import Records
-    from eomcheck.lab.store.workers import check_place
-    from eomcheck.lab.studies.stability import Outcome, measure, outcome, plan
-    from eomcheck.scenes.named import kinds_of
-
-    planned = plan(family, formulation, quick, kinds_of(scene))
-    check_place(executor)
-    with Records(records) as kept:
-        found = measure(planned, kept, executor, fresh)
-    print_stability(found)
-    if figures is not None:
-        paths = draw_all(found, figures)
-        typer.echo(f"written: {', '.join(map(str, paths))}")
-    if any(outcome(record) is Outcome.SILENT for record in found):
-        raise typer.Exit(1)

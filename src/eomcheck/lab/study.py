@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Records, Settings, run_cells
+from eomcheck.lab.store.workers import check_place
 
 Work = Callable[[Settings], Record]
 Found = Sequence[Record]
@@ -50,6 +51,8 @@ class Study:
         document: Records -> what `--json` writes, by default the Records.
         reading: how its tables and charts are to be read, for the report.
         small: whether it may run without a file to keep the Records in.
+        spread_by: settings by which its cells are spread over processes (`--executor`), those that
+            share them together. By default they are timed: one after another, in this process.
     """
 
     key: str
@@ -65,19 +68,22 @@ class Study:
     document: Callable[[Found], dict[str, Any]] = lambda found: {"records": [*map(asdict, found)]}
     reading: str = ""
     small: bool = False
+    spread_by: Sequence[str] = ()
 
     def options(self) -> dict[str, Parameter]:
         """Return the options of the study, by name."""
         found: dict[str, Parameter] = {}
-        for function in (*(f for b in self.before for f in (b.cells, b.worker)), self.cells):
+        functions: list[Callable] = [f for b in self.before for f in (b.cells, b.worker)]
+        for function in (*functions, self.cells, self.worker, *([_at] if self.spread_by else [])):
             found |= signature(function, eval_str=True).parameters
-        found |= signature(self.worker, eval_str=True).parameters
         return {name: one for name, one in found.items() if one.kind is Parameter.KEYWORD_ONLY}
 
     def check(self, **options: Any) -> None:
-        """Raise InputError if an option has a value that makes no sense."""
+        """Raise InputError (or EngineError) if an option has a value that makes no sense."""
         for one in (*self.before, self):
             list(_call(one.cells, options))
+            if one.spread_by:
+                _call(_at, options)
 
     def measure(self, records: Records, fresh: bool = False, **options: Any) -> list[Record]:
         """Work off every cell that is not in `records` yet; return the Records of all.
@@ -85,18 +91,21 @@ class Study:
         Args:
             records: where they are kept.
             fresh: measure everything anew.
-            options: those of `cells` and `worker`.
+            options: those of `cells` and `worker`, and the `executor` of a study that is spread.
 
         Raises:
             InputError: an option has a value that makes no sense.
+            WorkerError, EngineError: see `eomcheck.lab.store.workers`.
         """
         # Before the first cell is worked off, all options are looked at.
         cells = list(_call(self.cells, options))
+        where = _call(_at, options) if self.spread_by else None
         known: list[Record] = []
         for one in self.before:
             known += one.measure(records, fresh, **options)
         work = _call(self.worker, options, known)
-        found = run_cells(records, self.key, cells, work, fresh=fresh, label=self.label)
+        how = {"fresh": fresh, "label": self.label, "where": where, "by": self.spread_by}
+        found = run_cells(records, self.key, cells, work, **how)
         return [*known, *found]
 
     def write(self, found: Found, folder: Path) -> list[Path]:
@@ -111,7 +120,7 @@ class Study:
             written.append(folder / f"{file}.png")
             draw(charts, written[-1])
         for sheet in self.sheets(found):
-            if sheet.rows:
+            if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")
                 written[-1].write_text(sheet.markdown(), encoding="utf-8")
         return [*written, *self.files(found, folder)]
@@ -120,6 +129,14 @@ class Study:
         """Return the Records of this study and of those before it."""
         keys = {self.key, *(one.key for one in self.before)}
         return [record for record in records if record.study in keys]
+
+
+def _at(
+    *, executor: Annotated[str, "Where: local, local:PROCESSES or dask:ADDRESS."] = "local"
+) -> str:
+    """Return where cells are worked off, once it is known that they can be."""
+    check_place(executor)
+    return executor
 
 
 def _call(function: Callable[..., Any], options: dict[str, Any], *arguments: Any) -> Any:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib
@@ -14,8 +16,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import (
     EngFormatter,
     FixedFormatter,
@@ -28,8 +32,11 @@ from matplotlib.ticker import (
 )
 from PIL import Image
 
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.style import STYLES
+from eomcheck.lab.show.chart import Axis, Chart, Heat, Line, Panel
+from eomcheck.lab.show.style import STYLES, WRONG
+
+COLORS = plt.get_cmap("YlOrRd")
+"""Of heat maps."""
 
 WIDEST = 13.0
 """Width up to which blocks of panels stand side by side, in."""
@@ -55,7 +62,9 @@ def _handles(drawn: Iterable[Axes]) -> dict[str, Any]:
     return handles
 
 
-def legend_above(figure: Figure, drawn: Iterable[Axes], columns: int, hollow: str = "") -> None:
+def legend_above(
+    figure: Figure, drawn: Iterable[Axes], columns: int, hollow: str = "", title: str = ""
+) -> None:
     """Put what is drawn into a legend above all panels, and what `hollow` points are."""
     handles = _handles(drawn)
     if hollow and any(line.get_gid() == HOLLOW for axes in drawn for line in axes.lines):
@@ -63,7 +72,7 @@ def legend_above(figure: Figure, drawn: Iterable[Axes], columns: int, hollow: st
         handles[hollow] = Line2D([], [], ls="", marker="o", **look)
     place = {"loc": "outside upper center", "ncols": min(len(handles), columns), "frameon": False}
     if handles:
-        figure.legend(list(handles.values()), list(handles), **place)
+        figure.legend(list(handles.values()), list(handles), title=title, **place)
 
 
 def draw(charts: Sequence[Chart], path: Path) -> None:
@@ -86,17 +95,25 @@ def draw(charts: Sequence[Chart], path: Path) -> None:
             block.suptitle(chart.title, fontsize=11)
         drawn += _draw_block(block, [[chart.panels[chosen] for chosen in row] for row in grid])
     above = [axes for axes in drawn if axes.get_legend() is None]
-    legend_above(figure, above, max(3, int(0.875 * size[0])), charts[0].hollow)
+    title = fill(charts[0].title, int(13 * size[0])) if len(charts) == 1 else ""
+    legend_above(figure, above, max(3, int(0.875 * size[0])), charts[0].hollow, title)
     save(figure, path)
 
 
-def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel]]) -> list[Axes]:
+def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> list[Axes]:
     """Draw rows of panels and return their axes."""
     grid: Any = block.subplots(len(rows), max(map(len, rows)), squeeze=False)
-    panels = {(i, j): panel for i, row in enumerate(rows) for j, panel in enumerate(row)}
+    shown = {(i, j): panel for i, row in enumerate(rows) for j, panel in enumerate(row)}
+    drawn = [grid[place] for place in shown]
     for place in np.ndindex(grid.shape):
-        if place not in panels:
+        if place not in shown:
             grid[place].set_axis_off()
+    heats = [(grid[place], panel) for place, panel in shown.items() if isinstance(panel, Heat)]
+    for axes, heat in heats:
+        draw_heat(axes, heat)
+    if heats:
+        _color_bar(block, drawn, heats[0][1])
+    panels = {place: panel for place, panel in shown.items() if isinstance(panel, Panel)}
     for place, panel in panels.items():
         draw_panel(grid[place], panel)
     for (i, j), panel in panels.items():
@@ -116,7 +133,13 @@ def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel]]) -> list[Axes]
     for place, panel in panels.items():
         _tick(grid[place].xaxis, panel.x)
         _tick(grid[place].yaxis, panel.y)
-    return [grid[place] for place in panels]
+    abscissae = [panel.x for panel in panels.values()]
+    if len(rows[0]) > 1 and abscissae and all(x == abscissae[0] for x in abscissae):
+        # Side by side there is no room for a long title below each.
+        for axes in drawn:
+            axes.set_xlabel("")
+        block.supxlabel(abscissae[0].title, fontsize="medium")
+    return drawn
 
 
 def _share(row: Iterable[Axes], which: str) -> None:
@@ -128,12 +151,15 @@ def _share(row: Iterable[Axes], which: str) -> None:
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one panel into axes."""
+    places: dict[Any, int] = {name: place for place, name in enumerate(panel.x.categories)}
     for line in panel.lines:
-        draw_line(axes, line)
+        draw_line(axes, line._replace(x=[places[x] for x in line.x]) if places else line)
     for x in panel.marks:
         axes.axvline(x, color="0.5", lw=1, ls=":")
     if panel.level is not None:
         axes.axhline(panel.level, color="0.5", lw=0.8)
+    if panel.bad is not None:
+        axes.axhspan(*panel.bad, color="0.93", lw=0)
     _set_up(axes, "x", panel.x)
     _set_up(axes, "y", panel.y)
     if panel.unknown is not None:
@@ -147,23 +173,68 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.legend(handles.values(), handles, fontsize=8, frameon=False)
 
 
+LOOKS: dict[str, dict[str, Any]] = {
+    "line": {},
+    "thin": {"marker": "", "lw": 0.6, "alpha": 0.5},
+    "dotted": {"marker": "", "ls": ":", "color": "0.35", "lw": 1.6},
+    "crosses": {"marker": "X", "ls": "", "ms": 6},
+    "rings": {"marker": "o", "ls": "", "ms": 13, "mfc": "none", "mec": WRONG, "mew": 1.8},
+}
+
+
 def draw_line(axes: Axes, line: Line) -> None:
     """Draw one line into axes."""
     style = STYLES[line.key]
     dashes = "--" if line.dashed or style.dashed else "-"
-    axes.plot(
-        line.x,
-        line.y,
-        color=style.color,
-        marker=style.marker if line.look == "line" else "X",
-        ls=dashes if line.joined and line.look == "line" else "",
-        markevery=line.every,
-        ms=4,
-        lw=1.2,
-        label=line.label or line.key,
-    )
+    look = {
+        "color": style.color,
+        "marker": style.marker,
+        "ls": dashes if line.joined else "",
+        "ms": 4,
+        "lw": 1.2,
+    } | LOOKS[line.look]
+    axes.plot(line.x, line.y, markevery=line.every, label=line.label or line.key, **look)
+    empty = {"marker": look["marker"], "ms": look["ms"], "mfc": "white", "mec": style.color}
     for x, y in ((x, y) for x, y, flag in zip(line.x, line.y, line.hollow, strict=False) if flag):
-        axes.plot(x, y, style.marker, ms=4, mfc="white", mec=style.color, mew=0.7, gid=HOLLOW)
+        axes.plot(x, y, mew=0.7, gid=HOLLOW, **empty)
+
+
+def draw_heat(axes: Axes, heat: Heat) -> None:
+    """Draw a heat map into axes: darker is worse."""
+    scale = Normalize(*(heat.colors.range or (None, None)))
+    for row, (_, boxes) in enumerate(heat.rows.values()):
+        for box, (left, right) in zip(boxes, pairwise(heat.edges), strict=True):
+            if box is None:
+                continue
+            # A heading's boxes touch each other, and not those of the next.
+            begin = left // 1 + 0.04 + 0.92 * (left % 1)
+            where = (begin, row + 0.1), 0.92 * (right - left), 0.8
+            empty = np.isnan(box.value)
+            look: dict[str, Any] = {"fc": "0.97" if empty else COLORS(scale(box.value)), "lw": 0}
+            if box.hatched:
+                label = heat.hatched if empty else f"{heat.hatched} in part"
+                look |= {"ec": "0.45", "hatch": "//////", "label": label}
+            axes.add_patch(Rectangle(*where, **look))
+            if box.framed:
+                axes.add_patch(Rectangle(*where, fc="none", ec="#0033CC", lw=2, label=heat.framed))
+    axes.set_xlim(0, len(heat.columns))
+    axes.set_ylim(len(heat.rows), 0)
+    heads = [head.replace(" ", "\n", 1) for head in heat.columns]
+    axes.set_xticks(np.arange(len(heads)) + 0.5, heads, fontsize=9)
+    axes.set_yticks(np.arange(len(heat.rows)) + 0.5, list(heat.rows))
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    axes.set_title(heat.title, loc="left", fontsize=12, fontweight="bold")
+
+
+def _color_bar(block: SubFigure, drawn: list[Axes], heat: Heat) -> None:
+    """Say what colours tell, and where the limit is."""
+    scale = Normalize(*(heat.colors.range or (None, None)))
+    shown = plt.cm.ScalarMappable(scale, COLORS)
+    bar = block.colorbar(shown, ax=drawn, pad=0.015, fraction=0.025, aspect=24)
+    bar.set_label(heat.colors.title)
+    bar.ax.axhline(heat.limit, color="black", lw=1.2)
 
 
 def _set_up(axes: Axes, which: str, axis: Axis) -> None:
@@ -172,12 +243,19 @@ def _set_up(axes: Axes, which: str, axis: Axis) -> None:
         getattr(axes, f"set_{which}scale")("log")
     if axis.range is not None:
         getattr(axes, f"set_{which}lim")(*axis.range)
+    if axis.categories:
+        getattr(axes, f"set_{which}lim")(-0.5, len(axis.categories) - 0.5)
 
 
 def _tick(drawn: XAxis | YAxis, axis: Axis) -> None:
     """Choose ticks once the limits are known, so that the numbers of a narrow panel stand apart."""
     low, high = drawn.get_view_interval()
-    if axis.ticks:
+    if axis.categories:
+        # As many as there is room for, the last one among them.
+        step = -(-len(axis.categories) // 4)
+        places = range(len(axis.categories) - 1, -1, -step)
+        drawn.set_ticks(places, [axis.categories[place] for place in places], fontsize=8)
+    elif axis.ticks:
         ticks = [tick for tick in axis.ticks if low <= tick <= high]
         drawn.set_major_locator(FixedLocator(ticks))
         drawn.set_major_formatter(FixedFormatter([f"{tick:g}" for tick in ticks]))

@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from html import escape
+from itertools import pairwise
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import EngineError
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Axis, Chart, Heat, Line, Panel
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.show.templating import EXTRA
 
@@ -36,22 +37,52 @@ def json_of(chart: Chart) -> str:
     return json.dumps(figures, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
 
 
-def figure_of(panel: Panel) -> Figure:
+def figure_of(panel: Panel | Heat) -> Figure:
     """Return one panel as a figure."""
     figure = go.Figure(
         layout={
             "template": go.layout.Template(),
-            "xaxis": _axis(panel.x),
-            "yaxis": _axis(panel.y),
             "showlegend": False,
             "hovermode": "closest",
             "margin": {"l": 50, "r": 12, "t": 12, "b": 45},
         }
     )
+    if isinstance(panel, Heat):
+        _add_heat(figure, panel)
+        return figure
+    figure.update_layout(xaxis=_axis(panel.x), yaxis=_axis(panel.y))
     for line in panel.lines:
         if line.x:
             _add(figure, line)
     return figure
+
+
+def _add_heat(figure: Figure, heat: Heat) -> None:
+    edges = heat.edges
+    low, high = heat.colors.range or (None, None)
+    centres = [(a + b) / 2 for a, b in pairwise(edges)]
+    for name, (key, boxes) in heat.rows.items():
+        figure.add_heatmap(
+            x=edges,
+            y=[name],
+            z=[[None if box is None else box.value for box in boxes]],
+            coloraxis="coloraxis",
+            **_told(key, [[() if box is None else box.said for box in boxes]]),
+        )
+        for what, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
+            at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, what)]
+            if at:
+                marker = {"symbol": symbol, "size": 7}
+                figure.add_scatter(
+                    x=at, y=[name] * len(at), mode="markers", marker=marker, **_told(key, ())
+                )
+    ticks = {"tickvals": [k + 0.5 for k in range(len(heat.columns))]}
+    bar = {"thickness": 12, "title": {"text": heat.colors.title, "side": "right"}}
+    figure.update_layout(
+        xaxis={"ticktext": list(heat.columns), "automargin": True, **ticks},
+        yaxis={"type": "category", "autorange": "reversed", "automargin": True},
+        coloraxis={"colorscale": "YlOrRd", "cmin": low, "cmax": high, "colorbar": bar},
+    )
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
@@ -72,23 +103,31 @@ def _axis(axis: Axis) -> dict[str, Any]:
 def _add(figure: Figure, line: Line) -> None:
     style = STYLES[line.key]
     symbols = [f"{style.symbol}-open" if flag else style.symbol for flag in line.hollow]
-    look: dict[str, Any] = {"mode": "markers", "marker": {"symbol": "x-thin-open", "size": 7}}
-    if line.look == "line":
-        dash = "dot" if line.dashed or style.dashed else "solid"
-        look = {
-            "mode": "lines+markers" if line.joined else "markers",
-            "line": {"width": 1.6, "dash": dash},
-            "marker": {"symbol": symbols or style.symbol, "size": 8},
-        }
+    dash = "dot" if line.dashed or style.dashed or line.look == "dotted" else "solid"
+    marks = {"crosses": "x-thin-open", "rings": "circle-open"}.get(line.look)
+    lines = line.joined and not marks
+    mode = {"thin": "lines", "dotted": "lines"}.get(line.look, "lines+markers")
     figure.add_scatter(
         x=list(line.x),
         y=list(line.y),
-        name=line.key,
-        meta={"formulation": line.key},
-        hovertext=["<br>".join(_wrapped(lines)) for lines in line.said] or None,
-        hovertemplate="%{hovertext}<extra></extra>" if line.said else None,
-        **look,
+        mode=mode if lines else "markers",
+        line={"width": 1.6, "dash": dash},
+        marker={"symbol": marks or symbols or style.symbol, "size": 7 if marks else 8},
+        **_told(line.key, line.said),
     )
+
+
+def _told(key: str, said: Sequence) -> dict[str, Any]:
+    """Return whose a trace is, and what each of its points (rows of points) says on demand."""
+
+    def text(lines: Sequence) -> Any:
+        nested = bool(lines) and not isinstance(lines[0], str)
+        return [*map(text, lines)] if nested else "<br>".join(_wrapped(lines))
+
+    told = {"name": key, "meta": {"formulation": key}}
+    if not said:
+        return told
+    return told | {"hovertext": text(said), "hovertemplate": "%{hovertext}<extra></extra>"}
 
 
 def _wrapped(lines: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""A chart as data: panels of lines, of which a page shows one and a figure shows a grid."""
+"""A chart as data: panels of lines or boxes, of which a page shows one and a figure a grid."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Line(NamedTuple):
 
     Attributes:
         key: of `eomcheck.lab.show.style.STYLES`.
-        x: abscissae.
+        x: abscissae, or categories of the axis.
         y: ordinates.
         said: lines of text at each point, which a page shows on demand; or nothing.
         label: what the legend calls it, by default its key.
@@ -40,11 +40,12 @@ class Line(NamedTuple):
         hollow: points that are drawn hollow, by default none.
         joined: whether its points are joined.
         every: (first, step) of the points that are marked, where there are many.
-        look: "line", or only "crosses", for what could not be measured.
+        look: "line", "thin" or "dotted" without marks, or only marks: "crosses", for what could not
+            be measured, or red "rings".
     """
 
     key: str
-    x: Sequence[float]
+    x: Sequence[float] | Sequence[str]
     y: Sequence[float]
     said: Sequence[Sequence[str]] = ()
     label: str = ""
@@ -52,7 +53,7 @@ class Line(NamedTuple):
     hollow: Sequence[bool] = ()
     joined: bool = True
     every: tuple[int, int] | None = None
-    look: Literal["line", "crosses"] = "line"
+    look: Literal["line", "thin", "dotted", "crosses", "rings"] = "line"
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ class Panel:
         marks: abscissae at which a dotted line stands.
         level: ordinate at which a line goes across.
         legend: whether the legend of its lines stands in it, not above all panels.
+        bad: between these ordinates nothing is good, which is drawn in grey.
     """
 
     x: Axis
@@ -78,6 +80,62 @@ class Panel:
     marks: Sequence[float] = ()
     level: float | None = None
     legend: bool = False
+    bad: tuple[float, float] | None = None
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of what is drawn."""
+        return [line.key for line in self.lines]
+
+
+class Box(NamedTuple):
+    """A box of a heat map.
+
+    Attributes:
+        value: what its colour tells, NaN where there is nothing to tell.
+        hatched: whether it is.
+        framed: whether it has a frame, for it is wrong.
+        said: lines of text, which a page shows on demand.
+    """
+
+    value: float
+    hatched: bool
+    framed: bool
+    said: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A heat map: rows of boxes, under headings that some of them share.
+
+    Attributes:
+        columns: heading -> number of boxes below it, in each row.
+        rows: what stands beside a row -> key of its formulation, its boxes or None where is none.
+        colors: what they tell: a title, and a range.
+        limit: the value from which on nothing is good.
+        hatched: what hatching tells.
+        framed: what a frame tells.
+        title: above it.
+    """
+
+    columns: Mapping[str, int]
+    rows: Mapping[str, tuple[str, Sequence[Box | None]]]
+    colors: Axis
+    limit: float
+    hatched: str
+    framed: str
+    title: str = ""
+
+    @property
+    def edges(self) -> list[float]:
+        """Where boxes begin and end: each heading is 1 wide."""
+        shares = [(place, count) for place, count in enumerate(self.columns.values())]
+        return [p + k / count for p, count in shares for k in range(count)] + [len(shares)]
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of what is drawn."""
+        return [key for key, _ in self.rows.values()]
 
 
 class File(NamedTuple):
@@ -107,7 +165,7 @@ class Chart:
     name: str
     title: str
     choices: Mapping[str, Sequence[str]]
-    panels: Mapping[tuple[str, ...], Panel]
+    panels: Mapping[tuple[str, ...], Panel | Heat]
     grid: Sequence[Sequence[tuple[str, ...]]] = ()
     size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
     hollow: str = ""
@@ -131,4 +189,4 @@ class Chart:
 def keys_of(charts: Iterable[Chart]) -> list[str]:
     """Return what is drawn in any of the charts: keys of formulations and integrators."""
     panels = (panel for chart in charts for panel in chart.panels.values())
-    return list(dict.fromkeys(line.key for panel in panels for line in panel.lines))
+    return list(dict.fromkeys(key for panel in panels for key in panel.keys))

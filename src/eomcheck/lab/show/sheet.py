@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from rich.console import Group, RenderableType
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -28,6 +29,7 @@ class Sheet(NamedTuple):
         rows: cells of text, one a column.
         widths: of the columns to each other, where they hold sentences.
         note: a sentence below it.
+        detail: whether only a terminal shows it, beside a table that says the same in short.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Sheet(NamedTuple):
     rows: Sequence[Sequence[str]]
     widths: Sequence[int] = ()
     note: str = ""
+    detail: bool = False
 
     def of_numbers(self, column: int) -> bool:
         """Return whether all that stands in a column are numbers, which end at the right."""
@@ -61,16 +64,27 @@ class Sheet(NamedTuple):
         """
         if self.widths:
             return self._sentences() if width >= 100 else self._listed()
-        least = [self._least(i) for i in range(len(self.columns))]
-        if sum(least) + 3 * len(least) + 1 > width:
+        widths = self._fitted(width - 3 * len(self.columns) - 1)
+        if widths is None:
             return self._listed()
         table = Table(header_style="bold")
         for i, head in enumerate(self.columns):
             end = "right" if self.of_numbers(i) else "left"
-            table.add_column(escape(head), justify=end, min_width=least[i])
+            table.add_column(escape(head), justify=end, width=widths[i])
         for row in self.rows:
             table.add_row(*map(escape, row))
         return table
+
+    def _fitted(self, room: int) -> list[int] | None:
+        """Return the widths of the columns in so much room, the widest ones narrowed; or None."""
+        least = [self._least(i) for i in range(len(self.columns))]
+        if sum(least) > room:
+            return None
+        widths = [max(map(len, column)) for column in zip(self.columns, *self.rows, strict=True)]
+        while sum(widths) > room:
+            wide = max((i for i, w in enumerate(widths) if w > least[i]), key=widths.__getitem__)
+            widths[wide] -= 1
+        return widths
 
     def _least(self, column: int) -> int:
         """Return the width that a column needs: that of its longest word, or its longest number."""
@@ -91,11 +105,12 @@ class Sheet(NamedTuple):
 
     def _listed(self) -> Group:
         first, *heads = self.columns
-        lines = []
+        lines: list[RenderableType] = []
         for name, *cells in self.rows:
             lines.append(Text(f"{first} {name}".strip(), style="bold"))
             told = [(head, cell) for head, cell in zip(heads, cells, strict=True) if cell]
-            lines += [Text(f"  {head}: {cell}".replace(" : ", " ")) for head, cell in told]
+            texts = (Text(f"{head}: {cell}" if head else cell) for head, cell in told)
+            lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
         return Group(*lines)
 
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 STUDIES: dict[str, str] = {
     "work-precision": "Measure error against run time: formulations, integrators and tolerances.",
+    "stability": "Drive every formulation through states of growing severity, and certify what it "
+    "delivers.",
     "stiff": "Compare explicit and implicit integrators on joints that are stiff, damped and not.",
     "long-run": "Measure how constraint and energy errors grow in 1 000 s, stabilized and not.",
     "paper": "Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by "

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.sections import digits, operations, stability
+from eomcheck.lab.report.sections import digits, operations
 from eomcheck.lab.report.sections.section import Section
 from eomcheck.lab.studies import STUDIES, study_of
 
-SECTIONS = (digits, stability, operations)
+SECTIONS = (digits, operations)
 """In the order in which they stand."""
 
 
@@ -23,7 +23,7 @@ def _section(key: str, overview: Overview) -> Section:
     study = study_of(key)
     found = study.of(overview.records)
     text = " ".join((STUDIES[key], study.reading, *study.said(found)))
-    tables = [sheet for sheet in study.sheets(found) if sheet.rows]
+    tables = [sheet for sheet in study.sheets(found) if sheet.rows and not sheet.detail]
     return Section(key, key.capitalize(), text, tables, lambda: list(study.charts(found)))
 
 

@@ -47,7 +47,9 @@ function layoutOf(layout) {
 }
 
 function draw(chart) {
-  const { data, layout } = chart.figures[chart.selects.map((select) => select.value).join("\n")];
+  const chosen = chart.selects.map((select) => select.value).join("\n");
+  // Not everything that can be chosen goes together.
+  const { data, layout } = chart.figures[chosen] ?? { data: [], layout: {} };
   const options = { responsive: true, displayModeBar: false };
   // The one that is lit is drawn last, above the others.
   const order = [...data].sort((a, b) => (a.name === lit) - (b.name === lit));

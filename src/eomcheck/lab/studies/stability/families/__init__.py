@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from eomcheck.errors import named
-from eomcheck.lab.studies.families import (
+from eomcheck.lab.studies.stability.families import (
     chain,
     dependent,
     every,
@@ -17,7 +17,7 @@ from eomcheck.lab.studies.families import (
     violated,
     wheel_angle,
 )
-from eomcheck.lab.studies.families.base import Family, Posed
+from eomcheck.lab.studies.stability.families.base import Family, Posed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.lab.studies.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.mechanics.records import Speeds
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Arithmetic, Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.lab.studies.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.scenes import Snake
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck import scenes
-from eomcheck.lab.studies.families.base import Family, Posed, decades
-from eomcheck.lab.studies.families.every import ordinary
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.every import ordinary
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import bicycle_axes
 

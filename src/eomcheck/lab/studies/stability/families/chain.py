@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.evaluation.enclosure import enclose
-from eomcheck.lab.studies.families.base import Family, Posed
+from eomcheck.lab.studies.stability.families.base import Family, Posed
 from eomcheck.numbers.ball import midpoints
 from eomcheck.scenes import Snake
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eomcheck.lab.studies.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.scenes import Snake
 
 LINKS = 6

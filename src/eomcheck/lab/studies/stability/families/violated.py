@@ -11,7 +11,7 @@ import numpy as np
 
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
-from eomcheck.lab.studies.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
 

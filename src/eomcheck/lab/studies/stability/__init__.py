@@ -1,0 +1,18 @@
+"""The stability atlas: every formulation through families of growing severity, certified."""
+
+from __future__ import annotations
+
+from eomcheck.lab.studies.stability import measure, show
+from eomcheck.lab.study import Study
+
+STUDY = Study(
+    key=measure.STUDY,
+    cells=measure.cells,
+    worker=lambda known: measure.measure,
+    spread_by=measure.STATE,
+    sheets=show.sheets,
+    charts=show.charts,
+    said=show.said,
+    alarm=show.silent,
+    reading=show.READING,
+)

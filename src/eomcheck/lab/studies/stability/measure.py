@@ -1,0 +1,267 @@
+"""The stability atlas: every formulation through families of growing severity, certified.
+
+Each cell, one formulation at one state, is one Record: the true relative error against ball
+arithmetic, what the error bound and κ ε foresaw, the condition number of each matrix solved, or the
+refusal and its reason. Verdicts are read off the Records.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from enum import IntEnum
+from functools import lru_cache
+from typing import Annotated, NamedTuple
+
+from eomcheck.errors import EomcheckError, InputError, RefusedError, distinct
+from eomcheck.evaluation.certified import (
+    DIGITS_OF_DOUBLES,
+    TRUE_DIGITS,
+    certified_digits,
+    certify,
+    relative_error,
+    true_state,
+)
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.tolerance import NOTICEABLE
+from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
+from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about, family_of
+from eomcheck.lab.study import Formulations
+from eomcheck.numbers.pivots import EPS
+from eomcheck.scenes.named import kinds_of
+
+STUDY = "stability"
+STATE = ("family", "variant", "severity")
+"""What tells a state of a family from others."""
+
+
+class Method(NamedTuple):
+    """A formulation, with the paper's partition or a pivoted one."""
+
+    key: str
+    pivoted: bool = False
+
+    @property
+    def name(self) -> str:
+        """The key, and whether pivoted."""
+        return f"{self.key}, pivoted" if self.pivoted else self.key
+
+
+def methods_of(keys: Iterable[str]) -> Iterator[Method]:
+    """Yield each formulation, and those with a partition once more with a pivoted one."""
+    for key in keys:
+        yield Method(key)
+        if formulation_of(key).partitioned:
+            yield Method(key, True)
+
+
+def cells(
+    *,
+    scene: Annotated[str, "Kind of scene, or all of them."] = "snake",
+    family: Annotated[list[str] | None, "Family of states; repeat for more. Default all."] = None,
+    formulation: Formulations = None,
+    quick: Annotated[bool, "A few severities of each family."] = False,
+) -> Iterator[Settings]:
+    """Yield a cell for each state of each family, and each method that applies to its scenes.
+
+    Families that are not named are those about the kinds of scene.
+
+    Raises:
+        InputError: there is no family about any of these kinds.
+        UnknownNameError: no such scene, family or formulation.
+    """
+    kinds = kinds_of(scene)
+    about = [one.key for one in families_about(kinds)]
+    if not about:
+        keys = ", ".join(kind.key for kind in kinds)
+        raise InputError(f"scene = {keys}: the atlas has no families of states for it")
+    families = [family_of(key) for key in distinct("family", about if family is None else family)]
+    keys = distinct("formulation", FORMULATIONS if formulation is None else formulation)
+    methods = list(methods_of(keys))
+    for one in families:
+        apply = applicable(one.scene)
+        for variant in one.variants:
+            for severity in one.quick if quick else one.values:
+                for method in methods:
+                    if method.key in apply:
+                        yield settings_of(one.key, variant, severity, method)
+
+
+def settings_of(family: str, variant: str, severity: float, method: Method) -> Settings:
+    """Return the settings of a cell."""
+    state = dict(zip(STATE, (family, variant, severity), strict=True))
+    return state | {"formulation": method.key, "pivoted": method.pivoted}
+
+
+State = tuple[Posed, Enclosure | None, Evaluation] | EomcheckError
+"""What was posed, the truth (None: each method has its own) and the evaluation in doubles; or why
+there is none."""
+
+
+# The methods at one state follow each other in one process, and share it.
+@lru_cache(maxsize=1)
+def _state(family: str, variant: str, severity: float) -> State:
+    posed = FAMILIES[family].pose(variant, severity)
+    try:
+        if posed.v is not None:
+            return posed, None, Evaluation(posed.scene, posed.q, posed.v)
+        return posed, *true_state(posed.scene, posed.q, posed.u)
+    except EomcheckError as error:
+        return error
+
+
+def _own_truth(posed: Posed, method: Method) -> Enclosure:
+    key, pivoted = method
+    return enclose(posed.scene, key, posed.q, digits=TRUE_DIGITS, v=posed.v, pivoted=pivoted)
+
+
+def measure(settings: Settings) -> Record:
+    """Return the Record of one method at one state."""
+    method = Method(settings["formulation"], settings["pivoted"])
+    state = _state(*(settings[name] for name in STATE))
+    if isinstance(state, EomcheckError):
+        return _unsolved(settings, state)
+    posed, shared, at = state
+    try:
+        truth = _own_truth(posed, method) if shared is None else shared
+        found = certify(formulation_of(method.key), truth, at, method.pivoted)
+    except EomcheckError as error:
+        return _unsolved(settings, error)
+    errors = {
+        "relative": found.relative,
+        "bound": found.relative_bound,
+        "predicted": found.kappa * EPS,
+        "condition": max(found.condition.values()),
+    }
+    errors |= {f"condition {name}": value for name, value in found.condition.items()}
+    if shared is None:
+        errors["question"] = relative_error(truth.doubles(), _own_truth(posed, Method("au")))
+    return Record(STUDY, settings, errors=errors)
+
+
+def _unsolved(settings: Settings, error: EomcheckError) -> Record:
+    if isinstance(error, RefusedError):
+        return Record(STUDY, settings, "refused", str(error), errors={"rcond": error.rcond})
+    return Record(STUDY, settings, "failed", str(error))
+
+
+# ---- What follows from the Records ---------------------------------------------------------------
+
+
+class Outcome(IntEnum):
+    """What a cell came to, from good to bad."""
+
+    GOOD = 0
+    """The true relative error is at most 1e-6."""
+    REFUSED = 1
+    """The formulation declines, and says why."""
+    TOLD = 2
+    """It is larger, and the error bound says so."""
+    SILENT = 3
+    """It is larger, and nothing says so."""
+
+
+def outcome(record: Record) -> Outcome:
+    """Return what one cell came to; a cell that failed counts as refused."""
+    if record.status != "done":
+        return Outcome.REFUSED
+    if record.errors["relative"] <= NOTICEABLE:
+        return Outcome.GOOD
+    told = record.errors["relative"] <= record.errors["bound"]
+    return Outcome.TOLD if told else Outcome.SILENT
+
+
+def method_of(record: Record) -> Method:
+    """Return the method of a cell."""
+    return Method(record.settings["formulation"], record.settings["pivoted"])
+
+
+def digits_lost(relative: float) -> float:
+    """Return the decimal digits, of those that doubles have, that a relative error takes."""
+    return DIGITS_OF_DOUBLES - certified_digits(relative)
+
+
+class Step(NamedTuple):
+    """What a method came to at one severity of a family, over all variants."""
+
+    severity: float
+    records: list[Record]
+
+    @property
+    def solved(self) -> list[Record]:
+        """The cells with a result."""
+        return [record for record in self.records if record.status == "done"]
+
+    @property
+    def worst(self) -> Outcome:
+        """The worst outcome."""
+        return max(map(outcome, self.records))
+
+    @property
+    def lost(self) -> float:
+        """The most digits lost, NaN where nothing was solved."""
+        return self._most("relative")
+
+    @property
+    def foreseen(self) -> float:
+        """The most digits that κ ε foresaw to be lost, NaN where nothing was solved or lost."""
+        return self._most("predicted")
+
+    @property
+    def refused(self) -> float:
+        """The share of cells that were refused."""
+        return 1.0 - len(self.solved) / len(self.records)
+
+    def _most(self, error: str) -> float:
+        # What is exact, as at rest without forces, has no digits to lose.
+        inexact = [r for r in self.solved if r.errors["relative"] > 0 or error == "relative"]
+        return max((digits_lost(r.errors[error]) for r in inexact), default=math.nan)
+
+
+Atlas = dict[str, dict[Method, list[Step]]]
+"""Family -> method -> its steps, from mild to severe."""
+
+
+def atlas_of(records: Iterable[Record]) -> Atlas:
+    """Return the steps of every method through every family, as `FAMILIES` orders them."""
+    cells: dict[str, dict[Method, dict[float, list[Record]]]] = {key: {} for key in FAMILIES}
+    for record in records:
+        family, severity = record.settings["family"], record.settings["severity"]
+        if family in FAMILIES:
+            mine = cells[family].setdefault(method_of(record), {})
+            mine.setdefault(severity, []).append(record)
+    return {
+        family: {
+            method: [Step(x, mine[x]) for x in sorted(mine, key=FAMILIES[family].values.index)]
+            for method, mine in methods.items()
+        }
+        for family, methods in cells.items()
+        if methods
+    }
+
+
+class Break(NamedTuple):
+    """Where a method first fails to give a good result."""
+
+    severity: float
+    outcome: Outcome
+    record: Record
+    """The worst cell there."""
+    lost: float
+    """The most digits lost before, NaN where nothing was solved."""
+
+
+def lost_in(steps: Iterable[Step]) -> float:
+    """Return the most digits lost in any of these steps, NaN where nothing was solved."""
+    return max((step.lost for step in steps if not math.isnan(step.lost)), default=math.nan)
+
+
+def break_of(steps: Sequence[Step]) -> Break | None:
+    """Return where a method breaks in a family, or None: it gives good results throughout."""
+    for place, step in enumerate(steps):
+        if step.worst is not Outcome.GOOD:
+            worst = max(step.records, key=outcome)
+            return Break(step.severity, step.worst, worst, lost_in(steps[:place]))
+    return None

@@ -1,0 +1,313 @@
+"""The stability atlas as tables, a heat map of all, and digits lost in each family."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
+from eomcheck.evaluation.tolerance import NOTICEABLE
+from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record
+from eomcheck.lab.studies.stability.families import FAMILIES
+from eomcheck.lab.studies.stability.measure import (
+    Atlas,
+    Method,
+    Outcome,
+    Step,
+    atlas_of,
+    break_of,
+    digits_lost,
+    lost_in,
+    method_of,
+    outcome,
+)
+from eomcheck.scenes import Snake
+
+WORDS = {
+    Outcome.REFUSED: "refused",
+    Outcome.TOLD: "bound tells",
+    Outcome.SILENT: "SILENT",
+}
+LIMIT = digits_lost(NOTICEABLE)
+"""Digits lost at which a result is no longer good."""
+CROSSES, STEP = DIGITS_OF_DOUBLES + 1.0, 0.4
+"""Where refusals are drawn, one row a method."""
+ALL = "all"
+READING = (
+    f"A result is good up to a true relative error of {NOTICEABLE:g}. Digits lost are those of the "
+    "worst variant; crosses above are refusals."
+)
+
+
+def scenes_of(atlas: Atlas) -> list[str]:
+    """Return the keys of the scenes that an atlas is about, in the order of the registry."""
+    return list(dict.fromkeys(FAMILIES[family].about for family in atlas))
+
+
+def methods_in(atlas: Atlas) -> list[Method]:
+    """Return the methods in an atlas."""
+    return list(dict.fromkeys(method for methods in atlas.values() for method in methods))
+
+
+def silent(found: Sequence[Record]) -> bool:
+    """Return whether anything is wrong that nothing tells."""
+    return any(outcome(record) is Outcome.SILENT for record in found)
+
+
+def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
+    """Yield a name and what is shown together under it.
+
+    The snake, or a scene that is alone, is shown by itself; several others share what is shown.
+    """
+    scenes = scenes_of(atlas)
+    alone = scenes if len(scenes) == 1 else [key for key in scenes if key == Snake.key]
+    for keys in (alone, [key for key in scenes if key not in alone]):
+        if keys:
+            name = f"stability-{keys[0]}" if len(keys) == 1 else "stability-scenes"
+            part = {key: atlas[key] for key in atlas if FAMILIES[key].about in keys}
+            yield "stability" if keys == [Snake.key] else name, part
+
+
+# ---- Tables --------------------------------------------------------------------------------------
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield where each method breaks in each family and why, all of that in short, what is wrong.
+
+    Of several scenes, which have many families, a family is a line; of one it is a column.
+    """
+    atlas = atlas_of(found)
+    for family, methods in atlas.items():
+        facts = FAMILIES[family]
+        yield Sheet(
+            f"stability-{family}",
+            f"{facts.title}: {facts.severity}",
+            ("method", "breaks at", "", "digits lost before", "why"),
+            [(method.name, *_row(mine)) for method, mine in methods.items()],
+            detail=True,
+        )
+    for name, part in parts(atlas):
+        lines = [["method", *(FAMILIES[key].title for key in part)]]
+        for method in methods_in(part):
+            breaks = (_short(part[family].get(method)) for family in part)
+            lines.append([method.name, *breaks])
+        if len(scenes_of(part)) > 1:
+            lines = [["family", *lines[0][1:]], *lines[1:]]
+            lines = [list(column) for column in zip(*lines, strict=True)]
+        title = "Severity at which a method first fails to give a good result"
+        note = "Empty: it never does; –: it does not apply."
+        yield Sheet(f"{name}-breaks", title, lines[0], lines[1:], note=note)
+    wrong = [r for r in found if outcome(r) is Outcome.SILENT or r.status == "failed"]
+    if wrong:
+        yield Sheet(
+            "stability-wrong",
+            "What failed, or is wrong and nothing says so",
+            ("method", "outcome", "family", "variant", "severity", "what"),
+            [_wrong(record) for record in wrong],
+        )
+
+
+def _row(mine: Sequence[Step]) -> tuple[str, ...]:
+    found = break_of(mine)
+    lost = lost_in(mine) if found is None else found.lost
+    text = "" if math.isnan(lost) else f"{lost:.1f}"
+    if found is None:
+        return "", "", text, ""
+    record = found.record
+    why = record.reason if record.status != "done" else _large(record)
+    return f"{found.severity:.3g}", WORDS[found.outcome], text, why
+
+
+def _large(record: Record) -> str:
+    names = (name for name in record.errors if name.startswith("condition "))
+    matrix = max(names, key=record.errors.__getitem__)
+    return (
+        f"true error {record.errors['relative']:.0e}; condition number of "
+        f"{matrix.removeprefix('condition ')} {record.errors[matrix]:.0e}"
+    )
+
+
+def _short(mine: Sequence[Step] | None) -> str:
+    """Return where a method breaks, such as "1e-08 refused"; what its bound tells needs no word."""
+    if mine is None:
+        return "–"
+    found = break_of(mine)
+    if found is None:
+        return ""
+    told = found.outcome is Outcome.TOLD
+    return f"{found.severity:.3g}" if told else f"{found.severity:.3g} {WORDS[found.outcome]}"
+
+
+def _wrong(record: Record) -> tuple[str, ...]:
+    s = record.settings
+    where = s["family"], s["variant"], f"{s['severity']:g}"
+    what = record.reason or ", ".join(f"{name} {x:.3g}" for name, x in record.errors.items())
+    return method_of(record).name, record.status if record.reason else "SILENT", *where, what
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield how many cells came to which outcome."""
+    counts = Counter(outcome(r) for r in found if r.settings["family"] in FAMILIES)
+    yield (
+        f"{counts.total()} cells: {counts[Outcome.GOOD]} good (true relative error at most "
+        f"{NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
+        f"their error bound tells, {counts[Outcome.SILENT]} silently wrong."
+    )
+
+
+# ---- Charts --------------------------------------------------------------------------------------
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield a heat map of all, and digits lost over severity: all methods, or one by its variants.
+
+    A scene that is alone has a figure a family, a panel a method.
+    """
+    atlas = atlas_of(found)
+    if not atlas:
+        return
+    for name, part in parts(atlas):
+        yield _heat_map(name, part)
+    methods = methods_in(atlas)
+    panels = {}
+    for family, of in atlas.items():
+        title = FAMILIES[family].title
+        panels[title, ALL] = _panel(family, of)
+        panels |= {(title, m.name): _panel(family, {m: mine}, m.name) for m, mine in of.items()}
+    _, alone = next(parts(atlas))
+    files = [
+        File(
+            f"stability-{family}",
+            title := FAMILIES[family].title,
+            _in_rows([(title, method.name) for method in of], 5),
+        )
+        for family, of in alone.items()
+        if len(scenes_of(alone)) == 1
+    ]
+    choices = {
+        "family": [FAMILIES[family].title for family in atlas],
+        "method": [ALL, *(method.name for method in methods)],
+    }
+    title = "Digits lost in the worst variant; crosses above are refusals"
+    yield Chart("stability-families", title, choices, panels, size=(2.4, 2.3), parts=files)
+
+
+def _in_rows(choices: list[tuple[str, ...]], across: int) -> list[list[tuple[str, ...]]]:
+    return [choices[k : k + across] for k in range(0, len(choices), across)]
+
+
+def _heat_map(name: str, part: Atlas) -> Chart:
+    scenes = scenes_of(part)
+    panels = {}
+    for scene in scenes:
+        here = {key: of for key, of in part.items() if FAMILIES[key].about == scene}
+        order = {key: _severities(key, of) for key, of in here.items()}
+        rows = {}
+        for method in methods_in(here):
+            boxes: list[Box | None] = []
+            for key, of in here.items():
+                mine = {step.severity: step for step in of.get(method, ())}
+                boxes += [_box(method, mine.get(severity)) for severity in order[key]]
+            rows[method.name] = method.key, boxes
+        panels[(scene,)] = Heat(
+            {FAMILIES[key].name: len(order[key]) for key in here},
+            rows,
+            Axis("digits lost, worst variant", range=(0.0, DIGITS_OF_DOUBLES)),
+            LIMIT,
+            "refused",
+            "silently wrong",
+            scene if len(scenes) > 1 else "",
+        )
+    most = max(len(heat.columns) for heat in panels.values())
+    tall = max(len(heat.rows) for heat in panels.values())
+    box = (1.1, 0.42) if len(scenes) == 1 else (1.0, 0.26)
+    return Chart(
+        name,
+        "Boxes from mild to severe, darker where more digits are lost; none: does not apply",
+        {"scene": scenes},
+        panels,
+        _in_rows([(scene,) for scene in scenes], 2),
+        size=(box[0] * most + 1.0, box[1] * tall + 1.1),
+    )
+
+
+def _severities(family: str, methods: dict[Method, list[Step]]) -> list[float]:
+    looked_at = {step.severity for mine in methods.values() for step in mine}
+    return [severity for severity in FAMILIES[family].values if severity in looked_at]
+
+
+def _box(method: Method, step: Step | None) -> Box | None:
+    if step is None:
+        return None
+    wrong = step.worst is Outcome.SILENT
+    return Box(step.lost, step.refused > 0, wrong, _said(method, step))
+
+
+def _at(severity: float) -> str:
+    return f"{severity:.4g}"
+
+
+def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> Panel:
+    facts = FAMILIES[family]
+    # A category an entry: severities include 0, which a logarithm has no place for.
+    x = Axis(facts.severity, categories=[*map(_at, facts.values)])
+    top = CROSSES + STEP * len(methods) + 0.5
+    y = Axis("digits lost", range=(-0.5, top), ticks=(0, 4, 8, 12, 16))
+    lines = []
+    for row, (method, mine) in enumerate(methods.items()):
+        lines += _lines(method, mine, CROSSES + STEP * row, alone=bool(title))
+    return Panel(x, y, lines, title, bad=(LIMIT, DIGITS_OF_DOUBLES))
+
+
+def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iterator[Line]:
+    """Yield the worst variant of a method and, alone, what was foreseen and each variant."""
+    x = [_at(step.severity) for step in mine]
+    told = [_said(method, step) for step in mine]
+    key = method.key
+    refused = [k for k, step in enumerate(mine) if step.refused > 0]
+    lost = [step.lost for step in mine]
+    if alone:
+        # Where some variant is refused, the worst of the others would look like a recovery.
+        lost = [math.nan if step.refused else step.lost for step in mine]
+        foreseen = [math.nan if step.refused else step.foreseen for step in mine]
+        yield Line(key, x, foreseen, label="foreseen by κ ε", look="dotted")
+        for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
+            y = [_lost_by(variant, step) for step in mine]
+            yield Line(key, x, y, label="each variant", look="thin")
+        if wrong := [step for step in mine if step.worst is Outcome.SILENT]:
+            at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
+            yield Line(key, at, y, label="silently wrong", look="rings")
+    partly = [step.refused > 0 for step in mine]
+    yield Line(key, x, lost, told, "worst variant", dashed=method.pivoted, hollow=partly)
+    if refused:
+        yield Line(
+            key,
+            [x[k] for k in refused],
+            [height] * len(refused),
+            [told[k] for k in refused],
+            "refused (hollow: in part)",
+            hollow=[mine[k].refused < 1 for k in refused],
+            look="crosses",
+        )
+
+
+def _lost_by(variant: str, step: Step) -> float:
+    mine = [r for r in step.solved if r.settings["variant"] == variant]
+    return digits_lost(mine[0].errors["relative"]) if mine else math.nan
+
+
+def _said(method: Method, step: Step) -> list[str]:
+    solved = len(step.solved)
+    lines = [
+        f"{method.name}, severity {step.severity:g}",
+        f"{solved} of {len(step.records)} variants solved",
+    ]
+    if solved and not math.isnan(step.lost):
+        lines.append(f"{step.lost:.1f} digits lost, {step.foreseen:.1f} foreseen by κ ε")
+    if step.worst in WORDS:
+        lines.append(WORDS[step.worst])
+    reasons = dict.fromkeys(record.reason for record in step.records if record.reason)
+    return [*lines, *list(reasons)[:1]]
