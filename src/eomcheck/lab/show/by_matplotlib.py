@@ -134,8 +134,9 @@ def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> lis
         _tick(grid[place].xaxis, panel.x)
         _tick(grid[place].yaxis, panel.y)
     abscissae = [panel.x for panel in panels.values()]
-    if len(rows[0]) > 1 and abscissae and all(x == abscissae[0] for x in abscissae):
-        # Side by side there is no room for a long title below each.
+    room = 10 * block.bbox.width / block.dpi / len(rows[0])
+    if abscissae and all(x == abscissae[0] for x in abscissae) and len(abscissae[0].title) > room:
+        # Below each panel it would run into the next one.
         for axes in drawn:
             axes.set_xlabel("")
         block.supxlabel(abscissae[0].title, fontsize="medium")
