@@ -21,7 +21,10 @@ if not console.is_terminal:
 
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error, a terminal; the value is called once per step."""
+    """Show a progress bar on standard error, a terminal; the value is called once per step.
+
+    Without a label there is none.
+    """
     errors = Console(stderr=True)
     with Progress(
         TextColumn(label),
@@ -30,7 +33,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
         TimeRemainingColumn(),
         console=errors,
         transient=True,
-        disable=not errors.is_terminal,
+        disable=not (errors.is_terminal and label),
         speed_estimate_period=PERIOD,
     ) as bar:
         task = bar.add_task(label, total=total)

@@ -7,7 +7,8 @@ line in the documentation follow from its one line in `eomcheck.lab.studies.STUD
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from inspect import Parameter, signature
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Annotated, Any
 
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, Records, Settings, run_cells
+from eomcheck.lab.store.records import Record, Records, Settings, rows_of, run_cells
 from eomcheck.lab.store.workers import check_place
 
 Work = Callable[[Settings], Record]
@@ -32,6 +33,33 @@ def nothing(found: Found) -> tuple:
     return ()
 
 
+def unfinished(found: Found) -> Iterator[str]:
+    """Yield of which cells nothing came, and why."""
+    for record in found:
+        if record.status != "done":
+            cell = ", ".join(f"{name} {value}" for name, value in record.settings.items())
+            yield f"{cell} {record.status}: {record.reason}"
+
+
+def failed(found: Found) -> bool:
+    """Return whether some cell went wrong."""
+    return any(record.status == "failed" for record in found)
+
+
+def document_of(name: str, kind: type) -> Callable[[Found], dict[str, Any]]:
+    """Return a `document` of the rows in Records, where what is not finite is null."""
+
+    def document(found: Found) -> dict[str, Any]:
+        rows = map(asdict, rows_of(found, kind))
+        return {name: [{x: _finite(y) for x, y in row.items()} for row in rows]}
+
+    return document
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 @dataclass(frozen=True, kw_only=True)
 class Study:
     """A study.
@@ -43,8 +71,8 @@ class Study:
         worker: the Records of the studies `before`, and more options -> what works off a cell.
         sheets: Records -> tables.
         charts: Records -> charts.
-        said: Records -> sentences below the tables.
-        label: of the progress bar.
+        said: Records -> sentences below the tables; by default why cells are not done.
+        label: of the progress bar, "" where what works off a cell shows its own.
         before: studies whose Records must be known first, with the same options.
         alarm: Records -> whether something was found that must not be (exit code 1).
         files: Records, a folder -> other files written there, beside tables and charts.
@@ -60,7 +88,7 @@ class Study:
     worker: Callable[..., Work]
     sheets: Callable[[Found], Iterable[Sheet]]
     charts: Callable[[Found], Iterable[Chart]] = nothing
-    said: Callable[[Found], Iterable[str]] = nothing
+    said: Callable[[Found], Iterable[str]] = unfinished
     label: str = "measuring"
     before: tuple[Study, ...] = ()
     alarm: Callable[[Found], bool] = lambda found: False
@@ -107,6 +135,12 @@ class Study:
         how = {"fresh": fresh, "label": self.label, "where": where, "by": self.spread_by}
         found = run_cells(records, self.key, cells, work, **how)
         return [*known, *found]
+
+    def run(self, file: Path | None = None, fresh: bool = False, **options: Any) -> list[Record]:
+        """Do what `measure` does, with the Records in a file, or without one."""
+        self.check(**options)  # options that make no sense leave no file behind
+        with Records(file) as records:
+            return self.measure(records, fresh, **options)
 
     def write(self, found: Found, folder: Path) -> list[Path]:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""

@@ -163,6 +163,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.axhspan(*panel.bad, color="0.93", lw=0)
     _set_up(axes, "x", panel.x)
     _set_up(axes, "y", panel.y)
+    if panel.equal:
+        axes.set_aspect("equal")
     if panel.unknown is not None:
         limits = axes.get_ylim()
         axes.axhspan(1e-300 if panel.y.log else -1e300, panel.unknown, color="0.88", lw=0)
@@ -192,7 +194,7 @@ def draw_line(axes: Axes, line: Line) -> None:
         "marker": style.marker,
         "ls": dashes if line.joined else "",
         "ms": 4,
-        "lw": 1.2,
+        "lw": style.width,
     } | LOOKS[line.look]
     axes.plot(line.x, line.y, markevery=line.every, label=line.label or line.key, **look)
     empty = {"marker": look["marker"], "ms": look["ms"], "mfc": "white", "mec": style.color}

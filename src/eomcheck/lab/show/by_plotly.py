@@ -51,6 +51,8 @@ def figure_of(panel: Panel | Heat) -> Figure:
         _add_heat(figure, panel)
         return figure
     figure.update_layout(xaxis=_axis(panel.x), yaxis=_axis(panel.y))
+    if panel.equal:
+        figure.update_yaxes(scaleanchor="x")
     for line in panel.lines:
         if line.x:
             _add(figure, line)
@@ -106,13 +108,14 @@ def _add(figure: Figure, line: Line) -> None:
     dash = "dot" if line.dashed or style.dashed or line.look == "dotted" else "solid"
     marks = {"crosses": "x-thin-open", "rings": "circle-open"}.get(line.look)
     lines = line.joined and not marks
-    mode = {"thin": "lines", "dotted": "lines"}.get(line.look, "lines+markers")
+    whole = "lines+markers" if style.symbol else "lines"
+    mode = {"thin": "lines", "dotted": "lines"}.get(line.look, whole)
     figure.add_scatter(
         x=list(line.x),
         y=list(line.y),
         mode=mode if lines else "markers",
-        line={"width": 1.6, "dash": dash},
-        marker={"symbol": marks or symbols or style.symbol, "size": 7 if marks else 8},
+        line={"width": style.width + 0.4, "dash": dash},
+        marker={"symbol": marks or symbols or style.symbol or None, "size": 7 if marks else 8},
         **_told(line.key, line.said),
     )
 

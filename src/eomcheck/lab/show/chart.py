@@ -28,7 +28,7 @@ LINKS = Axis("number of links N", log=True, ticks=(1, 2, 3, 5, 7, 10, 20, 30, 50
 
 
 class Line(NamedTuple):
-    """A line of a formulation or an integrator.
+    """A line of a formulation, an integrator or what else has a style.
 
     Attributes:
         key: of `eomcheck.lab.show.style.STYLES`.
@@ -70,6 +70,7 @@ class Panel:
         level: ordinate at which a line goes across.
         legend: whether the legend of its lines stands in it, not above all panels.
         bad: between these ordinates nothing is good, which is drawn in grey.
+        equal: whether a unit is as long on both axes.
     """
 
     x: Axis
@@ -81,6 +82,7 @@ class Panel:
     level: float | None = None
     legend: bool = False
     bad: tuple[float, float] | None = None
+    equal: bool = False
 
     @property
     def keys(self) -> list[str]:

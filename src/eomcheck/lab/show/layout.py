@@ -44,6 +44,11 @@ def seconds_text(value: float) -> str:
     return f"{value / 1e-9:.3g} ns"
 
 
+def grouped(value: int) -> str:
+    """Return a whole number with its digits in groups of three."""
+    return f"{value:,}".replace(",", " ")
+
+
 def write_markdown_table(path: Path, rows: Sequence[Sequence[str]]) -> None:
     """Write a table in Markdown, its first row being the heading."""
     heading, *others = rows

@@ -25,12 +25,14 @@ class Style(NamedTuple):
         marker: matplotlib's sign.
         symbol: the same as plotly calls it.
         dashed: whether its lines are.
+        width: of its lines, pt.
     """
 
     color: str
     marker: str
     symbol: str
     dashed: bool = False
+    width: float = 1.2
 
 
 _SIGNS = tuple(
@@ -51,4 +53,14 @@ STYLES = {
     key: Style(PALETTE[1 + i % (len(PALETTE) - 1)], *_SIGNS[i % len(_SIGNS)], dashed=kind.implicit)
     for i, (key, kind) in enumerate(INTEGRATORS.items())
 }
-"""Key of a formulation or an integrator -> its style. Implicit integrators are dashed."""
+STYLES |= {
+    "one sign flipped": Style(WRONG, "x", "x-thin-open"),
+    "allowed by rounding": Style(PALETTE[-1], "_", "line-ew-open"),
+    "sin, cos": Style("#707070", ".", "circle", dashed=True),
+    "casadi, C": Style("#707070", "x", "x"),
+    "pinocchio": Style("#707070", "+", "cross"),
+    "links": Style("#404040", "o", "circle", width=3.0),
+    "wheels": Style(PALETTE[6], "", "", width=6.0),
+}
+"""Key of a formulation, an integrator or what else is drawn -> its style. Implicit integrators are
+dashed."""

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self, TypeVar, get_args
 
 from eomcheck.console import progress
 from eomcheck.errors import EomcheckError, InputError, RefusedError
@@ -21,6 +21,8 @@ Settings = dict[str, Any]
 """What a study varies -> its value in this cell; values are numbers, text, None, lists, dicts."""
 
 Status = Literal["done", "failed", "refused"]
+
+Row = TypeVar("Row")
 
 APPLICATION = int.from_bytes(b"eomc", "big")
 """SQLite's application id: tells our files from those of others."""
@@ -141,7 +143,7 @@ class Records:
     to one file at the same time (on one machine: SQLite's log needs shared memory).
 
     Args:
-        path: the file, made if there is none.
+        path: the file, made if there is none; None for Records that do not stay.
         readonly: change nothing, and do not make the file.
 
     Raises:
@@ -149,11 +151,12 @@ class Records:
             too.
     """
 
-    def __init__(self, path: str | Path, *, readonly: bool = False):
-        self.path = Path(path)
+    def __init__(self, path: str | Path | None, *, readonly: bool = False):
+        self.path = Path(":memory:" if path is None else path)
         if readonly and not self.path.is_file():
             raise InputError(f"{str(path)!r}: no such file")
-        where = f"{self.path.absolute().as_uri()}?mode={'rw' if readonly else 'rwc'}"
+        mode = "rw" if readonly else "rwc"
+        where = ":memory:" if path is None else f"{self.path.absolute().as_uri()}?mode={mode}"
         with self._sqlite():
             self._connection = sqlite3.connect(
                 where, timeout=BUSY_SECONDS, isolation_level=None, uri=True
@@ -300,6 +303,19 @@ def values(records: Iterable[Record], name: str) -> list[Any]:
     return list(dict.fromkeys(r.settings[name] for r in records if name in r.settings))
 
 
+def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Record:
+    """Return the Record of a cell in which several things are found, each a dataclass of one kind.
+
+    Its series `rows` holds them, fields by name.
+    """
+    return Record(study, settings, series={"rows": [asdict(row) for row in rows]})
+
+
+def rows_of(records: Iterable[Record], kind: type[Row]) -> list[Row]:
+    """Return what `record_of_rows` was given, in order; of Records that are not done, nothing."""
+    return [kind(**row) for record in records for row in record.series.get("rows", ())]
+
+
 def run_cells(
     records: Records,
     study: str,
@@ -323,7 +339,7 @@ def run_cells(
         work: settings -> Record of this study and these settings. An exception of eomcheck's own
             becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
         fresh: forget what is known of these cells first.
-        label: of the progress bar, by default the name of the study.
+        label: of the progress bar, by default the name of the study; "" for none.
         where: where untimed cells are worked off, see `eomcheck.lab.store.workers.spread`; None:
             one after another, in this process.
         by: names of settings. Cells that share them go to one process together, in their order.
@@ -337,7 +353,7 @@ def run_cells(
         if found[key] is None:
             shared = key_of({name: settings[name] for name in by}) if by else key
             together.setdefault(shared, []).append(settings)
-    with progress(label or study, len(together)) as advance:
+    with progress(study if label is None else label, len(together)) as advance:
         for made in _worked_off(where, partial(_work_off, study, work), together.values()):
             for record in made:
                 records.add(record)
