@@ -10,15 +10,8 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import CLAIMS, FORMULATIONS, Formulation
-from eomcheck.lab.report.operations import (
-    TOTALS,
-    columns_text,
-    order_text,
-    polynomial_text,
-    table_i_text,
-)
 from eomcheck.lab.report.references import COLUMNS, row
-from eomcheck.lab.studies.operations import KINDS, fit, measure, solved_systems
+from eomcheck.lab.studies import study_of
 from eomcheck.motion.stored import load_reference
 
 DOCS = Path(__file__).parent
@@ -133,40 +126,27 @@ def facts(f: Formulation) -> str:
     )
 
 
-COUNTED = range(2, 31)
+COUNTED = "2..30"
 """Numbers of links whose counts the tables rest on; the command goes further."""
 
 
 def operations_tables() -> dict[str, str]:
     """Return the tables of operations by the name of their files."""
-    records = measure(COUNTED)
-
-    def polynomials(kinds: list[str]) -> str:
-        return table(
-            ("formulation", *kinds),
+    study = study_of("operations")
+    names = {"formulation", "matrix"}
+    return {
+        f"{sheet.name}.md": table(
+            tuple(sheet.columns),
             [
-                (f"`{f.formulation}`", *(cell(polynomial_text(f.polynomials[k])) for k in kinds))
-                for f in fit(records)
+                tuple(
+                    f"`{entry}`" if column in names else cell(entry)
+                    for column, entry in zip(sheet.columns, row, strict=True)
+                )
+                for row in sheet.rows
             ],
         )
-
-    systems = table(
-        ("formulation", "matrix", "order", "right-hand sides", "order in Table I"),
-        [
-            (
-                f"`{s.formulation}`",
-                f"`{s.smallest.name}`",
-                cell(order_text(s)),
-                cell(columns_text(s)),
-                cell(table_i_text(s)),
-            )
-            for s in solved_systems(records)
-        ],
-    )
-    return {
-        "operations.md": polynomials([kind for kind in KINDS if kind not in TOTALS]),
-        "totals.md": polynomials(list(TOTALS)),
-        "systems.md": systems,
+        for sheet in study.sheets(study.run(links=COUNTED))
+        if sheet.name in ("operations", "totals", "systems")
     }
 
 

@@ -8,7 +8,10 @@ from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import operations, paper, work_precision
+from eomcheck.lab.studies import paper, work_precision
+from eomcheck.lab.studies.operations import STUDY
+from eomcheck.lab.studies.operations.counting import Operations
+from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.lab.studies.stability import measure as stability
 from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.scenes import Sleigh
@@ -44,13 +47,9 @@ def proved(path: Path) -> None:
         Proofs(proof_jobs("sleigh", None, 1, 0, KEYS), records=records).run()
 
 
-def counted(path: Path) -> list[operations.Operations]:
+def counted(path: Path) -> list[Operations]:
     """Count operations into a file of records and return the counts."""
-    counts = operations.measure(range(2, 8), KEYS)
-    with Records(path) as records:
-        for one in counts:
-            records.add(operations.record_of(one))
-    return counts
+    return counted_in(STUDY.run(path, links="2..7", formulation=KEYS))
 
 
 def studied(path: Path) -> None:

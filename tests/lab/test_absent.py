@@ -8,7 +8,9 @@ from tests.samples import random_scene, random_state
 
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import applicable
-from eomcheck.lab.studies.absent import absent_terms, savings, with_zeros
+from eomcheck.lab.studies.operations import STUDY
+from eomcheck.lab.studies.operations.absent import absent_terms, with_zeros
+from eomcheck.lab.studies.operations.show import savings_in
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 
@@ -40,7 +42,7 @@ def test_with_zeros_nothing_is_absent_any_more(scene: Scene):
 
 
 def test_no_formulation_spends_an_operation_on_what_is_absent():
-    records = savings(SCENES.values(), 3)
+    records = savings_in(STUDY.run(scene="all", repeats=0))
     assert {record.structure for record in records} == {scene.structure for scene in STRUCTURES}
     for record in records:
         absent, zeros = record.operations
@@ -53,7 +55,8 @@ def test_no_formulation_spends_an_operation_on_what_is_absent():
 
 
 def test_times_of_both_are_measured_on_request():
-    (record,) = savings([SCENES["sleigh"]], 1, ["kane"], repeats=2)
+    found = STUDY.run(scene="sleigh", links="1", formulation=["kane"], repeats=2)
+    (record,) = savings_in(found)
     assert record.seconds is not None
     assert min(record.seconds) > 0.0
-    assert record.absent == ("Q", "b", "offset", "gyroscopic", "force")
+    assert record.absent == ["Q", "b", "offset", "gyroscopic", "force"]

@@ -11,19 +11,27 @@ from flint import fmpq_poly
 
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.lab.report.operations import order_text, polynomial_text, table_i_text
-from eomcheck.lab.studies import operations
-from eomcheck.lab.studies.operations import (
-    KINDS,
+from eomcheck.lab.studies.operations import STUDY, cells
+from eomcheck.lab.studies.operations import counting as counting_module
+from eomcheck.lab.studies.operations.counting import (
     Operations,
     compare_springs,
     count,
+    lu_operations,
+)
+from eomcheck.lab.studies.operations.fits import (
+    KINDS,
     fit,
     fit_order,
     fit_polynomial,
-    lu_operations,
-    measure,
     solved_systems,
+)
+from eomcheck.lab.studies.operations.show import (
+    counted_in,
+    order_text,
+    polynomial_text,
+    springs_in,
+    table_i_text,
 )
 from eomcheck.motion import right_hand_side, state, trace
 from eomcheck.numbers.counting import Counted, Counting, System
@@ -36,7 +44,7 @@ formulations = pytest.mark.parametrize("formulation", FORMULATIONS.values(), ids
 
 @pytest.fixture(scope="module")
 def records() -> list[Operations]:
-    return measure(SIZES)
+    return counted_in(STUDY.run(links=f"{SIZES[0]}..{SIZES[-1]}"))
 
 
 # ---- What is counted -----------------------------------------------------------------------------
@@ -86,7 +94,7 @@ def test_operations_on_two_zeros_of_new_arrays_are_missed_by_em_at_one_link_and_
         return counting.numbers(array) if np.dtype(dtype).kind == "O" else array.astype(dtype)
 
     plain = np.zeros
-    monkeypatch.setattr(operations, "Counting", lambda: counting)
+    monkeypatch.setattr(counting_module, "Counting", lambda: counting)
     monkeypatch.setattr(np, "zeros", zeros)
     monkeypatch.setattr(np, "zeros_like", lambda x: zeros(x.shape, x.dtype))
     found = count(Snake.coil(links), formulation)
@@ -150,11 +158,10 @@ def test_records_hold_every_formulation_at_every_number_of_links(records):
 
 def test_what_cannot_be_counted_is_refused():
     with pytest.raises(UnknownNameError, match="unknown formulation 'xx'"):
-        measure([2], ["xx"])
-    with pytest.raises(InputError, match="links = 0"):
-        measure([0])
-    with pytest.raises(InputError, match="links is empty"):
-        measure([])
+        list(cells(links="2", formulation=["xx"]))
+    for nothing in ("0", "3..2"):
+        with pytest.raises(InputError, match=f"links = '{nothing}'"):
+            list(cells(links=nothing))
 
 
 # ---- Polynomials ---------------------------------------------------------------------------------
@@ -169,7 +176,7 @@ def test_every_fitted_polynomial_gives_back_every_count(records):
 
 
 def test_the_polynomials_of_a_few_small_snakes_hold_for_a_large_one(records):
-    large = {record.formulation: record for record in measure([100])}
+    large = {record.formulation: record for record in counted_in(STUDY.run(links="100"))}
     for f in fit(records):
         for kind, of in KINDS.items():
             assert f.polynomials[kind](100) == of(large[f.formulation]), (f.formulation, kind)
@@ -353,10 +360,10 @@ def test_orders_are_only_given_where_whole_numbers_fit_all_points():
 
 @pytest.mark.parametrize("links", [2, 3, 7])
 def test_springs_cost_what_their_terms_cost_and_absent_ones_nothing(links: int):
-    rows = compare_springs(links)
+    rows = springs_in(STUDY.run(links=str(links)))
     assert [row.formulation for row in rows] == list(FORMULATIONS)
     for row in rows:
-        assert row.difference == row.alone
+        assert row.difference == tuple(row.alone)
         joints = links - 1
         # T = k (θ - θ'), then T into two rows of Q and Q - B ...
         expected = {"kane": (5 * joints + 2, 3 * joints), "banded": (2 * joints - 1, joints)}
@@ -378,7 +385,7 @@ def test_dampers_cost_as_much_as_springs_and_absent_ones_nothing(key: str):
 
 
 def test_a_snake_without_joints_has_no_springs_to_compare():
-    assert compare_springs(1) == []
+    assert springs_in(STUDY.run(links="1")) == []
 
 
 def test_zeros_in_the_place_of_absent_springs_do_not_go_unnoticed(monkeypatch):
@@ -388,9 +395,10 @@ def test_zeros_in_the_place_of_absent_springs_do_not_go_unnoticed(monkeypatch):
 
     right = Snake.terms
     monkeypatch.setattr(Snake, "terms", staticmethod(padded))
-    for row in compare_springs(5):
+    for formulation in FORMULATIONS.values():
+        row = compare_springs(Snake.coil(5), formulation)
         noticed = row.difference != row.alone
-        assert noticed == (FORMULATIONS[row.formulation].uses in ("terms", "speeds"))
+        assert noticed == (formulation.uses in ("terms", "speeds"))
 
 
 def test_a_count_is_the_same_whatever_the_numbers_are():
@@ -404,7 +412,7 @@ def test_a_count_is_the_same_whatever_the_numbers_are():
 
 def test_every_number_of_a_right_hand_side_is_a_counted_one_or_a_literal():
     counting, scene = Counting(), Snake.coil(3)
-    at = operations.Quantities(scene, counting, counting.vector(scene.n))
+    at = counting_module.Quantities(scene, counting, counting.vector(scene.n))
     at.u = counting.vector(scene.p)
     for record in (
         at.parameters,

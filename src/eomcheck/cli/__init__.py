@@ -13,9 +13,7 @@ import typer
 
 from eomcheck.cli import checking, motions
 from eomcheck.cli.app import app
-from eomcheck.cli.bench import bench
-from eomcheck.cli.draw import draw
-from eomcheck.cli.study import study
+from eomcheck.cli.study import bench, draw, study
 from eomcheck.errors import EomcheckError
 
 for group in (bench, study, draw):

@@ -18,16 +18,14 @@ from eomcheck.cli.options import (
     Kind,
     Seed,
     Where,
-    at_least_one,
     check_folder,
     check_output,
     check_writable,
-    interval,
     records_or_none,
     records_to_report,
-    whole_numbers,
 )
 from eomcheck.errors import InputError, WorkerError
+from eomcheck.lab.options import at_least_one, interval, whole_numbers
 
 
 class Registry(StrEnum):

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import MOST_LINKS, Formulations, Seed, at_least_one, check_figure
+from eomcheck.cli.options import Formulations, Seed, check_figure
 from eomcheck.errors import InputError
+from eomcheck.lab.options import MOST_LINKS, at_least_one
 
 if TYPE_CHECKING:
     from eomcheck.scenes import Snake

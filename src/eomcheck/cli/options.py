@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -16,46 +15,12 @@ from eomcheck.errors import InputError
 if TYPE_CHECKING:
     from eomcheck.lab.store.records import Records
 
-MOST_LINKS = 100_000
 SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
-
-def whole_numbers(text: str) -> list[int]:
-    """Return the numbers of "3", "1..12" or "1..12,20,50".
-
-    Raises:
-        InputError: none of these.
-    """
-    numbers: set[int] = set()
-    for part in text.split(","):
-        low, high = interval(part)
-        numbers |= set(range(low, high + 1))
-    return sorted(numbers)
-
-
-def interval(text: str) -> tuple[int, int]:
-    """Return (low, high) of "3" or "1..12".
-
-    Raises:
-        InputError: neither.
-    """
-    match = re.fullmatch(r"(\d+)(?:\.\.(\d+))?", text.strip())
-    if match is None:
-        raise InputError(f"links = {text!r}, expected a number or a range such as 1..12")
-    low, high = int(match[1]), int(match[2] or match[1])
-    if not 1 <= low <= high:
-        raise InputError(f"links = {text!r}, expected 1 <= first <= last")
-    if high > MOST_LINKS:
-        raise InputError(f"links = {text!r}, expected at most {MOST_LINKS}")
-    return low, high
-
-
-Links = Annotated[str, typer.Option(help="Number of links of the random snakes, N or N..M.")]
 Kind = Annotated[
     str, typer.Option(help="Kind of scene, all of them, or one in a file: path/to/file.py:Class.")
 ]
-Examples = Annotated[int, typer.Option(help="Number of random snakes and states.")]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
@@ -96,13 +61,6 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
     spare = TemporaryDirectory() if page is not None and path is None else nullcontext()
     with spare as folder, records_or_none(Path(folder) / "r.db" if folder else path) as records:
         yield records
-
-
-def at_least_one(**numbers: int) -> None:
-    """Raise InputError unless every number is at least 1."""
-    for name, value in numbers.items():
-        if value < 1:
-            raise InputError(f"{name} = {value}, expected at least 1")
 
 
 def check_writable(path: Path | None) -> None:

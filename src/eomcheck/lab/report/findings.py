@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from statistics import median
 from typing import Any, Protocol, TypeVar
 
 from rich.markup import escape
@@ -14,9 +15,9 @@ from eomcheck import __version__
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.run import Run, Selection
 from eomcheck.console import console
-from eomcheck.lab.report.accuracy import digits_table
 from eomcheck.lab.show.layout import numbers, table, words
 from eomcheck.lab.show.layout import write_json as write_document
+from eomcheck.lab.show.sheet import Sheet
 
 
 class Found(Protocol):
@@ -144,7 +145,12 @@ def print_run(run: Run, selection: Selection) -> None:
         found = group(certified, lambda f: f.subject)
         digits = {key: [f.digits or 0.0 for f in mine] for key, mine in found.items()}
         console.print("q̈ in doubles against its true value, enclosed:")
-        console.print(digits_table(digits))
+        columns = ("formulation", "states solved", "certified digits: fewest", "median")
+        rows = [
+            (key, str(len(values)), f"{min(values):.1f}", f"{median(values):.1f}")
+            for key, values in digits.items()
+        ]
+        console.print(Sheet("digits", "", columns, rows).text(console.width))
     for finding in run.findings:
         if finding.claim == "coverage":
             console.print(f"coverage: {finding.detail}")

@@ -40,7 +40,7 @@ def _formulations() -> Table:
 
 def _scenes() -> Table:
     from eomcheck.engines import ENGINES
-    from eomcheck.lab.studies.operations import outline
+    from eomcheck.lab.studies.operations.counting import outline
     from eomcheck.numbers.counting import Counting
     from eomcheck.scenes import SCENES
 

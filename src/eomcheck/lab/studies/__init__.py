@@ -18,9 +18,24 @@ STUDIES: dict[str, str] = {
     "long-run": "Measure how constraint and energy errors grow in 1 000 s, stabilized and not.",
     "paper": "Repeat the paper's simulations, Table I and Figs. 2 to 7, and judge its claims by "
     "them.",
+    "operations": "Count the operations of one right-hand side, exactly, for every number of "
+    "links.",
+    "accuracy": "Certify how many digits each formulation delivers in doubles, against ball "
+    "arithmetic.",
+    "agreement": "Compare the formulations on random snakes, beside a fault.",
+    "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
+    "one.",
+    "motion": "Time a motion of the paper's robot, in machine code and through Python.",
+    "tolerance": "Measure observed / (κ ε scale) per claim: what the constant C of the tolerances "
+    "rests on.",
 }
 """Key -> what it does. A study of key a-b is STUDY of the module a_b, imported when it is asked
 for."""
+
+BENCHMARKS = ("rhs", "motion", "tolerance")
+"""Those that are commands of `eomcheck bench`, not of `eomcheck study`."""
+DRAWN = ("accuracy", "agreement")
+"""Those whose figure `eomcheck draw` makes."""
 
 
 def study_of(key: str) -> Study:

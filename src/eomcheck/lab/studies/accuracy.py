@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from statistics import median
+from typing import Annotated
 
 import numpy as np
 
 from eomcheck import strategies
-from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import Accuracy, accuracy, certify, relative_error, true_state
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import speeds_of
 from eomcheck.evaluation.enclosure import Enclosure
-from eomcheck.evaluation.tolerance import UNDERFLOW, largest
-from eomcheck.formulations import Formulation, applicable
+from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
+from eomcheck.formulations import FORMULATIONS, Formulation, applicable
 from eomcheck.lab.draws import draw
+from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.scenes import Snake
+
+FLOOR = 1e-3
+"""Ratios below this, exact results included, are drawn here."""
 
 
 @dataclass(frozen=True)
@@ -54,26 +66,46 @@ class Delivered:
     state: str = ""
 
 
-def measure_accuracy(
-    min_links: int, max_links: int, examples: int, seed: int, hostile: bool = False
-) -> list[Delivered]:
-    """Return one Record per formulation and random state, ordinary or hostile."""
+def cells(
+    *,
+    links: Links = "1..30",
+    examples: Examples = 200,
+    seed: Seed = 0,
+    hostile: Annotated[bool, "Draw snakes and states at the edge."] = False,
+) -> Iterator[Settings]:
+    """Yield a cell for each random state, ordinary or hostile.
+
+    Raises:
+        InputError: no such numbers of links, or no examples.
+    """
+    drawn = {"links": interval(links), "examples": examples, "seed": seed, "hostile": hostile}
+    at_least_one(examples=examples)
+    for place in range(examples):
+        yield drawn | {"state": place}
+
+
+@lru_cache(1)
+def _states(low: int, high: int, examples: int, seed: int, hostile: bool) -> list:
     if hostile:
-        snakes = strategies.hostile_snakes(min_links, max_links)
+        snakes = strategies.hostile_snakes(low, high)
         drawn = strategies.scene_states(snakes, strategies.hostile_states)
     else:
-        drawn = strategies.scene_states(strategies.snakes(min_links, max_links))
-    records, formulations = [], applicable(Snake).values()
-    with progress("measuring", examples) as advance:
-        for scene, (q, v, t) in draw(drawn, examples, seed):
-            try:
-                truth, at = true_state(scene, q, speeds_of(scene, q, v, t), t)
-            except RefusedError as refusal:
-                records += [Delivered(f.key, scene.r, refusal.what) for f in formulations]
-            else:
-                records += [_delivered(f, truth, at) for f in formulations]
-            advance()
-    return records
+        drawn = strategies.scene_states(strategies.snakes(low, high))
+    return draw(drawn, examples, seed)
+
+
+def _certified(settings: Settings) -> Record:
+    """Certify every formulation at one state."""
+    drawn = (settings[name] for name in ("examples", "seed", "hostile"))
+    scene, (q, v, t) = _states(*settings["links"], *drawn)[settings["state"]]
+    formulations = applicable(Snake).values()
+    try:
+        truth, at = true_state(scene, q, speeds_of(scene, q, v, t), t)
+    except RefusedError as refusal:
+        rows = [Delivered(f.key, scene.r, refusal.what) for f in formulations]
+    else:
+        rows = [_delivered(f, truth, at) for f in formulations]
+    return record_of_rows(STUDY.key, settings, rows)
 
 
 def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> Delivered:
@@ -116,3 +148,118 @@ def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) 
     if not np.isfinite(machine).all():
         return float("nan")
     return relative_error(machine, found.truth) / _bound(found)
+
+
+# ---- What it comes to ----------------------------------------------------------------------------
+
+
+def _known(found: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
+    """Return everything, and of it what is not exact, as results at rest without forces are."""
+    rows = rows_of(found, Delivered)
+    return rows, [one for one in rows if one.refused is not None or one.relative != 0.0]
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield, per formulation, what doubles delivered, and what the constant C rests on."""
+    digits, errors = [], []
+    rows, moving = _known(found)
+    for key in dict.fromkeys(one.key for one in rows):
+        mine = [one for one in moving if one.key == key]
+        solved = [one for one in mine if one.refused is None]
+        if not solved:
+            digits.append((key, "0", str(len(mine)), *[""] * 4))
+            errors.append((key, *[""] * 7))
+            continue
+        foreseen = [one.ratio for one in solved if not math.isnan(one.ratio)]
+        machine = [one.machine_of_bound for one in solved if not math.isnan(one.machine_of_bound)]
+        digits.append(
+            (
+                key,
+                str(len(solved)),
+                str(len(mine) - len(solved)),
+                str(len(solved) - len(foreseen)),
+                f"{min(one.digits for one in solved):.1f}",
+                f"{median(one.digits for one in solved):.1f}",
+                f"{median(one.ulps for one in solved):.2g}",
+            )
+        )
+        errors.append(
+            (
+                key,
+                f"{median(one.condition for one in solved):.2g}",
+                f"{max(one.condition for one in solved):.2g}",
+                f"{median(foreseen):.2g}" if foreseen else "",
+                f"{max(foreseen):.2g}" if foreseen else "",
+                f"{max(one.of_bound for one in solved):.2g}",
+                f"{max(machine):.2g}" if machine else "",
+                str(len(solved) - len(machine)),
+            )
+        )
+    heads = ("certified digits: fewest", "median", "ulps: median")
+    columns = ("formulation", "solved", "refused", "κ infinite", *heads)
+    yield Sheet("digits", "What doubles deliver, against the enclosed truth", columns, digits)
+    ratios = ("error / (κ ε scale): median", "largest")
+    bounds = ("largest error / bound", "in machine code", "no number")
+    columns = ("formulation", "condition: median", "largest", *ratios, *bounds)
+    yield Sheet("errors", "Errors beside what is foreseen, and beside bounds", columns, errors)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield what the tables rest on, the largest ratio of all, and states beyond their bound."""
+    yield from unfinished(found)
+    rows, moving = _known(found)
+    top = max((one.ratio for one in moving if not math.isnan(one.ratio)), default=0.0)
+    yield (
+        f"{len(found)} states; errors against the enclosed truth. {len(rows) - len(moving)} "
+        "results that are exact, as at rest without forces, are left out; where κ is infinite no "
+        f"error is foreseen. Largest error / (κ ε scale): {top:.3g}; the constant C of the "
+        f"tolerances is {C:g}."
+    )
+    for one in rows:
+        if one.state:
+            yield f"beyond its bound: {one.key}, {one.state}"
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield certified digits over the number of links, and what the constant C rests on."""
+    solved = [one for one in rows_of(found, Delivered) if one.refused is None]
+    digits, shares = [], []
+    for key, aside in zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True):
+        mine = [one for one in solved if one.key == key]
+        at = [one.links + float(aside) for one in mine]
+        digits.append(Line(key, at, [one.digits for one in mine], joined=False))
+        ratios = sorted(max(one.ratio, FLOOR) for one in mine if not math.isnan(one.ratio))
+        steps = [k / max(len(ratios), 1) for k in range(len(ratios) + 1)]
+        x, y = np.repeat(ratios, 2).tolist(), np.repeat(steps, 2)[1:-1].tolist()
+        shares.append(Line(key, x, y, every=(0, max(len(x), 1))))
+    panels = {
+        ("digits",): Panel(
+            Axis("number of links N"),
+            Axis("decimal digits of q̈ that are right", range=(0, 16.5)),
+            digits,
+            "What doubles deliver, against the enclosed truth",
+        ),
+        ("share of states",): Panel(
+            Axis("true error / (κ ε scale)", log=True),
+            Axis("share of states", range=(0, 1.05)),
+            shares,
+            f"What κ ε predicts, and what is lost (dotted: C = {C:g})",
+            marks=(C,),
+        ),
+    }
+    yield Chart("accuracy", "Accuracy", {"diagram": [x for (x,) in panels]}, panels, size=(6, 4.2))
+
+
+STUDY = Study(
+    key="accuracy",
+    cells=cells,
+    worker=lambda known: _certified,
+    sheets=sheets,
+    charts=charts,
+    alarm=failed,
+    said=said,
+    document=document_of("accuracy", Delivered),
+    reading="Beside the public path, which states a bound of its error, machine code is held "
+    "against it.",
+    small=True,
+)

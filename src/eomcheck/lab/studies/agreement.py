@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
 
 from eomcheck import strategies
-from eomcheck.console import progress
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
+from eomcheck.lab.options import Seed, at_least_one
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.figures import joints
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.study import Study, failed
+from eomcheck.scenes import Snake
 
 REFERENCE = "au"
+FLOOR = 1e-18
+"""Exact agreement is drawn here: a logarithm has no zero."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +42,28 @@ class Agreement:
     faulty: float
 
 
-def measure_agreement(max_links: int = 40, per_size: int = 3, seed: int = 0) -> list[Agreement]:
-    """Return the Records of `per_size` random snakes of each size from 1 to `max_links` links."""
-    records: list[Agreement] = []
-    with progress("comparing", max_links * per_size) as advance:
-        for links in range(1, max_links + 1):
-            snakes = strategies.scene_states(strategies.snakes(links, links))
-            for scene, state in draw(snakes, per_size, seed):
-                records.extend(_compare(Evaluation(scene, *state)))
-                advance()
-    return records
+def cells(
+    *,
+    links: Annotated[int, "Largest number of links."] = 40,
+    per_size: Annotated[int, "Number of random snakes of each size."] = 3,
+    seed: Seed = 0,
+) -> Iterator[Settings]:
+    """Yield a cell for each number of links.
+
+    Raises:
+        InputError: no links, or no snakes.
+    """
+    at_least_one(**{"links": links, "per-size": per_size})
+    for size in range(1, links + 1):
+        yield {"links": size, "per size": per_size, "seed": seed}
+
+
+def _compared(settings: Settings) -> Record:
+    """Compare the formulations on random snakes of one size."""
+    links, per_size, seed = (settings[name] for name in ("links", "per size", "seed"))
+    states = draw(strategies.scene_states(strategies.snakes(links, links)), per_size, seed)
+    rows = (one for scene, state in states for one in _compare(Evaluation(scene, *state)))
+    return record_of_rows(STUDY.key, settings, rows)
 
 
 def _compare(at: Evaluation) -> list[Agreement]:
@@ -66,3 +90,85 @@ def _compare(at: Evaluation) -> list[Agreement]:
         faulty = largest(flipped - vdot) / scale
         records.append(Agreement(key, at.scene.r, observed, allowed, faulty))
     return records
+
+
+# ---- What it comes to ----------------------------------------------------------------------------
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield how far each formulation is from the reference at most."""
+    by_key: dict[str, list[Agreement]] = {}
+    for one in rows_of(found, Agreement):
+        by_key.setdefault(one.key, []).append(one)
+    rows = [
+        (
+            key,
+            str(len(mine)),
+            f"{max(one.observed for one in mine):.1e}",
+            f"{max(one.observed / one.allowed for one in mine):.1%}",
+            f"{min(one.faulty / one.allowed for one in mine):.1e}",
+        )
+        for key, mine in by_key.items()
+    ]
+    columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: least")
+    note = (
+        f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, how far one flipped "
+        "sign is beyond what is allowed, at least."
+    )
+    yield Sheet("agreement", "All formulations on random snakes", columns, rows, note=note)
+
+
+def snake_panel(scene: Snake) -> Panel:
+    """Return the links, the head (hollow) and the wheels of a snake in its initial pose."""
+    q, _ = scene.initial_state()
+    ends = joints(scene.length, q)
+    centres = (ends[:-1] + ends[1:]) / 2
+    phi = q[2:] + scene.wheel_angle
+    half = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
+    x, y = ends.T.tolist()
+    wheels = np.stack((centres - half, centres + half), axis=2).tolist()
+    lines = [Line("links", x, y, hollow=[True]), *(Line("wheels", *wheel) for wheel in wheels)]
+    title = f"Snake of {scene.links} links on wheels"
+    return Panel(Axis("x / m"), Axis("y / m"), lines, title, equal=True)
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield how far each formulation is from the reference, beside the allowed and a fault."""
+    rows = rows_of(found, Agreement)
+
+    def points(key: str, value: Callable[[Agreement], float], some: list[Agreement]) -> Line:
+        said = [(f"{key}, N = {one.links}", f"{value(one):.1e}") for one in some]
+        at = [max(value(one), FLOOR) for one in some]
+        return Line(key, [one.links for one in some], at, said, joined=False)
+
+    states = list({(one.links, one.faulty): one for one in rows}.values())
+    lines = [
+        points("allowed by rounding", lambda one: one.allowed, rows),
+        points("one sign flipped", lambda one: one.faulty, states),
+        *(
+            points(key, lambda one: one.observed, [one for one in rows if one.key == key])
+            for key in dict.fromkeys(one.key for one in rows)
+        ),
+    ]
+    distance = Axis(
+        f"distance from {REFERENCE}, relative to max |q̈|", log=True, range=(FLOOR / 3, 1e3)
+    )
+    title = "All formulations on random snakes (lowest row: equal to the last bit)"
+    panels = {
+        ("snake",): snake_panel(Snake.paper()),
+        ("distance",): Panel(Axis("number of links N"), distance, lines, title),
+    }
+    choices = {"diagram": ["distance", "snake"]}
+    yield Chart("agreement", "Agreement", choices, panels, grid=[[*panels]], size=(5.4, 4.2))
+
+
+STUDY = Study(
+    key="agreement",
+    cells=cells,
+    worker=lambda known: _compared,
+    sheets=sheets,
+    charts=charts,
+    alarm=failed,
+    label="comparing",
+    small=True,
+)

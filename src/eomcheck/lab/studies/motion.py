@@ -6,12 +6,17 @@ C, SciPy from Python.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import run_time
+from eomcheck.lab.show.layout import seconds_text
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.study import Study, document_of, failed
 from eomcheck.motion.motion import Motion
 from eomcheck.scenes import Snake
 
@@ -42,19 +47,29 @@ class MotionTime:
     seconds_in_python: float
 
 
-def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
-    """Time the paper's robot, released at rest, by every formulation, by default all.
+def cells(
+    *,
+    formulation: Annotated[
+        list[str] | None, "Formulation to time; repeat for more. Default all."
+    ] = None,
+) -> Iterator[Settings]:
+    """Yield one cell: all formulations are timed in turn.
 
     Raises:
         UnknownNameError: no such formulation.
     """
-    formulations = [formulation_of(key) for key in dict.fromkeys(keys or FORMULATIONS)]
-    scene = Snake.paper()
+    keys = [formulation_of(key).key for key in dict.fromkeys(formulation or FORMULATIONS)]
+    yield {"formulations": keys, "end": END, "tolerance": TOLERANCE}
+
+
+def timed(settings: Settings) -> Record:
+    """Time the paper's robot, released at rest, by some formulations."""
+    keys, scene = settings["formulations"], Snake.paper()
     found: dict[str, MotionTime] = {}
     motions = []
-    with progress("making code and timing", (1 + ROUNDS) * len(formulations)) as advance:
-        for formulation in formulations:
-            motions.append(Motion(scene, formulation, *scene.initial_state()))
+    with progress("making code and timing", (1 + ROUNDS) * len(keys)) as advance:
+        for key in keys:
+            motions.append(Motion(scene, FORMULATIONS[key], *scene.initial_state()))
             advance()
         for _ in range(ROUNDS):
             for motion in motions:
@@ -67,7 +82,7 @@ def measure_motions(keys: Iterable[str] | None = None) -> list[MotionTime]:
                     min(old.seconds_in_python, new.seconds_in_python),
                 )
                 advance()
-    return list(found.values())
+    return record_of_rows(STUDY.key, settings, found.values())
 
 
 def _measure(motion: Motion) -> MotionTime:
@@ -82,3 +97,36 @@ def _by_scipy(motion: Motion) -> None:
 
     options = {"method": "DOP853", "rtol": TOLERANCE, "atol": TOLERANCE}
     solve_ivp(motion.rates, (0.0, END), motion.y0, **options)
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield the time of a motion by CyRK and by SciPy, and their ratio."""
+    rows = [
+        (
+            one.formulation,
+            seconds_text(one.seconds),
+            f"{one.right_hand_sides:,}",
+            seconds_text(one.seconds / one.right_hand_sides),
+            seconds_text(one.seconds_in_python),
+            f"{one.seconds_in_python / one.seconds:.3g}",
+        )
+        for one in rows_of(found, MotionTime)
+    ]
+    columns = ("formulation", "CyRK", "right-hand sides", "each", "SciPy", "ratio")
+    note = (
+        f"Best time of {END:g} s of the paper's robot by DOP853, rtol = atol = {TOLERANCE:.0e}, "
+        "with the same right-hand side in machine code."
+    )
+    yield Sheet("motion", "Time of a motion", columns, rows, note=note)
+
+
+STUDY = Study(
+    key="motion",
+    cells=cells,
+    worker=lambda known: timed,
+    sheets=sheets,
+    label="",
+    alarm=failed,
+    document=document_of("motions", MotionTime),
+    small=True,
+)

@@ -13,10 +13,11 @@ import ctypes
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median, quantiles
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
 import numpy as np
 
@@ -31,6 +32,14 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
+from eomcheck.lab.options import Kind, Repeats, at_least_one
+from eomcheck.lab.run_time import slope
+from eomcheck.lab.show.chart import LINKS as LINKS_AXIS
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.layout import seconds_text
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.study import Study, document_of, failed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.motion.state import state_of
@@ -38,6 +47,7 @@ from eomcheck.motion.trace import parameter_arrays, record_of
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.symbolic import Symbols
 from eomcheck.scenes import Snake
+from eomcheck.scenes.named import kinds_of
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200
@@ -208,47 +218,122 @@ def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
     return call
 
 
-def measure_all(
-    kind: type[Scene] = Snake,
-    links: Iterable[int] | None = None,
-    keys: Iterable[str] | None = None,
-    repeats: int = 15,
-) -> list[Timing]:
-    """Time everything and return the Records.
+# ---- The study -----------------------------------------------------------------------------------
 
-    Args:
-        kind: kind of scene.
-        links: numbers of links, for a kind that has them; by default `LINKS` for snakes.
-        keys: formulations, all by default; those named are timed beyond `DENSE_LIMIT` too.
-        repeats: timed batches per median.
+
+def cells(
+    *,
+    scene: Kind = "snake",
+    links: Annotated[list[int] | None, "Number of links; repeat for more."] = None,
+    formulation: Annotated[
+        list[str] | None, "Formulation to time; repeat for more. Default all."
+    ] = None,
+    repeats: Repeats = 15,
+) -> Iterator[Settings]:
+    """Yield a cell for each kind of scene: all in it are timed in turn.
+
+    Formulations that are named are timed beyond `DENSE_LIMIT` too.
 
     Raises:
         InputError: a number of links or of repeats below 1, or links of a kind without.
-        UnknownNameError: no such formulation.
+        UnknownNameError: no such scene or formulation.
     """
-    formulations = formulations_for(kind, keys)
-    given = None if links is None else tuple(links)
-    if given is not None and not kind.has_links:
-        raise InputError(f"links = {list(given)}: {kind.key} has no number of links to choose")
-    chosen = given or ((LINKS if kind is Snake else (3,)) if kind.has_links else (None,))
-    for name, values in (("links", chosen), ("repeats", (repeats,))):
-        for value in values:
-            if value is not None and value < 1:
-                raise InputError(f"{name} = {value}, expected at least 1")
+    for kind in kinds_of(scene):
+        formulations_for(kind, formulation)
+        if links and not kind.has_links:
+            raise InputError(f"links = {links}: {kind.key} has no number of links to choose")
+        at_least_one(repeats=repeats)
+        for value in links or ():
+            at_least_one(links=value)
+        default = (LINKS if kind is Snake else (3,)) if kind.has_links else (None,)
+        yield {
+            "scene": kind.key,
+            "links": links or default,
+            "formulations": formulation,
+            "repeats": repeats,
+        }
 
-    def jobs() -> Iterator[tuple[str, int, Call]]:
-        for n in chosen:
-            scene, q, u = bench_state(kind, n)
-            size = n or 0
-            yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
-            for f in formulations:
-                if f.linear or keys is not None or size <= DENSE_LIMIT:
-                    yield f.key, size, _formulation_call(f, scene, q, u)
-            if size <= DENSE_LIMIT and (call := _casadi_call(scene, q, u)) is not None:
-                yield CASADI, size, call
-            if size <= DENSE_LIMIT and PinocchioEngine.represents(scene) and scene.r:
-                yield PINOCCHIO, size, _pinocchio_call(scene, q, u)
 
-    count = len(chosen) * (len(formulations) + 3)
-    with progress("making code and timing", (1 + repeats) * count) as advance:
-        return time_calls(kind.key, jobs(), repeats, advance)
+def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
+    """Return what times everything in a kind of scene."""
+    kinds = {kind.key: kind for kind in kinds_of(scene)}
+
+    def timed(settings: Settings) -> Record:
+        kind, chosen, keys = kinds[settings["scene"]], settings["links"], settings["formulations"]
+        formulations = formulations_for(kind, keys)
+
+        def jobs() -> Iterator[Job]:
+            for n in chosen:
+                scene, q, u = bench_state(kind, n)
+                size = n or 0
+                yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
+                for f in formulations:
+                    if f.linear or keys is not None or size <= DENSE_LIMIT:
+                        yield f.key, size, _formulation_call(f, scene, q, u)
+                if size <= DENSE_LIMIT and (call := _casadi_call(scene, q, u)) is not None:
+                    yield CASADI, size, call
+                if size <= DENSE_LIMIT and PinocchioEngine.represents(scene) and scene.r:
+                    yield PINOCCHIO, size, _pinocchio_call(scene, q, u)
+
+        repeats, count = settings["repeats"], len(chosen) * (len(formulations) + 3)
+        with progress("making code and timing", (1 + repeats) * count) as advance:
+            timings = time_calls(kind.key, jobs(), repeats, advance)
+        return record_of_rows(STUDY.key, settings, timings)
+
+    return timed
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield, for each scene, medians, their ratio to sines alone, the slope of log t over log N."""
+    for key in dict.fromkeys(one.scene for one in rows_of(found, Timing)):
+        rows = [one for one in rows_of(found, Timing) if one.scene == key]
+        at = {(one.what, one.links): one for one in rows}
+        links = sorted({one.links for one in rows})
+        table = []
+        for what in dict.fromkeys(one.what for one in rows):
+            mine = [at[what, n] for n in links if (what, n) in at]
+            large = [(one.links, one.seconds) for one in mine if one.links >= 100]
+            fitted = f"{slope(large):.3f}" if len(large) > 1 else ""
+            making = seconds_text(max(one.compile_seconds for one in mine))
+            cells = (_beside_sines(at.get((what, n)), at[TRIGONOMETRY, n]) for n in links)
+            table.append((what, *cells, fitted, making))
+        sizes = (f"N = {n}" if n else key for n in links)
+        columns = ("right-hand side", *sizes, "slope, N >= 100", "making it")
+        title = f"Median time of one right-hand side, {key}"
+        note = "In brackets the ratio to the sines and cosines of the N angles alone."
+        yield Sheet(f"rhs-{key}", title, columns, table, note=note)
+
+
+def _beside_sines(one: Timing | None, sines: Timing) -> str:
+    if one is None:
+        return ""
+    return f"{seconds_text(one.seconds)} ({one.seconds / sines.seconds:.3g} ×)"
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield the times over the number of links, for kinds of scenes that have one."""
+    rows = [one for one in rows_of(found, Timing) if one.links]
+    panels = {}
+    for scene in dict.fromkeys(one.scene for one in rows):
+        lines = []
+        for what in dict.fromkeys(one.what for one in rows if one.scene == scene):
+            mine = sorted((r.links, r.seconds) for r in rows if (r.scene, r.what) == (scene, what))
+            said = [(f"{what}, N = {n}", seconds_text(seconds)) for n, seconds in mine]
+            lines.append(Line(what, [n for n, _ in mine], [s for _, s in mine], said))
+        panels[(scene,)] = Panel(LINKS_AXIS, Axis("time / s", log=True), lines, scene)
+    if panels:
+        scenes = [scene for (scene,) in panels]
+        yield Chart("rhs", "Time of one right-hand side", {"scene": scenes}, panels, size=(6, 4.5))
+
+
+STUDY = Study(
+    key="rhs",
+    cells=cells,
+    worker=worker,
+    sheets=sheets,
+    charts=charts,
+    label="",
+    alarm=failed,
+    document=document_of("timings", Timing),
+    small=True,
+)

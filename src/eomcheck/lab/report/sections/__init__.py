@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.sections import digits, operations
+from eomcheck.lab.report.sections import digits
 from eomcheck.lab.report.sections.section import Section
 from eomcheck.lab.studies import STUDIES, study_of
 
-SECTIONS = (digits, operations)
+SECTIONS = (digits,)
 """In the order in which they stand."""
 
 

@@ -7,19 +7,21 @@ the identity for W. Both are counted, and timed in machine code, which leaves li
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 
 from eomcheck import strategies
-from eomcheck.console import progress
+from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.formulations import Formulation, formulations_among
+from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among
 from eomcheck.lab.draws import draw
-from eomcheck.lab.studies.operations import outline, tally
+from eomcheck.lab.store.records import Settings
+from eomcheck.lab.studies.operations.counting import outline, tally
 from eomcheck.lab.studies.rhs import rate_call, time_calls
 from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
 from eomcheck.mechanics.scene import Scene
@@ -166,13 +168,10 @@ def _moving(scene: Scene) -> State:
 # ---- Counts and times ----------------------------------------------------------------------------
 
 
-def savings(
-    kinds: Iterable[type[Scene]],
-    links: int,
-    keys: Iterable[str] | None = None,
-    repeats: int = 0,
-) -> list[Saving]:
-    """Return the Records of all structures of `kinds`, for all formulations that apply.
+def cells(
+    kinds: Iterable[type[Scene]], links: int, keys: Sequence[str] | None, repeats: int
+) -> Iterator[Settings]:
+    """Yield a cell for each structure of `kinds` and formulation that applies.
 
     Args:
         kinds: kinds of scenes.
@@ -181,29 +180,31 @@ def savings(
         repeats: timed batches per median; 0 for counts alone.
 
     Raises:
-        InputError: a formulation applies to none of `kinds`.
+        InputError: a formulation applies to none of `kinds`, or `repeats` is negative.
         UnknownNameError: no such formulation.
     """
+    if repeats < 0:
+        raise InputError(f"repeats = {repeats}, expected at least 0")
     kinds = tuple(kinds)
-    chosen = formulations_among(kinds, keys)
-    jobs = [
-        (scene, formulation)
-        for kind in kinds
-        for scene in kind.structures(links if kind.has_links else None)
-        for formulation in chosen
+    for kind, formulation in product(kinds, formulations_among(kinds, keys)):
         # A chain has nothing that is absent but the springs, which its bodies have as well.
-        if formulation.applies_to(kind) and formulation.uses != "chain"
-    ]
-    records = []
-    with progress("counting", len(jobs)) as advance:
-        for scene, formulation in jobs:
-            both = scene, with_zeros(scene)
-            seconds = _times(both, formulation, repeats) if repeats else None
-            absent = absent_terms(scene)
-            counts = _count(both[0], formulation), _count(both[1], formulation)
-            records.append(Saving(scene.structure, absent, formulation.key, counts, seconds))
-            advance()
-    return records
+        if not formulation.applies_to(kind) or formulation.uses == "chain":
+            continue
+        size = links if kind.has_links else None
+        of = {"scene": kind.key, "links": size, "formulation": formulation.key, "repeats": repeats}
+        for scene in kind.structures(size):
+            yield of | {"structure": scene.structure}
+
+
+def saving(kind: type[Scene], settings: Settings) -> Saving:
+    """Return what leaving out saves in a cell."""
+    formulation, repeats = FORMULATIONS[settings["formulation"]], settings["repeats"]
+    scenes = kind.structures(settings["links"])
+    scene = next(scene for scene in scenes if scene.structure == settings["structure"])
+    both = scene, with_zeros(scene)
+    seconds = _times(both, formulation, repeats) if repeats else None
+    counts = _count(both[0], formulation), _count(both[1], formulation)
+    return Saving(scene.structure, absent_terms(scene), formulation.key, counts, seconds)
 
 
 def _count(scene: Scene, formulation: Formulation) -> int:

@@ -1,0 +1,77 @@
+"""What one right-hand side costs, over the number of links; and what leaving out saves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated
+
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.lab.options import interval
+from eomcheck.lab.store.records import Record, Settings, record_of_rows
+from eomcheck.lab.studies.operations import absent, counting, show
+from eomcheck.lab.study import Formulations, Study, failed
+from eomcheck.scenes import Snake
+from eomcheck.scenes.named import kinds_of
+
+Absent = Annotated[str | None, "Show what absent terms save instead, on a kind of scene or all."]
+
+
+def cells(
+    *,
+    links: Annotated[str | None, "Numbers of links, N or N..M. [2..100, with --scene 3]"] = None,
+    formulation: Formulations = None,
+    scene: Absent = None,
+    repeats: Annotated[
+        int, "With --scene: timed runs; the median counts. 0 for counts alone."
+    ] = 15,
+) -> Iterator[Settings]:
+    """Yield a cell for each number of links and formulation; for the last one also with springs.
+
+    Raises:
+        InputError: no such numbers of links, or what `absent.cells` raises.
+        UnknownNameError: no such formulation or scene.
+    """
+    low, high = interval(links or ("2..100" if scene is None else "3"))
+    if scene is not None:
+        yield from absent.cells(kinds_of(scene), high, formulation, repeats)
+        return
+    keys = [formulation_of(key).key for key in dict.fromkeys(formulation or FORMULATIONS)]
+    for size in range(low, high + 1):
+        yield from ({"formulation": key, "links": size} for key in keys)
+    if Snake.coil(high).stiffness is not None:
+        for key in keys:
+            yield {"formulation": key, "links": high, "springs": "present, absent, alone"}
+
+
+def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settings], Record]:
+    """Return what counts a cell."""
+    kinds = {} if scene is None else {kind.key: kind for kind in kinds_of(scene)}
+
+    def work(settings: Settings) -> Record:
+        if scene is not None:
+            rows = [absent.saving(kinds[settings["scene"]], settings)]
+            return record_of_rows(STUDY.key, settings, rows)
+        coil = Snake.coil(settings["links"])
+        formulation = FORMULATIONS[settings["formulation"]]
+        if "springs" in settings:
+            rows = [counting.compare_springs(coil, formulation)]
+            return record_of_rows(STUDY.key, settings, rows)
+        return counting.record_of(counting.count(coil, formulation))
+
+    return work
+
+
+STUDY = Study(
+    key=counting.STUDY,
+    cells=cells,
+    worker=worker,
+    sheets=show.sheets,
+    charts=show.charts,
+    said=show.said,
+    label="counting",
+    alarm=failed,
+    document=show.document,
+    reading="Additions, multiplications and divisions are counted one by one; linear systems by LU "
+    "of their orders.",
+    small=True,
+)

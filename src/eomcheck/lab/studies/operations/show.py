@@ -1,0 +1,251 @@
+"""Operation counts as tables, charts and JSON."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from flint import fmpq_poly
+
+from eomcheck.formulations import formulation_of
+from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
+from eomcheck.lab.show.layout import grouped
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record, rows_of
+from eomcheck.lab.studies.operations.absent import Saving
+from eomcheck.lab.studies.operations.counting import Operations, Springs, operations_of
+from eomcheck.lab.studies.operations.fits import (
+    KINDS,
+    MAX_DEGREE,
+    SolvedSystem,
+    by_formulation,
+    fit,
+    solved_systems,
+)
+from eomcheck.lab.study import unfinished
+
+NO_FIT = "no fit"
+POWERS: tuple[str, ...] = ("", "N", "N²", "N³", "N⁴")
+TOTALS = ("outside of solves", "solves, by LU")
+"""The kinds of `KINDS` that are sums of others: they have a table of their own."""
+
+
+def counted_in(found: Sequence[Record]) -> list[Operations]:
+    """Return the counts over the number of links, without those of springs and absent terms."""
+    own = {"formulation", "links"}
+    return [operations_of(one) for one in found if one.counts and one.settings.keys() == own]
+
+
+def springs_in(found: Sequence[Record]) -> list[Springs]:
+    """Return what was counted with springs and without."""
+    return rows_of((one for one in found if "springs" in one.settings), Springs)
+
+
+def savings_in(found: Sequence[Record]) -> list[Saving]:
+    """Return what leaving out saves."""
+    return rows_of((one for one in found if "scene" in one.settings), Saving)
+
+
+def signed_sum(terms: list[tuple[str, str]], between: str = " ") -> str:
+    """Return the sum of terms (factor, symbol), such as "9/2 N² - 3"; "" stands for no symbol.
+
+    `between` stands between a factor and its symbol.
+    """
+    text = ""
+    for factor, symbol in terms:
+        size = factor.removeprefix("-")
+        if size == "0":
+            continue
+        sign = ("-" if factor != size else "") if not text else " - " if factor != size else " + "
+        text += sign + (symbol if symbol and size == "1" else f"{size}{between}{symbol}".strip())
+    return text or "0"
+
+
+def polynomial_text(polynomial: fmpq_poly | None) -> str:
+    """Return a polynomial in N, highest power first."""
+    if polynomial is None:
+        return NO_FIT
+    factors = [str(factor) for factor in polynomial.coeffs()]
+    return signed_sum(list(zip(factors, POWERS, strict=False))[::-1])
+
+
+def order_text(system: SolvedSystem) -> str:
+    """Return the order of a system in n and r, or as it was measured where nothing fits."""
+    if system.order is None:
+        return f"{system.smallest.order} at N = {system.links}"
+    i, j = (str(factor) for factor in system.order)
+    return signed_sum([(i, "n"), (j, "r")], between="")
+
+
+def columns_text(system: SolvedSystem) -> str:
+    """Return the number of right-hand sides, as `order_text` does."""
+    if system.columns is None:
+        return f"{system.smallest.columns} at N = {system.links}"
+    return polynomial_text(system.columns)
+
+
+def table_i_text(system: SolvedSystem) -> str:
+    """Return what Table I says about a system."""
+    if not system.final:
+        return "not counted"
+    formulation = formulation_of(system.formulation)
+    order = formulation.order_text
+    if system.differing:
+        return f"{order}: differs at N = {', '.join(map(str, system.differing))}"
+    if not formulation.in_paper:
+        return f"not there; {order} at every N"
+    return f"{order}: the same at every N"
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield counts, polynomials, systems beside Table I, what springs cost, what absence saves."""
+    counted = counted_in(found)
+    if counted:
+        yield from _over_links(counted)
+    yield from _springs(springs_in(found))
+    yield from _savings(savings_in(found))
+
+
+def _springs(springs: list[Springs]) -> Iterator[Sheet]:
+    for links in sorted({one.links for one in springs}):
+        rows = []
+        for one in (one for one in springs if one.links == links):
+            counts = one.present, one.absent, one.difference, one.alone
+            equal = "yes" if one.difference == tuple(one.alone) else "no"
+            rows.append((one.formulation, *(", ".join(map(grouped, x)) for x in counts), equal))
+        heads = ("with", "without", "difference", "spring terms by themselves", "equal")
+        title = f"Springs at N = {links}: additions, multiplications, divisions"
+        yield Sheet(f"springs-{links}", title, ("formulation", *heads), rows)
+
+
+def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
+    rows, fits = by_formulation(counted), fit(counted)
+    at = {(one.links, one.formulation): one for one in counted}
+    yield Sheet(
+        "counts",
+        "Additions, multiplications and divisions of one right-hand side, outside of solves",
+        ("N", *rows),
+        [
+            (
+                str(size),
+                *(grouped(at[size, x].outside_solves) if (size, x) in at else "" for x in rows),
+            )
+            for size in sorted({one.links for one in counted})
+        ],
+        detail=True,
+    )
+    for name, title, kinds in (
+        (
+            "operations",
+            "Polynomials in N that go through every count",
+            [kind for kind in KINDS if kind not in TOTALS],
+        ),
+        ("totals", "All of them together, and what LU takes for the systems solved", TOTALS),
+    ):
+        texts = ((f, (polynomial_text(f.polynomials[kind]) for kind in kinds)) for f in fits)
+        lines = [(f.formulation, *cells) for f, cells in texts]
+        yield Sheet(name, title, ("formulation", *kinds), lines)
+    columns = ("formulation", "matrix", "order", "right-hand sides", "order in Table I")
+    lines = [
+        (s.formulation, s.smallest.name, order_text(s), columns_text(s), table_i_text(s))
+        for s in solved_systems(counted)
+    ]
+    title = "Systems solved, in their order, beside the paper's Table I"
+    yield Sheet("systems", title, columns, lines)
+
+
+def _savings(savings: list[Saving]) -> Iterator[Sheet]:
+    for structure in dict.fromkeys(one.structure for one in savings):
+        mine = [one for one in savings if one.structure == structure]
+        rows = []
+        for one in mine:
+            absent, zeros = one.operations
+            times = [f"{1e6 * x:.3g}" for x in one.seconds or ()]
+            rows.append((one.formulation, *map(grouped, (absent, zeros, zeros - absent)), *times))
+        timed = ("left out, µs", "zeros, µs") if mine[0].seconds is not None else ()
+        name = re.sub(r"\W+", "-", structure).strip("-")
+        title = f"{structure}, without {', '.join(mine[0].absent)}"
+        columns = ("formulation", "left out", "zeros", "saved", *timed)
+        yield Sheet(f"absent-{name}", title, columns, rows)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield why cells are not done, what is not fitted, and what savings are."""
+    yield from unfinished(found)
+    if any(p is None for one in fit(counted_in(found)) for p in one.polynomials.values()):
+        yield (
+            f"{NO_FIT}: no polynomial of degree {MAX_DEGREE} or less goes through all counts, with "
+            "at least one to spare."
+        )
+    if savings_in(found):
+        yield (
+            "One right-hand side, outside of solves: additions, multiplications and divisions, "
+            "with what a scene has not left out, and with explicit zeros in its place."
+        )
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield the counts over the number of links."""
+    kinds = {
+        "all operations": lambda one: one.outside_solves + one.elimination,
+        **{kind: KINDS[kind] for kind in TOTALS},
+    }
+    panels = {}
+    for kind, value in kinds.items():
+        lines = []
+        for key, rows in by_formulation(counted_in(found)).items():
+            some = [row for row in rows if value(row) > 0]
+            at = [row.links for row in some]
+            lines.append(Line(key, at, [value(row) for row in some], [*map(_parts, some)]))
+        panels[(kind,)] = Panel(LINKS, Axis(kind, log=True), lines)
+    if any(line.x for line in panels[("all operations",)].lines):
+        title = "Operations over the number of links"
+        yield Chart("operations", title, {"count": list(kinds)}, panels)
+
+
+def _parts(one: Operations) -> list[str]:
+    return [
+        f"{one.formulation}, N = {one.links}",
+        f"{grouped(one.additions)} additions",
+        f"{grouped(one.multiplications)} multiplications",
+        f"{grouped(one.divisions)} divisions",
+        f"{grouped(one.trigonometric_pairs)} pairs of sin and cos",
+        f"{grouped(one.elimination)} in solves",
+    ]
+
+
+def document(found: Sequence[Record]) -> dict[str, Any]:
+    """Return counts, polynomials (coefficients exact, as text), systems; or savings, for JSON."""
+    counted = counted_in(found)
+    if not counted:
+        return {"savings": [asdict(one) for one in savings_in(found)]}
+    return {
+        "operations": [
+            asdict(one) | {"solves": [system._asdict() for system in one.solves]} for one in counted
+        ],
+        "polynomials": [
+            {
+                "formulation": f.formulation,
+                "coefficients": {kind: _coefficients(p) for kind, p in f.polynomials.items()},
+            }
+            for f in fit(counted)
+        ],
+        "systems": [
+            {
+                "formulation": s.formulation,
+                "matrix": s.smallest.name,
+                "order in n, r": s.order,
+                "right-hand sides": _coefficients(s.columns),
+                "final": s.final,
+                "differing from Table I": s.differing,
+            }
+            for s in solved_systems(counted)
+        ],
+    }
+
+
+def _coefficients(polynomial: fmpq_poly | None) -> list[str] | None:
+    """Return the coefficients, that of N⁰ first."""
+    return None if polynomial is None else [str(factor) for factor in polynomial.coeffs()]

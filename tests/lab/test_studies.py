@@ -1,0 +1,97 @@
+"""What holds for every study, on the small ones: kept, told, drawn, and reported alike."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from eomcheck.errors import InputError
+from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.by_plotly import json_of
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, motion, study_of
+from eomcheck.lab.studies.accuracy import Delivered
+from eomcheck.lab.studies.agreement import REFERENCE, Agreement
+from eomcheck.lab.studies.rhs import TRIGONOMETRY
+from eomcheck.lab.study import failed, rows_of, unfinished
+
+SMALL = {
+    "operations": {"links": "2..5", "formulation": ["kane", "au"]},
+    "accuracy": {"links": "2..3", "examples": 3},
+    "agreement": {"links": 2, "per_size": 3},
+    "rhs": {"scene": "sleigh", "formulation": ["kane"], "repeats": 2},
+    "motion": {"formulation": ["kane"]},
+    "tolerance": {"links": "2", "examples": 2},
+}
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    monkeypatch.setattr(motion, "END", 0.01)
+
+
+@pytest.mark.parametrize("key", SMALL)
+def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_path: Path):
+    study, options = study_of(key), SMALL[key]
+    assert study.small and not study.key.count(" ")
+    found = study.run(tmp_path / "r.db", **options)
+    again = study.run(tmp_path / "r.db", **options)
+    assert [(r.settings, r.series, r.counts, r.when) for r in again] == [
+        (r.settings, r.series, r.counts, r.when) for r in found
+    ]
+    assert not study.alarm(found) and not list(unfinished(found))
+    sheets = list(study.sheets(found))
+    assert sheets and all(sheet.rows for sheet in sheets)
+    assert all(len(row) == len(sheet.columns) for sheet in sheets for row in sheet.rows)
+    written = study.write(found, tmp_path)
+    assert len({path.name for path in written}) == len(written)
+    json.dumps(study.document(found), allow_nan=False)
+    for chart in study.charts(found):
+        assert (tmp_path / f"{chart.name}.png").read_bytes().startswith(b"\x89PNG")
+        assert len(json.loads(json_of(chart))) == len(chart.panels)
+    (section,) = sections_of(Overview(read([tmp_path / "r.db"])))
+    assert section.id == key and section.text.startswith(STUDIES[key])
+
+
+def test_the_groups_of_commands_name_studies_and_drawn_ones_have_a_chart():
+    assert set(BENCHMARKS) | set(DRAWN) <= set(STUDIES)
+    for key in DRAWN:
+        study = study_of(key)
+        assert next(iter(study.charts(study.run(**SMALL[key])))).name == key
+
+
+def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: Path):
+    study, options = study_of("accuracy"), SMALL["accuracy"]
+    whole = study.run(tmp_path / "a.db", **options)
+    with Records(tmp_path / "b.db") as records:
+        records.add(whole[1])
+    rows = rows_of(study.run(tmp_path / "b.db", **options), Delivered)
+    assert [(one.key, one.links, one.digits) for one in rows] == [
+        (one.key, one.links, one.digits) for one in rows_of(whole, Delivered)
+    ]
+
+
+def test_no_formulation_is_as_far_from_the_reference_as_a_flipped_sign():
+    rows = rows_of(study_of("agreement").run(links=4, per_size=4), Agreement)
+    assert {one.links for one in rows} == set(range(1, 5))
+    assert REFERENCE not in {one.key for one in rows}
+    assert all(one.observed <= one.allowed < one.faulty for one in rows)
+
+
+def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():
+    study = study_of("rhs")
+    (sheet,) = study.sheets(study.run(**SMALL["rhs"]))
+    assert sheet.columns[1] == "sleigh"
+    assert {row[0] for row in sheet.rows} >= {TRIGONOMETRY, "kane"}
+    with pytest.raises(InputError, match="sleigh has no number of links"):
+        list(study.cells(scene="sleigh", links=[3]))
+
+
+def test_what_went_wrong_is_told_with_its_cell():
+    record = Record("s", {"links": 3}, "failed", "no compiler")
+    assert failed([record])
+    assert list(unfinished([record])) == ["links 3 failed: no compiler"]
+    assert not failed([Record("s", {"links": 3}, "refused", "singular")])
