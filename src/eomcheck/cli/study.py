@@ -131,5 +131,6 @@ def _draw(one: Study, path: Path, records: Path | None, fresh: bool, **options: 
     check_figure(path)
     from eomcheck.lab.show.by_matplotlib import draw
 
-    draw(next(iter(one.charts(one.run(records, fresh, **options)))), path)
+    chart = next(iter(one.charts(one.run(records, fresh, **options))))
+    draw(chart.files(), path)
     typer.echo(f"written: {path}")

@@ -56,9 +56,6 @@ STYLES = {
 STYLES |= {
     "one sign flipped": Style(WRONG, "x", "x-thin-open"),
     "allowed by rounding": Style(PALETTE[-1], "_", "line-ew-open"),
-    "sin, cos": Style("#707070", ".", "circle", dashed=True),
-    "casadi, C": Style("#707070", "x", "x"),
-    "pinocchio": Style("#707070", "+", "cross"),
     "links": Style("#404040", "o", "circle", width=3.0),
     "wheels": Style(PALETTE[6], "", "", width=6.0),
 }

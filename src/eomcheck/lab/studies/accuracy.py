@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import median
@@ -159,6 +159,22 @@ def _known(found: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
     return rows, [one for one in rows if one.refused is not None or one.relative != 0.0]
 
 
+DIGITS = (
+    ("certified digits: fewest", min, "digits", ".1f"),
+    ("median", median, "digits", ".1f"),
+    ("ulps: median", median, "ulps", ".2g"),
+)
+ERRORS = (
+    ("condition: median", median, "condition", ".2g"),
+    ("largest", max, "condition", ".2g"),
+    ("error / (κ ε scale): median", median, "ratio", ".2g"),
+    ("largest", max, "ratio", ".2g"),
+    ("largest error / bound", max, "of_bound", ".2g"),
+    ("in machine code", max, "machine_of_bound", ".2g"),
+)
+"""Columns of the tables: heading, and what is done with which field of the states solved."""
+
+
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield, per formulation, what doubles delivered, and what the constant C rests on."""
     digits, errors = [], []
@@ -166,49 +182,31 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     for key in dict.fromkeys(one.key for one in rows):
         mine = [one for one in moving if one.key == key]
         solved = [one for one in mine if one.refused is None]
-        if not solved:
-            digits.append((key, "0", str(len(mine)), *[""] * 4))
-            errors.append((key, *[""] * 7))
-            continue
-        foreseen = [one.ratio for one in solved if not math.isnan(one.ratio)]
-        machine = [one.machine_of_bound for one in solved if not math.isnan(one.machine_of_bound)]
-        digits.append(
-            (
-                key,
-                str(len(solved)),
-                str(len(mine) - len(solved)),
-                str(len(solved) - len(foreseen)),
-                f"{min(one.digits for one in solved):.1f}",
-                f"{median(one.digits for one in solved):.1f}",
-                f"{median(one.ulps for one in solved):.2g}",
-            )
-        )
-        errors.append(
-            (
-                key,
-                f"{median(one.condition for one in solved):.2g}",
-                f"{max(one.condition for one in solved):.2g}",
-                f"{median(foreseen):.2g}" if foreseen else "",
-                f"{max(foreseen):.2g}" if foreseen else "",
-                f"{max(one.of_bound for one in solved):.2g}",
-                f"{max(machine):.2g}" if machine else "",
-                str(len(solved) - len(machine)),
-            )
-        )
-    heads = ("certified digits: fewest", "median", "ulps: median")
-    columns = ("formulation", "solved", "refused", "κ infinite", *heads)
+
+        def cells(columns: Sequence[tuple], solved: list[Delivered] = solved) -> Iterator[str]:
+            for _, reduced, name, how in columns:
+                known = _numbers(solved, name)
+                yield format(reduced(known), how) if known else ""
+
+        left = (len(mine) - len(solved), len(solved) - len(_numbers(solved, "ratio")))
+        digits.append((key, str(len(solved)), *map(str, left), *cells(DIGITS)))
+        silent = len(solved) - len(_numbers(solved, "machine_of_bound"))
+        errors.append((key, *cells(ERRORS), str(silent)))
+    columns = ("formulation", "solved", "refused", "κ infinite", *(head for head, *_ in DIGITS))
     yield Sheet("digits", "What doubles deliver, against the enclosed truth", columns, digits)
-    ratios = ("error / (κ ε scale): median", "largest")
-    bounds = ("largest error / bound", "in machine code", "no number")
-    columns = ("formulation", "condition: median", "largest", *ratios, *bounds)
+    columns = ("formulation", *(head for head, *_ in ERRORS), "no number")
     yield Sheet("errors", "Errors beside what is foreseen, and beside bounds", columns, errors)
+
+
+def _numbers(rows: Iterable[Delivered], name: str) -> list[float]:
+    return [x for one in rows if not math.isnan(x := getattr(one, name))]
 
 
 def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield what the tables rest on, the largest ratio of all, and states beyond their bound."""
     yield from unfinished(found)
     rows, moving = _known(found)
-    top = max((one.ratio for one in moving if not math.isnan(one.ratio)), default=0.0)
+    top = max(_numbers(moving, "ratio"), default=0.0)
     yield (
         f"{len(found)} states; errors against the enclosed truth. {len(rows) - len(moving)} "
         "results that are exact, as at rest without forces, are left out; where κ is infinite no "
@@ -228,7 +226,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         mine = [one for one in solved if one.key == key]
         at = [one.links + float(aside) for one in mine]
         digits.append(Line(key, at, [one.digits for one in mine], joined=False))
-        ratios = sorted(max(one.ratio, FLOOR) for one in mine if not math.isnan(one.ratio))
+        ratios = sorted(max(ratio, FLOOR) for ratio in _numbers(mine, "ratio"))
         steps = [k / max(len(ratios), 1) for k in range(len(ratios) + 1)]
         x, y = np.repeat(ratios, 2).tolist(), np.repeat(steps, 2)[1:-1].tolist()
         shares.append(Line(key, x, y, every=(0, max(len(x), 1))))

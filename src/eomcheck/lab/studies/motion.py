@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulation_of
@@ -16,7 +15,7 @@ from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
-from eomcheck.lab.study import Study, document_of, failed
+from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.motion import Motion
 from eomcheck.scenes import Snake
 
@@ -47,12 +46,7 @@ class MotionTime:
     seconds_in_python: float
 
 
-def cells(
-    *,
-    formulation: Annotated[
-        list[str] | None, "Formulation to time; repeat for more. Default all."
-    ] = None,
-) -> Iterator[Settings]:
+def cells(*, formulation: Formulations = None) -> Iterator[Settings]:
     """Yield one cell: all formulations are timed in turn.
 
     Raises:

@@ -34,12 +34,10 @@ from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Kind, Repeats, at_least_one
 from eomcheck.lab.run_time import slope
-from eomcheck.lab.show.chart import LINKS as LINKS_AXIS
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
-from eomcheck.lab.study import Study, document_of, failed
+from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.motion.state import state_of
@@ -225,9 +223,7 @@ def cells(
     *,
     scene: Kind = "snake",
     links: Annotated[list[int] | None, "Number of links; repeat for more."] = None,
-    formulation: Annotated[
-        list[str] | None, "Formulation to time; repeat for more. Default all."
-    ] = None,
+    formulation: Formulations = None,
     repeats: Repeats = 15,
 ) -> Iterator[Settings]:
     """Yield a cell for each kind of scene: all in it are timed in turn.
@@ -310,28 +306,11 @@ def _beside_sines(one: Timing | None, sines: Timing) -> str:
     return f"{seconds_text(one.seconds)} ({one.seconds / sines.seconds:.3g} ×)"
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield the times over the number of links, for kinds of scenes that have one."""
-    rows = [one for one in rows_of(found, Timing) if one.links]
-    panels = {}
-    for scene in dict.fromkeys(one.scene for one in rows):
-        lines = []
-        for what in dict.fromkeys(one.what for one in rows if one.scene == scene):
-            mine = sorted((r.links, r.seconds) for r in rows if (r.scene, r.what) == (scene, what))
-            said = [(f"{what}, N = {n}", seconds_text(seconds)) for n, seconds in mine]
-            lines.append(Line(what, [n for n, _ in mine], [s for _, s in mine], said))
-        panels[(scene,)] = Panel(LINKS_AXIS, Axis("time / s", log=True), lines, scene)
-    if panels:
-        scenes = [scene for (scene,) in panels]
-        yield Chart("rhs", "Time of one right-hand side", {"scene": scenes}, panels, size=(6, 4.5))
-
-
 STUDY = Study(
     key="rhs",
     cells=cells,
     worker=worker,
     sheets=sheets,
-    charts=charts,
     label="",
     alarm=failed,
     document=document_of("timings", Timing),

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.operations import signed_sum
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record
-from eomcheck.lab.studies.operations import fit_order
+from eomcheck.lab.studies.operations.fits import fit_order
+from eomcheck.lab.studies.operations.show import signed_sum
 from eomcheck.lab.studies.paper.claims import KANE, judgements
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 
