@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Annotated
 
 import numpy as np
@@ -106,14 +107,14 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             str(len(mine)),
             f"{max(one.observed for one in mine):.1e}",
             f"{max(one.observed / one.allowed for one in mine):.1%}",
-            f"{min(one.faulty / one.allowed for one in mine):.1e}",
+            f"{median(one.faulty / one.allowed for one in mine):.1e}",
         )
         for key, mine in by_key.items()
     ]
-    columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: least")
+    columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: median")
     note = (
-        f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, how far one flipped "
-        "sign is beyond what is allowed, at least."
+        f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
+        "sign over what is allowed."
     )
     yield Sheet("agreement", "All formulations on random snakes", columns, rows, note=note)
 
@@ -141,7 +142,8 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         at = [max(value(one), FLOOR) for one in some]
         return Line(key, [one.links for one in some], at, said, joined=False)
 
-    states = list({(one.links, one.faulty): one for one in rows}.values())
+    # At rest the flipped sign is that of zero.
+    states = list({(one.links, one.faulty): one for one in rows if one.faulty}.values())
     lines = [
         points("allowed by rounding", lambda one: one.allowed, rows),
         points("one sign flipped", lambda one: one.faulty, states),
