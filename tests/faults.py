@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from eomcheck.scenes import Bicycle, Snake
+from eomcheck.scenes import Andrews, Bicycle, Bricard, ChainPendulum, Snake
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,11 @@ GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 BRICARD = "scenes/bricard.py"
-ASSEMBLED = "mechanics/assembled.py"
+COMPOSED = "mechanics/composed.py"
+GRAVITY, LINKAGE = "mechanics/gravity.py", "mechanics/linkage.py"
+SPACE = "mechanics/space.py"
+SHARED = {COMPOSED: ChainPendulum, GRAVITY: Bricard, LINKAGE: Andrews, SPACE: Bricard}
+"""File of functions that many scenes call -> one of the scenes."""
 PARTS = {
     **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
     **dict.fromkeys((BICYCLE_JACOBIANS, BICYCLE_ENERGIES), Bicycle),
@@ -188,8 +192,16 @@ FAULTS = [
     Fault(SNAKE_TERMS, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
     Fault(SNAKE_TERMS, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
     Fault(SNAKE_TERMS, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
-    Fault(SNAKE_TERMS, "    return a\n", "    return a * np.nan\n", "finite-terms", "[a]"),
-    Fault(SNAKE_TERMS, "    return a\n", "    return 0 * a\n", "constraint-jacobian", "missing"),
+    Fault(
+        SNAKE_TERMS, "    return a, None\n", "    return a * np.nan, None\n", "finite-terms", "[a]"
+    ),
+    Fault(
+        SNAKE_TERMS,
+        "    return a, None\n",
+        "    return 0 * a, None\n",
+        "constraint-jacobian",
+        "missing",
+    ),
     Fault(
         "formulations/au.py", "M_Au[n:, :n] = -a", "pass", "refusals", "au, M_Au: refused in vain"
     ),
@@ -320,34 +332,30 @@ FAULTS = [
         "F_Kane",
     ),
     # The chain pendulum: how its links move, its weights, its second derivation.
-    Fault(PENDULUM, "= -y / 2, x / 2", "= y / 2, x / 2", "mass-matrix", "θ_"),
-    Fault(PENDULUM, "[k, 1, j] = -y, x", "[k, 1, j] = -y, -x", "mass-matrix", "θ_"),
-    Fault(PENDULUM, "rest[k, 0] -= x", "rest[k, 0] += x", "bias", "row θ_"),
-    Fault(PENDULUM, "rest[j, 1] -= y / 2", "rest[j, 1] -= y", "bias", "row θ_"),
+    Fault(PENDULUM, "[:k], halves[k]", "[:k], tips[k]", "mass-matrix", "θ_"),
+    Fault(PENDULUM, "*tips[:k]", "*halves[:k]", "mass-matrix", "θ_"),
     Fault(PENDULUM, "return -gravity[0]", "return gravity[0]", "generalized-forces", "sign"),
     Fault(PENDULUM, "[1] * cos\n", "[1]\n", "generalized-forces", "row θ_"),
-    Fault(
-        PENDULUM, "y = y + length[i] * sin", "y = y - length[i] * sin", "generalized-forces", "θ"
-    ),
+    Fault(PENDULUM, "+ rise / 2, y + rise", "+ rise / 2, y - rise", "generalized-forces", "θ"),
     Fault(PENDULUM, "half * v[i] * angles.cos", "half * v[i] * angles.sin", "mass-matrix", "θ_"),
     # The sleigh.
-    Fault(SLEIGH, "= -moment * sin\n", "= moment * sin\n", "mass-matrix", "sign"),
+    Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),
     Fault(SLEIGH, " + moment * offset", "", "mass-matrix", "entry (θ, θ)"),
-    Fault(SLEIGH, "B[1] = -moment", "B[1] = moment", "bias", "row y: sign"),
+    Fault(SLEIGH, "omega, -moment", "omega, moment", "bias", "row y: sign"),
     Fault(SLEIGH, "angle.sin[0], -angle", "angle.sin[0], angle", "constraint-jacobian", "y): sign"),
-    Fault(SLEIGH, "= omega * (v", "= -omega * (v", "constraint-drift", "row edge: sign"),
-    Fault(SLEIGH, "W[1, 0] = cos, sin", "W[1, 0] = sin, cos", "null-space-speeds", "w′"),
-    Fault(SLEIGH, "rest[0] = -u", "rest[0] = u", "speeds-remainder", "remainder"),
+    Fault(SLEIGH, "[omega * (v", "[-omega * (v", "constraint-drift", "row edge: sign"),
+    Fault(SLEIGH, "[[cos, 0], [sin, 0]", "[[sin, 0], [cos, 0]", "null-space-speeds", "w′"),
+    Fault(SLEIGH, "[-u[0] * u[1]", "[u[0] * u[1]", "speeds-remainder", "remainder"),
     Fault(
         SLEIGH, "u[0] * angle.sin[0], u[1]", "-u[0] * angle.sin[0], u[1]", "speeds-velocity", "q̇"
     ),
     Fault(
         SLEIGH, "v[1] * angle.sin[0], v[2]", "v[1] * angle.cos[0], v[2]", "speeds-velocity", "ml"
     ),
-    Fault(SLEIGH, "= 1, offset", "= 1, 2 * offset", "kane-ml-mass", "M_Kane"),
-    Fault(SLEIGH, "= -offset * u[1]", "= offset * u[1]", "kane-ml-force", "N q̇"),
-    Fault(SLEIGH, "[0, 1] = u[0] * u[1]", "[0, 1] = -u[0] * u[1]", "kane-ml-force", "N q̇"),
-    Fault(SLEIGH, "V[0, 0] = v[0] - p", "V[0, 0] = v[0] + p", "mass-matrix", "[casadi]"),
+    Fault(SLEIGH, "[0, offset]", "[0, 2 * offset]", "kane-ml-mass", "M_Kane"),
+    Fault(SLEIGH, "[-offset * u[1]", "[offset * u[1]", "kane-ml-force", "N q̇"),
+    Fault(SLEIGH, "u[1], u[0] * u[1]]", "u[1], -u[0] * u[1]]", "kane-ml-force", "N q̇"),
+    Fault(SLEIGH, "v[0] - swing", "v[0] + swing", "mass-matrix", "[casadi]"),
     # The rolling disk.
     Fault(DISK, "= axial * sin\n    M[3", "= -axial * sin\n    M[3", "mass-matrix", "sign"),
     Fault(DISK, "cos * cos + axial", "cos * cos - axial", "mass-matrix", "entry (ψ, ψ)"),
@@ -356,22 +364,22 @@ FAULTS = [
     Fault(DISK, "- 2 * across", "- across", "bias", "row ψ"),
     Fault(DISK, "- axial * roll) * turn", "+ axial * roll) * turn", "bias", "row θ"),
     Fault(DISK, "B[4] = axial", "B[4] = -axial", "bias", "row φ: sign"),
-    Fault(DISK, "-R * sin[1], -R", "R * sin[1], -R", "constraint-jacobian", "ψ): sign"),
+    Fault(DISK, "-R * sin[1], 0, -R", "R * sin[1], 0, -R", "constraint-jacobian", "ψ): sign"),
     Fault(DISK, "- R * turn * cos", "+ R * turn * cos", "constraint-drift", "row along"),
-    Fault(DISK, "W[4, 2] = -sin", "W[4, 2] = sin", "null-space-speeds", "w′"),
+    Fault(DISK, "[0, 1, -sin", "[0, 1, sin", "null-space-speeds", "w′"),
     Fault(DISK, "rest[4] = -turn", "rest[4] = turn", "speeds-remainder", "remainder"),
-    Fault(DISK, "= u[1] - v[2]", "= u[1] + v[2]", "speeds-velocity", "q̇"),
-    Fault(DISK, "angular_remainder[0, 2] = -spin", "angular_remainder[0, 2] = spin", *KANE),
-    Fault(DISK, "[0, 1] = R * u[0] * u[2], R", "[0, 1] = R * u[0] * u[2], -R", *KANE),
-    Fault(DISK, "= (across - axial)", "= (axial - across)", *KANE),
-    Fault(DISK, "= (axial - across)", "= (across - axial)", *KANE),
-    Fault(DISK, "ahead - angles.sin[2]", "ahead + angles.sin[2]", "mass-matrix", "[casadi]"),
+    Fault(DISK, "u[1] - turn * sin", "u[1] + turn * sin", "speeds-velocity", "q̇"),
+    Fault(DISK, "[-spin * u[2]", "[spin * u[2]", *KANE),
+    Fault(DISK, "R * u[0] * u[2], R", "R * u[0] * u[2], -R", *KANE),
+    Fault(DISK, "[(across - axial)", "[(axial - across)", *KANE),
+    Fault(DISK, "0, (axial - across)", "0, (across - axial)", *KANE),
+    Fault(DISK, "ahead - sin[2]", "ahead + sin[2]", "mass-matrix", "[casadi]"),
     Fault(DISK, "+ R * v[3]", "- R * v[3]", "constraint-jacobian", "[casadi]"),
     # The ball on a turntable.
     Fault(BALL, "= inertia * sin[1]", "= -inertia * sin[1]", "mass-matrix", "sign"),
     Fault(BALL, "B[3] = -inertia", "B[3] = inertia", "bias", "row θ: sign"),
-    Fault(BALL, "1, -R * sin[0]", "1, R * sin[0]", "constraint-jacobian", "θ): sign"),
-    Fault(BALL, "return a, -table", "return a, table", "constraint-velocity", "row along"),
+    Fault(BALL, "0, -R * sin[0]", "0, R * sin[0]", "constraint-jacobian", "θ): sign"),
+    Fault(BALL, "q.dtype), -table", "q.dtype), table", "constraint-velocity", "row along"),
     Fault(BALL, "gamma = -table", "gamma = table", "constraint-drift", "row along"),
     Fault(BALL, "gamma[0] -= R", "gamma[0] += R", "constraint-drift", "row along x"),
     Fault(BALL, "change[1] += accel", "change[1] -= accel", "constraint-drift", "row along y"),
@@ -379,24 +387,29 @@ FAULTS = [
     Fault(BALL, "offset[:2] = table", "offset[:2] = -table", "speeds-velocity", "speeds"),
     Fault(BALL, "rest[3] = turn", "rest[3] = -turn", "speeds-remainder", "remainder"),
     Fault(BALL, "= u[2] - v[4]", "= u[2] + v[4]", "speeds-velocity", "q̇"),
-    Fault(BALL, "remainder[0] = table", "remainder[0] = -table", *KANE),
-    Fault(BALL, "left * cos[0]\n    omega[2]", "left\n    omega[2]", "mass-matrix", "casadi"),
+    Fault(BALL, "= table.reshape", "= -table.reshape", *KANE),
+    Fault(BALL, "left * cos[0]\n    return np", "left\n    return np", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
     # The chain of four-bar linkages.
     # Andrews' mechanism and the governor
-    Fault(ANDREWS, "J[1, JOINT[on]] += sign", "J[1, JOINT[on]] -= sign", "mass-matrix", "entry"),
-    Fault(ANDREWS, "ahead -= carried", "ahead += carried", "bias", "row "),
+    Fault(ANDREWS, "[*tips, arm(", "[*tips[:0], arm(", "mass-matrix", "[pinocchio]"),
+    Fault(LINKAGE, "J[1, i] += arm", "J[1, i] -= arm", "bias", "row "),
+    Fault(LINKAGE, "left[0] -= omega", "left[0] += omega", "bias", "row "),
+    Fault(LINKAGE, "Arm(-arm.x", "Arm(arm.x", "constraint-jacobian", "K2 at K"),
+    Fault(LINKAGE, "gamma[k], loops[k]", "gamma[k], loops[k][1:]", "constraint-drift", "K2"),
+    Fault(LINKAGE, "    return gamma.r", "    return -gamma.r", "constraint-drift", "sign"),
+    Fault(LINKAGE, "x - omega * arm.y", "x + omega * arm.y", "constraint-jacobian", "K2"),
     Fault(ANDREWS, "pull * (x * arm_y -", "pull * (x * arm_y +", "generalized-forces", "row γ"),
     Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
-    Fault(ANDREWS, "rows, -1,", "rows, 1,", "constraint-jacobian", "K2 at K"),
+    Fault(ANDREWS, "*backwards(arms)", "*arms", "constraint-jacobian", "K2 at K"),
     Fault(
         ANDREWS,
-        "= x - other_x, y - other_y\n    return gap",
-        "= other_x - x, y - other_y\n    return gap",
+        "[points[0] - points[i]",
+        "[points[0] - 2 * points[i]",
         *RATE,
     ),
-    Fault(ANDREWS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
-    Fault(ANDREWS, "ahead - carrying", "ahead + carrying", "mass-matrix", "entry"),
+    Fault(ANDREWS, "return closing_d", "return -closing_d", "constraint-drift", "sign"),
+    Fault(ANDREWS, "V[0][0] - V[i]", "V[0][0] + V[i]", "constraint-jacobian", "K2"),
     Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
     Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
     Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
@@ -405,10 +418,10 @@ FAULTS = [
     Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
     # The bicycle
     Fault(BICYCLE_JACOBIANS, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
-    Fault(BICYCLE_JACOBIANS, "(FORK, STEERING)", "(FORK, 2)", "mass-matrix", "ψ_f"),
-    Fault(BICYCLE_JACOBIANS, "k], alpha[k], pose", "k], 0 * alpha[k], pose", "bias", "row "),
+    Fault(BICYCLE_JACOBIANS, "1, 2, STEERING)", "1, 2, 2)", "mass-matrix", "ψ_f"),
+    Fault(SPACE, "turn(omega[k], alpha[k]", "turn(omega[k], 0 * alpha[k]", "bias", "row "),
     Fault(BICYCLE_JACOBIANS, "rear_arm[k]) + swing", "rear_arm[k]) - swing", "bias", "row "),
-    Fault(BICYCLE_JACOBIANS, "Q[j] -= weight", "Q[j] += weight", "generalized-forces", "row "),
+    Fault(BICYCLE_JACOBIANS, "))[:, 2]", "))[:, 1]", "generalized-forces", "row "),
     Fault(BICYCLE_JACOBIANS, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
     Fault(
         BICYCLE_JACOBIANS,
@@ -442,58 +455,71 @@ FAULTS = [
     Fault(BICYCLE_ENERGIES, "parameters.radius[1] * prepared.upright", "prepared.upright", *RATE),
     Fault(BICYCLE, "holonomic = slice(2, 5, 2)", "holonomic = slice(2, 4, 1)", *RATE),
     Fault(
-        BICYCLE_ENERGIES, "(q[HEIGHT] + height", "(q[HEIGHT] - height", "generalized-forces", "row "
+        BICYCLE_ENERGIES,
+        "q[HEIGHT] + rise",
+        "q[HEIGHT] - rise",
+        "generalized-forces",
+        "row ",
     ),
     # Bricard's mechanism
-    Fault(BRICARD, "gap[TIP[i], 0] = tip[i]", "gap[TIP[i], 0] = tip[2 - i]", *RATE),
+    Fault(BRICARD, "rows(tip, level", "rows(tip[::-1], level", *RATE),
     Fault(BRICARD, "arm = arm + 2 *", "arm = arm + 1 *", "mass-matrix", "entry"),
     Fault(BRICARD, "before = rest[k] + swung", "before = rest[k] - swung", "bias", "row "),
-    Fault(BRICARD, "Q[j] -= parameters", "Q[j] += parameters", "generalized-forces", "row θ_"),
+    Fault(GRAVITY, "Q[j] -= gravity", "Q[j] += gravity", "generalized-forces", "row θ_"),
+    Fault(GRAVITY, "U += gravity", "U -= gravity", "generalized-forces", "row θ_"),
     Fault(BRICARD, "[k]] = tilted[1", "[k]] = tilted[0", "constraint-jacobian", "hinge"),
-    Fault(BRICARD, "+= 2 * swung[i]", "+= swung[i]", "constraint-drift", "tip"),
+    Fault(BRICARD, "tip + 2 * swing", "tip + swing", "constraint-drift", "tip"),
     Fault(BRICARD, "V + swept, V + 2", "V + 2 * swept, V + 2", "mass-matrix", "entry"),
-    Fault(BRICARD, "tilting[2] = omega", "tilting[2] = 2 * omega", "constraint-jacobian", "hinge"),
-    Fault(FOUR_BAR, "* sin[before] + length[coupler]", "* sin[before] - length[coupler]", *RATE),
-    Fault(FOUR_BAR, "linear[i, 1, i] = -y, x", "linear[i, 1, i] = -y, -x", "mass-matrix", "θ_"),
     Fault(
-        FOUR_BAR, "coupler, 1, before] = -y, x", "coupler, 1, before] = -y, -x", "mass-matrix", "φ"
+        BRICARD,
+        "tilting = np.array([0, omega",
+        "tilting = np.array([0, 2 * omega",
+        "constraint-jacobian",
+        "hinge",
     ),
-    Fault(FOUR_BAR, "rest[coupler, 0] -= x", "rest[coupler, 0] += x", "bias", "row "),
-    Fault(FOUR_BAR, "Q[before] -= grav", "Q[before] += grav", "generalized-forces", "row θ_"),
+    Fault(
+        FOUR_BAR, "x, parameters.length * angles.sin", "x, parameters.length * angles.cos", *RATE
+    ),
+    Fault(FOUR_BAR, "[half] for", "[tips[0]] for", "mass-matrix", "θ_"),
+    Fault(FOUR_BAR, "[tips[k - 1], halves[w", "[tips[k], halves[w", "mass-matrix", "θ_"),
+    Fault(FOUR_BAR, "k - 1] = x[k - 1]", "k - 1] = -x[k - 1]", "generalized-forces", "row θ_"),
     Fault(
         FOUR_BAR,
-        "* sin[k]\n        a[",
-        "* cos[k]\n        a[",
+        "*backwards([tips[k]])",
+        "tips[k]",
         "constraint-jacobian",
         "window 1, x",
     ),
-    Fault(FOUR_BAR, "= last * cos[k]", "= -last * cos[k]", "constraint-drift", "window 1, x"),
-    Fault(FOUR_BAR, "y_1 + y_2 - y_3", "y_1 - y_2 - y_3", "constraint-jacobian", "[casadi]"),
+    Fault(FOUR_BAR, "z[k - 1] + z[w", "z[k - 1] - z[w", "constraint-jacobian", "[casadi]"),
     Fault(
-        FOUR_BAR, "U += gravity[0] * mass[w", "U -= gravity[0] * mass[w", "generalized-forces", "θ_"
+        FOUR_BAR,
+        "heights[windows + k] += t",
+        "heights[windows + k] -= t",
+        "generalized-forces",
+        "θ_",
     ),
     # What is composed for every scene that gives Jacobians.
     Fault(
-        ASSEMBLED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"
+        COMPOSED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"
     ),
     Fault(
-        ASSEMBLED, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"
+        COMPOSED, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"
     ),
     Fault(
-        ASSEMBLED,
+        COMPOSED,
         "B[i] += momentum * linear_rest",
         "B[i] -= momentum * linear_rest",
         "bias",
         "sign",
     ),
-    Fault(ASSEMBLED, "return v + 0", "return -v", "speeds-velocity", "sign"),
-    Fault(ASSEMBLED, "        return J_rest\n", "        return -J_rest\n", "kane-ml-force", "N q̇"),
+    Fault(COMPOSED, "return v + 0", "return -v", "speeds-velocity", "sign"),
+    Fault(COMPOSED, "        return J_rest\n", "        return -J_rest\n", "kane-ml-force", "N q̇"),
     Fault(
-        ASSEMBLED,
+        COMPOSED,
         "    if W is None:\n        return Q\n",
         "    if W is None:\n        return -Q\n",
         "active-forces",
         "sign",
     ),
-    Fault(ASSEMBLED, "return T / 2", "return T", "mass-matrix", "[casadi]"),
+    Fault(COMPOSED, "return T / 2", "return T", "mass-matrix", "[casadi]"),
 ]

@@ -15,7 +15,6 @@ from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.lab.studies.stability import measure as stability
 from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.scenes import Sleigh
-from eomcheck.scenes.sleigh import energies
 
 CLAIMS = ("mass-matrix", "kinetic-energy", "speeds-velocity", "equivalence", "true-error")
 KEYS = ("au", "ml", "kane")
@@ -28,7 +27,7 @@ class Heavy(Sleigh):
 
     @staticmethod
     def energies(parameters, angles, q, v):
-        kinetic, potential = energies(parameters, angles, q, v)
+        kinetic, potential = Sleigh.energies(parameters, angles, q, v)
         return 2 * kinetic, potential
 
 

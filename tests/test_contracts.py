@@ -36,7 +36,7 @@ functions = pytest.mark.parametrize(
     ids=lambda f: f"{f.__module__.removeprefix('eomcheck.')}.{f.__name__}",
 )
 
-ALLOCATION = {"zeros", "empty", "zeros_like", "concatenate", "ascontiguousarray"}
+ALLOCATION = {"zeros", "empty", "zeros_like", "concatenate", "ascontiguousarray", "array"}
 METHODS = {"reshape", "angles", "root"}
 OF_CHAINS = (
     "quasi_velocities",

@@ -12,18 +12,16 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import ASSEMBLED, FAULTS, PARTS, Fault
+from tests.faults import COMPOSED, FAULTS, PARTS, SHARED, Fault
 from tests.samples import random_scene, random_state
 
 import eomcheck
 from eomcheck.claims import Finding, speeds
 from eomcheck.claims.run import Run, Selection
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.assembled import _made
-from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.scenes import SCENES, ChainPendulum, Snake
+from eomcheck.scenes import SCENES, Snake
 
 PACKAGE = Path(eomcheck.__file__).parent
 KINDS = {
@@ -85,12 +83,14 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
         own = {name: staticmethod(x) for name, x in functions.items() if hasattr(kind, name)}
         scene = type(kind.__name__, (kind,), own)
     else:
-        written = {
-            name: value
-            for name, value in vars(ChainPendulum).items()
-            if not name.startswith("__dict") and getattr(value, "__func__", None) not in _made
-        }
-        scene = type("ChainPendulum", (Parametric, module.Assembled), written)
+        kind = SHARED[file]
+        path = Path(inspect.getfile(kind))
+        with planted(str(path), path.read_text(encoding="utf-8")) as caller:
+            shared = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
+            vars(caller).update({name: x for name, x in shared.items() if name in vars(caller)})
+            scene = getattr(caller, kind.__name__)
+        if file == COMPOSED:
+            module.compose(scene)
     return scene
 
 
@@ -99,7 +99,7 @@ def formulation_in(module: ModuleType, key: str) -> dict:
     return FORMULATIONS | {found[0].key: found[0]}
 
 
-@pytest.mark.parametrize("file", (*KINDS, ASSEMBLED, *PARTS))
+@pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:

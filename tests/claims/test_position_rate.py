@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 import eomcheck
-from eomcheck.mechanics.assembled import Assembled, Jacobians
+from eomcheck.mechanics.records import Jacobians
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import generic
 
 
@@ -72,7 +73,7 @@ def resting(parameters, clock, q):
     return gap
 
 
-class OnLift(Assembled):
+class OnLift(Scene):
     """A point on a floor that goes up and down as sin t."""
 
     key, conserves_energy, angle_coordinates = "on-lift", False, slice(0, 0)

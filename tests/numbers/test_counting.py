@@ -149,7 +149,7 @@ LINKS = pytest.mark.parametrize("links", [1, 2, 3, 7, 20])
 def test_forces_take_one_multiplication_and_three_additions_per_joint(links: int):
     counting = Counting()
     theta, omega = counting.vector(links), counting.vector(links)
-    snake_terms.forces(counting.vector(links - 1), None, theta, omega)
+    snake_terms.joint_forces(counting.vector(links - 1), None, theta, omega)
     # A sum that begins with 0 is not counted: the first and the last link carry one torque only.
     assert counts(counting) == (3 * (links - 1), links - 1, 0)
 

@@ -24,18 +24,14 @@ def test_every_structure_of_every_scene_keeps_the_contract(kind: type[Scene]):
     ("old", "new", "says"),
     [
         (
-            "gamma = np.zeros(1,",
-            "gamma = np.zeros(2,",
-            "drift: gamma has shape (2,), expected (1,)",
+            "v[2] * angle.sin[0])]",
+            "v[2] * angle.sin[0])] * 2",
+            "drift: gamma has shape (2,), expec",
         ),
-        ("a = np.zeros((1, 3),", "a = np.zeros((2, 3),", "constraints: a has shape (2, 3), exp"),
-        (
-            "c = np.zeros(1,",
-            "c = np.zeros((1, 1),",
-            "constraint: c has shape (1, 1), expected (1,)",
-        ),
-        ("V, omega = np.zeros((1, 2)", "V, omega = np.zeros((2, 2)", "velocities: V has shape (2,"),
-        ("rest, angular_rest, None)", "rest.T, angular_rest, None)", "jacobians: linear_rest has"),
+        ("cos[0]]], q", "cos[0]]] * 2, q", "constraints: a has shape (2, 3), exp"),
+        ("array([slip]", "array([[slip]]", "constraint: c has shape (1, 1), expected (1,)"),
+        ("cos[0]]], v", "cos[0]]] * 2, v", "velocities: V has shape (2,"),
+        ("sin * v[0] * v[0]]]", "sin * v[0] * v[0]]] * 2", "jacobians: linear_rest has"),
     ],
 )
 def test_an_array_of_wrong_shape_is_named_in_one_sentence(tmp_path, old, new, says):

@@ -12,7 +12,6 @@ import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
-from eomcheck.mechanics.assembled import Assembled
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.float64 import FLOAT64
 
@@ -53,7 +52,7 @@ def _returned(scene: Scene) -> Iterator[Returned]:
     bodies, d, e = np.size(at.parameters.mass), np.shape(V)[-1], np.shape(omega)[-1]
     yield "velocities", "V", V, (bodies, d)
     yield "velocities", "ω", omega, (bodies, e)
-    if isinstance(scene, Assembled):
+    if hasattr(scene, "jacobians"):
         shapes = (bodies, d, n), (bodies, e, n), (bodies, d), (bodies, e), (bodies, e)
         yield from _fields("jacobians", scene.jacobians(*here), shapes)
         yield "drift", "gamma", scene.drift(*here), (r,)

@@ -20,7 +20,6 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
-from eomcheck.mechanics.assembled import Assembled
 from eomcheck.mechanics.records import Terms
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Arithmetic, Array
@@ -98,7 +97,7 @@ class Evaluation(Quantities):
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b; in a sibling, bodies' Jacobians that they are made of are moved."""
         scene = self.scene
-        if self._noise is None or not isinstance(scene, Assembled) or scene.assemble is None:
+        if self._noise is None or "terms" not in scene.composed:
             return super().terms
         # Where inertia forces cancel in B, only this shows what rounding has done to them.
         here = self.parameters, self.prepared, self.q, self.v

@@ -1,10 +1,13 @@
-"""Parameters that check themselves: what scenes that are frozen dataclasses have in common."""
+"""Parameters that are declared once: what scenes that are frozen dataclasses have in common."""
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
-from dataclasses import MISSING, field, fields
-from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
+from dataclasses import MISSING, Field, dataclass, field, fields
+from functools import cache
+from inspect import cleandoc
+from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
 import numpy as np
 
@@ -13,17 +16,26 @@ from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.contract import Arithmetic
 
-R = TypeVar("R", bound=NamedTuple)
-Sign = Literal["positive", "not negative", "any"]
+Sign = Literal["> 0", ">= 0", ""]
 Shape = tuple[int, ...] | Callable[[int], tuple[int, ...]]
 
 
-class _Allowed(NamedTuple):
-    shape: Shape
+class _Declared(NamedTuple):
+    what: str
+    unit: str
     sign: Sign
     drawn: Range | None
+    shape: Shape
     optional: bool
-    otherwise: Callable[[Any], Any] | None
+    read: bool
+    made: Callable[[Any], Any] | None
+
+    @property
+    def documented(self) -> str:
+        shape = self.shape.__name__.replace("_", " ") if callable(self.shape) else self.shape
+        absent = "or None without" if self.optional else ""
+        said = self.what, str(shape or ""), self.unit, self.sign, absent
+        return ", ".join(filter(None, said))
 
     def shape_of(self, links: int) -> tuple[int, ...]:
         return self.shape(links) if callable(self.shape) else self.shape
@@ -34,9 +46,9 @@ class _Allowed(NamedTuple):
             return None
         shape = self.shape_of(links)
         array = finite_array(name, value, shape)
-        bad = array <= 0 if self.sign == "positive" else array < 0
-        if self.sign != "any" and bad.any():
-            positive = self.sign == "positive"
+        positive = self.sign == "> 0"
+        bad = array <= 0 if positive else array < 0
+        if self.sign and bad.any():
             expected = "a positive number" if positive else "a number that is not negative"
             place = f"{name}[{int(bad.argmax())}]" if shape else name
             raise InputError(f"{place} = {array[bad].flat[0]}, expected {expected}")
@@ -45,25 +57,35 @@ class _Allowed(NamedTuple):
 
 
 def parameter(
-    default: Any = MISSING,
-    sign: Sign = "any",
+    what: str,
+    unit: str,
+    sign: Sign = "",
+    drawn: tuple[float, float] | tuple[float, float, None] | None = None,
     shape: Shape = (),
-    drawn: Range | None = None,
+    *,
+    default: Any = MISSING,
     optional: bool = False,
-    otherwise: Callable[[Any], Any] | None = None,
+    read: bool = True,
 ) -> Any:
     """Return the field of a `Parametric` scene that is a number or an array of numbers.
 
     Args:
-        default: its default, if any.
+        what: what it is, for its documentation.
+        unit: its SI unit.
         sign: of its entries.
+        drawn: what it is drawn from in ordinary scenes, in its own shape: low, high and, where it
+            may also be None, None.
         shape: of the array, () for one number, or how it follows from the number of links.
-        drawn: what it is drawn from in ordinary scenes, in its own shape.
-        optional: whether it may be None, as it also may where `drawn` is optional.
-        otherwise: makes it of the scene where it is None.
+        default: its default, if any; or what makes it of the scene where it is None.
+        optional: whether it may be None though it is not drawn so.
+        read: whether the equations read it as it is; what only the initial state or `derived`
+            parameters are made of, they do not.
     """
-    allowed = _Allowed(shape, sign, drawn, optional or bool(drawn and drawn.optional), otherwise)
-    return field(default=default, metadata={"allowed": allowed})
+    absent = drawn is not None and len(drawn) == 3
+    among = None if drawn is None else Range(drawn[0], drawn[1], optional=absent)
+    made, default = (default, None) if callable(default) else (None, default)
+    declared = _Declared(what, unit, sign, among, shape, optional or absent, read, made)
+    return field(default=default, metadata={"declared": declared})
 
 
 def of_links(links: int) -> tuple[int, ...]:
@@ -76,16 +98,38 @@ def of_joints(links: int) -> tuple[int, ...]:
     return (links - 1,)
 
 
+def stretched(scene: Any) -> np.ndarray:
+    """Return the angles 0 of all links."""
+    return np.zeros(scene.links)
+
+
+@cache
+def _record(name: str, names: tuple[str, ...]) -> Callable[..., NamedTuple]:
+    return namedtuple(name, names)  # type: ignore[return-value]
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(parameter,))
 class Parametric(Scene):
     """A scene that is a frozen dataclass, every field of it a `parameter`.
 
-    What its coordinates and constraints are called it says in `named_coordinates` and
-    `named_constraints` where that is the same for all scenes of its kind.
+    Their documentation, checks, ranges, their record for the equations and the Python that makes
+    the scene again follow from the declarations.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
-    named_coordinates: ClassVar[tuple[str, ...]] = ()
-    named_constraints: ClassVar[tuple[str, ...]] = ()
+    declared: ClassVar[dict[str, _Declared]] = {}
+    """What was said of each parameter, by name."""
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        found = {name: x for name, x in vars(cls).items() if isinstance(x, Field)}
+        own = {name: x.metadata["declared"] for name, x in found.items()}
+        cls.declared = cls.declared | own
+        if own:
+            told = "\n".join(f"    {name}: {one.documented}." for name, one in own.items())
+            raised = "Raises:\n    InputError: wrong shape, not finite, or out of its range."
+            cls.__doc__ = f"{cleandoc(cls.__doc__ or '')}\n\nArgs:\n{told}\n\n{raised}"
+        dataclass(frozen=True, eq=False, repr=False)(cls)
 
     def __post_init__(self):
         self.check_fields()
@@ -96,47 +140,35 @@ class Parametric(Scene):
         Raises:
             InputError: wrong shape, not finite, or of another sign.
         """
-        for one in fields(self):
-            allowed, value = one.metadata["allowed"], getattr(self, one.name)
-            if value is None and allowed.otherwise is not None:
-                value = allowed.otherwise(self)
-            object.__setattr__(self, one.name, allowed.checked(one.name, value, links))
+        for name, declared in self.declared.items():
+            value = getattr(self, name)
+            if value is None and declared.made is not None:
+                value = declared.made(self)
+            object.__setattr__(self, name, declared.checked(name, value, links))
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
         """Return what ordinary scenes of this kind are drawn from, by name of argument."""
         count = whole_links(links) if cls.has_links else 0
-        allowed = {one.name: one.metadata["allowed"] for one in fields(cls)}
         return {
             name: one.drawn._replace(shape=one.shape_of(count))
-            for name, one in allowed.items()
+            for name, one in cls.declared.items()
             if one.drawn is not None
         }
 
-    @property
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Those of its kind."""
-        return self.named_coordinates
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return what the equations read besides the parameters, or in their place, by name."""
+        return {}
 
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Those of its kind."""
-        return self.named_constraints
-
-    def in_numbers(self, arithmetic: Arithmetic, record: type[R], **made: Any) -> R:
-        """Return a record of fields in the numbers of `arithmetic`, one number as an array (1,).
-
-        Args:
-            arithmetic: the kind of numbers.
-            record: names the fields.
-            made: those of the record that are no fields of the scene as they stand.
-        """
-
-        def one(name: str) -> Any:
-            value = getattr(self, name)
-            return None if value is None else arithmetic.numbers(np.atleast_1d(value))
-
-        return record._make(made[x] if x in made else one(x) for x in record._fields)
+    def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
+        """Return what the equations read in the numbers of `arithmetic`, one number as (1,)."""
+        values = {name: getattr(self, name) for name, one in self.declared.items() if one.read}
+        numbers = {
+            name: None if value is None else arithmetic.numbers(np.atleast_1d(value))
+            for name, value in values.items()
+        }
+        numbers |= self.derived(arithmetic)
+        return _record(f"{type(self).__name__}Parameters", tuple(numbers))(**numbers)
 
     def __repr__(self) -> str:
         """Return the Python that makes it again, defaults left out."""
@@ -147,6 +179,48 @@ class Parametric(Scene):
             if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
                 shown.append(f"{one.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown)})"
+
+
+class OfLinks(Parametric):
+    """A scene with a number of links to choose, N: `mass`, the first parameter, tells it."""
+
+    has_links = True
+    one_mass_each = "one mass each"
+    """How many masses there are, for who gives another number."""
+    mass: Any
+
+    @staticmethod
+    def links_of(masses: int) -> int:
+        """Return N for so many masses."""
+        return masses
+
+    def __post_init__(self):
+        self.check_fields(self.counted_links())
+
+    def counted_links(self) -> int:
+        """Return N while nothing is checked yet.
+
+        Raises:
+            InputError: no number of links has so many masses.
+        """
+        try:
+            (masses,) = np.shape(self.mass)
+        except ValueError:
+            masses = 0
+        links = self.links_of(masses)
+        if links < 1 or self.declared["mass"].shape_of(links) != (masses,):
+            raise InputError(f"mass = {self.mass!r}: {self.one_mass_each}")
+        return links
+
+    @property
+    def links(self) -> int:
+        """N."""
+        return self.links_of(self.mass.size)
+
+    @property
+    def name(self) -> str:
+        """The key with N."""
+        return f"{self.key}[{self.links}]"
 
 
 def whole_links(links: Any, name: str = "links") -> int:

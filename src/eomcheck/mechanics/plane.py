@@ -42,6 +42,11 @@ def mirror(scene: Scene, q: Array, v: Array, kept: tuple[int, ...]) -> Symmetry:
     return Symmetry("mirror", scene, signs * q, signs * v, np.diag(signs))
 
 
+def full_turns(scene: Scene, q: Array, v: Array) -> Symmetry:
+    """Return the scene with every coordinate turned by 2π, which changes nothing."""
+    return Symmetry("full turns", scene, q + 2.0 * np.pi, v, np.eye(scene.n))
+
+
 def refuse_flat(lean: float) -> None:
     """Refuse |cos θ| <= 4 eps, where Euler's angles (heading, lean θ, spin) are singular.
 

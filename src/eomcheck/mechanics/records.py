@@ -5,6 +5,7 @@ The rules that they follow are numbered in `eomcheck.mechanics.scene`.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eomcheck.numbers.contract import Array
@@ -29,6 +30,26 @@ class Terms(NamedTuple):
     """Constraint drift ȧ v + ḃ (r,), or None."""
     b: Any
     """Constraint velocity (r,), or None where constraints do not depend on time."""
+
+
+class Jacobians(NamedTuple):
+    """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
+
+    V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
+    left even if they turn; in space ω in directions that turn with the body, or otherwise keep its
+    inertia constant, of which `angular_rest` is the whole acceleration left too.
+    """
+
+    linear: Any
+    """∂V_k/∂v (n_b, d, n)."""
+    angular: Any
+    """∂ω_k/∂v (n_b, e, n)."""
+    linear_rest: Any
+    """J̇ v of the centres of mass (n_b, d)."""
+    angular_rest: Any
+    """J̇ v of the rotations (n_b, e)."""
+    gyroscopic: Any = None
+    """ω × I ω (n_b, e), or None in the plane."""
 
 
 class Speeds(NamedTuple):
@@ -151,3 +172,7 @@ class Range(NamedTuple):
     """() for a number."""
     optional: bool = False
     """Whether it may also be None: absent."""
+
+
+ANYWHERE, ANY_ANGLE = Range(-10.0, 10.0), Range(-math.pi, math.pi)
+"""m from the origin; rad."""

@@ -13,8 +13,8 @@ Numbered, so that an error or a note can point at a rule.
     left out: the snake has d = e = 1, a scene in space has 3.
 6.  An absent term is `None`, never an array of zeros: no constraint, no b, no spring, no
     gyroscopic part. Functions test `None` on their own arguments only.
-7.  The functions of a scene are written once, under `@generic`, for every kind of number. What is
-    not rational (sines, cosines, distances, what a clock drives) is prepared before by `prepare`,
+7.  The functions of a scene are written once, for every kind of number (`@generic`). What is not
+    rational (sines, cosines, distances, what a clock drives) is prepared before by `prepare`,
     which alone is handed an arithmetic, and handed in.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
@@ -28,20 +28,30 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from inspect import get_annotations
+from inspect import get_annotations, isfunction
+from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.mechanics.composed import compose
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.generic import generic
 
+Functions = Mapping[str, Any] | tuple[ModuleType, ...]
+
 
 @generic
-def nothing(arithmetic, parameters, q, t):
-    """Prepare nothing."""
+def nothing_moving(parameters, prepared, q, v):
+    """Return what a scene has not that depends on v: drift, forces or constraints."""
+    return
+
+
+@generic
+def no_potential(parameters, prepared, q):
+    """Return the potential energy of a scene that has none."""
     return
 
 
@@ -50,25 +60,42 @@ class Scene(ABC):
 
     The equations are generic functions held as static attributes; `functions=globals()` behind the
     base class takes those of these names from the module. All take first `parameters`, a NamedTuple
-    made by `parameters(arithmetic)` whose fields `mass` and `inertia` belong to the bodies that
-    `velocities` lists, and `prepared`, which the first of them makes:
+    made by `parameters(arithmetic)` whose fields `mass` (n_b,) and `inertia` (n_b, e, e), or
+    (n_b,) in the plane, belong to the bodies that `velocities` lists, and `prepared`, which the
+    first of them makes. These are what a scene has to write, those it has:
 
     - `prepare(arithmetic, parameters, q, t)`: what is not rational in q and t, by the methods
-      `angles` and `root` of the arithmetic; None by default
+      `angles` and `root` of the arithmetic; by default the `Angles` of `angle_coordinates`, or
+      None where there are none
+    - `jacobians(parameters, prepared, q, v) -> Jacobians`: how the bodies move with v
+    - `constraints(parameters, prepared, q) -> (a, b)` and
+      `drift(parameters, prepared, q, v) -> gamma`
+    - `forces(parameters, prepared, q, v) -> Q (n,)` or None
+    - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
+    - `potential(parameters, prepared, q) -> U`, J, or None
+    - `constraint(parameters, prepared, q, v) -> c (r,)` or None
+
+    The others follow, see `eomcheck.mechanics.composed`; `composed` tells which. A scene that knows
+    a shorter way writes it itself. In Lagrange's terms, and then `jacobians`, `drift` and `forces`
+    may be left out where the speeds are written too:
+
     - `terms(parameters, prepared, q, v) -> Terms`
-    - `constraints(parameters, prepared, q) -> (a, b)`: those of `terms`, where v is not known yet
+
+    Natural generalized speeds, all of them:
+
     - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
     - `speeds(parameters, prepared, kinematics) -> Speeds`
-    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W; None, and no
-      function, where there is no such shorter way
     - `bodies(parameters, prepared, kinematics) -> Bodies`
     - `speeds_of(parameters, prepared, q, v) -> u`
-    - `velocities(parameters, prepared, q, v) -> (V (n_b, d), omega (n_b, e))`
+    - `qdot(parameters, prepared, kinematics) -> W u + offset` without forming W; None, and no
+      function, where there is no such shorter way
+
+    In the second derivation:
+
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
       -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
       it loses energy in no other way
-    - `constraint(parameters, prepared, q, v) -> c (r,)` or None
     - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
       rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
 
@@ -91,29 +118,40 @@ class Scene(ABC):
     """Terms that are absent unless asked for."""
     depends_on_time: ClassVar[bool] = False
     """Whether anything in it depends on t."""
-    natural_speeds: ClassVar[bool] = True
-    """Whether the generalized speeds are a choice of the scene's own. If they are a partition of
-    the velocities, the modified Lagrange method is the embedding method by another name, and its
-    agreement is no separate evidence."""
+    composed: ClassVar[frozenset[str]] = frozenset()
+    """Names of the functions that the scene does not write but are made of those it does."""
     has_links: ClassVar[bool] = False
     """Whether scenes of this kind have a number of links to choose."""
     holonomic: ClassVar[slice] = slice(None)
     """Which constraints are rates of `position_residual`, where there is one."""
-    angle_coordinates: ClassVar[slice]
+    angle_coordinates: ClassVar[slice] = slice(0, 0)
     """Which coordinates are angles."""
+    named_coordinates: ClassVar[tuple[str, ...]] = ()
+    """Names of the coordinates where all scenes of the kind have the same."""
+    drawn_coordinates: ClassVar[tuple[Range, ...] | None] = None
+    """What they are drawn from, see `coordinate_ranges`."""
+    named_constraints: ClassVar[tuple[str, ...]] = ()
+    """Names of the constraints where all scenes of the kind have the same."""
 
-    prepare: ClassVar[Callable[..., Any]] = staticmethod(nothing)
-    terms: ClassVar[Callable[..., Any]]
+    prepare: ClassVar[Callable[..., Any]]
+    jacobians: ClassVar[Callable[..., Any]]
     constraints: ClassVar[Callable[..., Any]]
+    drift: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
+    forces: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
+    velocities: ClassVar[Callable[..., Any]]
+    potential: ClassVar[Callable[..., Any]] = staticmethod(no_potential)
+    constraint: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
+
+    assemble: ClassVar[Callable[..., Any]]
+    """`terms` of Jacobians that are known."""
+    terms: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
     speeds: ClassVar[Callable[..., Any]]
-    qdot: ClassVar[Callable[..., Any] | None] = None
     bodies: ClassVar[Callable[..., Any]]
     speeds_of: ClassVar[Callable[..., Any]]
-    velocities: ClassVar[Callable[..., Any]]
+    qdot: ClassVar[Callable[..., Any] | None] = None
     energies: ClassVar[Callable[..., Any]]
     dissipation: ClassVar[Callable[..., Any] | None] = None
-    constraint: ClassVar[Callable[..., Any]]
     position_residual: ClassVar[Callable[..., Any] | None] = None
     quasi_velocities: ClassVar[Callable[..., Any]]
     chain: ClassVar[Callable[..., Any]]
@@ -121,18 +159,35 @@ class Scene(ABC):
     chain_acceleration: ClassVar[Callable[..., Any]]
     chain_multipliers: ClassVar[Callable[..., Any]]
 
-    def __init_subclass__(cls, functions: Mapping[str, Any] | None = None, **options):
-        """Take the functions of the scene from a namespace, such as `globals()`, by their names.
+    def __init_subclass__(cls, functions: Functions = (), **options):
+        """Take the functions of the scene from where they are written, by their names.
+
+        All functions written there are generic from then on, those that they call included.
 
         Args:
-            functions: the namespace; other names in it do not count, and what the body of the class
-                gives itself stays.
+            functions: a namespace, such as `globals()`, or modules; other names in it do not count,
+                and what the body of the class gives itself stays.
             options: for other classes that it derives from.
         """
         super().__init_subclass__(**options)
-        for name in _names_of_functions(cls):
-            if functions is not None and name in functions and name not in vars(cls):
-                setattr(cls, name, staticmethod(functions[name]))
+        spaces = [functions] if isinstance(functions, Mapping) else [vars(x) for x in functions]
+        for space in spaces:
+            written = {name: x for name, x in space.items() if isfunction(x)}
+            for name, function in written.items():
+                if function.__module__ == space.get("__name__"):
+                    generic(function)
+                if name in FUNCTIONS and name not in vars(cls):
+                    setattr(cls, name, staticmethod(function))
+        compose(cls)
+
+    @property
+    def natural_speeds(self) -> bool:
+        """Whether the generalized speeds are a choice of the scene's own.
+
+        If they are a partition of the velocities, the modified Lagrange method is the embedding
+        method by another name, and its agreement is no separate evidence.
+        """
+        return "kinematics" not in self.composed
 
     @property
     def n(self) -> int:
@@ -206,23 +261,23 @@ class Scene(ABC):
         """
         return {}
 
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the n coordinates, for naming rows."""
+        return self.named_coordinates
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the r constraints, for naming rows."""
+        return self.named_constraints
+
     def coordinate_ranges(self) -> tuple[Range, ...] | None:
         """Return what each coordinate of ordinary states is drawn from.
 
         None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
         what is drawn is where the search for a closed position starts.
         """
-        return None
-
-    @property
-    @abstractmethod
-    def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the n coordinates, for naming rows."""
-
-    @property
-    @abstractmethod
-    def constraint_names(self) -> tuple[str, ...]:
-        """Names of the r constraints, for naming rows."""
+        return self.drawn_coordinates
 
     @abstractmethod
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
@@ -254,10 +309,8 @@ class Scene(ABC):
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
 
 
-def _names_of_functions(kind: type) -> Iterator[str]:
-    """Yield the names under which scenes of this kind hold functions."""
-    for base in kind.__mro__:
-        yield from (x for x, of in get_annotations(base).items() if "ClassVar[Callable" in str(of))
+FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" in str(of)}
+"""Names under which scenes hold functions."""
 
 
 def checked_scene(scene: Any) -> Scene:

@@ -25,105 +25,68 @@ Source: Meijaard et al. 2007, whose benchmark gives the defaults; Basu-Mandal et
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.assembled import Assembled
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scenes import bicycle_axes, bicycle_energies, bicycle_jacobians
-from eomcheck.scenes.bicycle_axes import (
-    FORK,
-    FRAME,
-    FRONT_SPIN,
-    HEADING,
-    HEIGHT,
-    LEAN,
-    PITCH,
-    REAR_SPIN,
-    WHEEL,
-)
+from eomcheck.scenes import bicycle_axes as at
+from eomcheck.scenes import bicycle_energies, bicycle_jacobians
+
+PARTS = at, bicycle_jacobians, bicycle_energies
 
 
-class Parameters(NamedTuple):
-    """The parameters of a `Bicycle` in some kind of number; points along b or g of its body."""
-
-    mass: Any
-    """(4,), kg."""
-    inertia: Any
-    """About the centres of mass, along b_1, b_2, b_3 or g_1, g_2, g_3 (4, 3, 3), kg m²."""
-    radius: Any
-    """Rear and front (2,), m."""
-    tilt: Any
-    """λ of the steering axis (1,), rad."""
-    rider: Any
-    """Centre of mass of the rear frame, from the centre of the rear wheel (2,), m."""
-    pivot: Any
-    """Where the steering axis meets the ground if the bicycle is upright, likewise (2,), m."""
-    fork: Any
-    """Centre of mass of the front frame, from there (2,), m."""
-    hub: Any
-    """Centre of the front wheel, from there (2,), m."""
-    gravity: Any
-    """g (1,), m/s²."""
-
-
-FUNCTIONS = vars(bicycle_axes) | vars(bicycle_jacobians) | vars(bicycle_energies)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Bicycle(Parametric, Assembled, functions=FUNCTIONS):
+class Bicycle(Parametric, functions=PARTS):
     """A bicycle without hands, by default the benchmark, rolling upright and pushed to lean.
 
     As published, points and moments of inertia refer to axes ahead, right and down from where the
-    rear wheel touches the ground, the bicycle being upright and not steered. Bodies are rear wheel,
-    rear frame with the rider, front frame, front wheel.
-
-    Args:
-        wheelbase: w, m, positive.
-        trail: c, m: how far the steering axis meets the ground ahead of the front wheel's contact.
-        tilt: λ, rad, of the steering axis from the vertical, less than π/2 to either side.
-        radius: of rear and front wheel (2,), m, positive.
-        mass: (4,), kg, positive.
-        center: centres of mass of rear and front frame, ahead and down (2, 2), m.
-        wheels: moments of inertia of rear and front wheel, about a diameter and about the axle
-            (2, 2), kg m², positive.
-        frames: of rear and front frame, ahead, right, down, and the product of inertia ahead and
-            down as it stands in the matrix (2, 4), kg m²; positive definite.
-        gravity: g, m/s², not negative.
-        speed: at t = 0, m/s.
-        lean_rate: at which it begins to lean, rad/s.
-
-    Raises:
-        InputError: wrong shape, not finite, or out of the range given above.
+    rear wheel touches the ground, the bicycle being upright and not steered; the product of inertia
+    is that of the matrix, which is positive definite. Bodies are rear wheel, rear frame with the
+    rider, front frame, front wheel. The steering axis meets the ground `trail` ahead of the front
+    wheel's contact.
     """
 
-    wheelbase: Any = parameter(1.02, "positive", drawn=Range(0.8, 1.5))
-    trail: Any = parameter(0.08, drawn=Range(-0.1, 0.2))
-    tilt: Any = parameter(np.pi / 10, drawn=Range(-0.2, 0.5))
-    radius: Any = parameter((0.3, 0.35), "positive", (2,), drawn=Range(0.2, 0.5))
-    mass: Any = parameter((2.0, 85.0, 4.0, 3.0), "positive", (4,), drawn=Range(1.0, 100.0))
-    center: Any = parameter(((0.3, -0.9), (0.9, -0.7)), shape=(2, 2), drawn=Range(-1.0, 1.0))
+    wheelbase: Any = parameter("w", "m", "> 0", (0.8, 1.5), default=1.02, read=False)
+    trail: Any = parameter("c", "m", drawn=(-0.1, 0.2), default=0.08, read=False)
+    tilt: Any = parameter("λ, within π/2", "rad", drawn=(-0.2, 0.5), default=np.pi / 10)
+    radius: Any = parameter("rear and front", "m", "> 0", (0.2, 0.5), (2,), default=(0.3, 0.35))
+    mass: Any = parameter("m", "kg", "> 0", (1.0, 100.0), (4,), default=(2.0, 85.0, 4.0, 3.0))
+    center: Any = parameter(
+        *("of frames, ahead and down", "m", "", (-1.0, 1.0), (2, 2)),
+        default=((0.3, -0.9), (0.9, -0.7)),
+        read=False,
+    )
     wheels: Any = parameter(
-        ((0.0603, 0.12), (0.1405, 0.28)), "positive", (2, 2), drawn=Range(0.01, 1.0)
+        *("I of wheels, about a diameter and the axle", "kg m²", "> 0", (0.01, 1.0), (2, 2)),
+        default=((0.0603, 0.12), (0.1405, 0.28)),
+        read=False,
     )
     frames: Any = parameter(
-        ((9.2, 11.0, 2.8, 2.4), (0.05892, 0.06, 0.00708, -0.00756)), shape=(2, 4)
+        *("I of frames, ahead, right, down, and ahead with down", "kg m²", "", None, (2, 4)),
+        default=((9.2, 11.0, 2.8, 2.4), (0.05892, 0.06, 0.00708, -0.00756)),
+        read=False,
     )
-    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
-    speed: Any = parameter(4.6)
-    lean_rate: Any = parameter(0.5)
+    gravity: Any = parameter("g", "m/s²", ">= 0", (0.0, 20.0), default=9.81)
+    speed: Any = parameter("at t = 0", "m/s", default=4.6, read=False)
+    lean_rate: Any = parameter("at which it begins to lean", "rad/s", default=0.5, read=False)
 
     key = "bicycle"
     named_coordinates = "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
+    drawn_coordinates = (
+        *(ANYWHERE, ANYWHERE, Range(0.1, 0.5), ANY_ANGLE, Range(np.pi - 0.2, np.pi + 0.2)),
+        *(ANY_ANGLE, Range(np.pi / 2 - 0.8, np.pi / 2 + 0.8), Range(-0.8, 0.8), ANY_ANGLE),
+    )
+    named_constraints = (
+        *("rear wheel along", "rear wheel across", "rear wheel up"),
+        *("front wheel across", "front wheel up", "front wheel along"),
+    )
     conserves_energy = True
-    angle_coordinates = slice(HEADING, None)
+    angle_coordinates = slice(at.HEADING, None)
     holonomic = slice(2, 5, 2)
 
     def __post_init__(self):
@@ -137,66 +100,61 @@ class Bicycle(Parametric, Assembled, functions=FUNCTIONS):
                     "inertia and a product of inertia below the root of theirs"
                 )
 
-    def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return up to 10 m, any heading and spins, 0.8 rad of lean and of steering."""
-        anywhere, any_angle = Range(-10.0, 10.0), Range(-np.pi, np.pi)
-        pitch, lean = Range(np.pi - 0.2, np.pi + 0.2), Range(np.pi / 2 - 0.8, np.pi / 2 + 0.8)
-        height = Range(0.1, 0.5)
-        return (
-            *(anywhere, anywhere, height, any_angle, pitch),
-            *(any_angle, lean, Range(-0.8, 0.8), any_angle),
-        )
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return inertia along b or g of each body, and where its points are in its plane, m.
 
-    @property
-    def constraint_names(self) -> tuple[str, ...]:
-        """Rear wheel along h, across it, up, front wheel across, up, along."""
-        rear = (f"rear wheel {way}" for way in ("along", "across", "up"))
-        front = (f"front wheel {way}" for way in ("across", "up", "along"))
-        return *rear, *front
-
-    def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
+        The rider from the centre of the rear wheel, as `pivot`, where the steering axis meets the
+        ground if the bicycle is upright; from there the centre of mass of the front frame, `fork`,
+        and of the front wheel, `hub`.
+        """
         number = arithmetic.numbers
         wheelbase, trail = number(np.array([self.wheelbase, self.trail]))
         radius, center = number(self.radius), number(self.center)
         wheels, frames = number(self.wheels), number(self.frames)
         inertia = np.zeros((4, 3, 3), center.dtype)
-        for wheel, body in enumerate(WHEEL):
+        for wheel, body in enumerate(at.WHEEL):
             inertia[body, 0, 0] = inertia[body, 1, 1] = wheels[wheel, 0]
             inertia[body, 2, 2] = wheels[wheel, 1]
         # b_1, b_2, b_3 are ahead, down and left.
-        for frame, body in enumerate((FRAME, FORK)):
+        for frame, body in enumerate((at.FRAME, at.FORK)):
             inertia[body, 0, 0], inertia[body, 2, 2], inertia[body, 1, 1] = frames[frame, :3]
             inertia[body, 0, 1] = inertia[body, 1, 0] = frames[frame, 3]
-        rider, pivot, fork, hub = np.zeros((4, 2), center.dtype)
-        rider[0], rider[1] = center[0, 0], center[0, 1] + radius[0]
-        pivot[0], pivot[1] = wheelbase + trail, radius[0]
-        fork[0], fork[1] = center[1, 0] - pivot[0], center[1, 1]
-        hub[0], hub[1] = -trail, -radius[1]
-        made = {"inertia": inertia, "rider": rider, "pivot": pivot, "fork": fork, "hub": hub}
-        return self.in_numbers(arithmetic, Parameters, **made)
+        points = {
+            "rider": [center[0, 0], center[0, 1] + radius[0]],
+            "pivot": [wheelbase + trail, radius[0]],
+            "fork": [center[1, 0] - (wheelbase + trail), center[1, 1]],
+            "hub": [-trail, -radius[1]],
+        }
+        made = {name: np.array(point, center.dtype) for name, point in points.items()}
+        return {"inertia": inertia, "radius": radius, **made}
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the bicycle upright, heading along -x: it rolls, and tilts about its track."""
         q, v = np.zeros(9), np.zeros(9)
         rear, front = self.radius
-        q[HEIGHT], q[LEAN], q[PITCH] = rear, np.pi / 2, np.pi
-        v[0], v[1] = -self.speed, -rear * np.sin(q[LEAN]) * self.lean_rate
-        v[HEIGHT] = rear * np.cos(q[LEAN]) * self.lean_rate
-        v[REAR_SPIN], v[FRONT_SPIN], v[LEAN] = self.speed / rear, self.speed / front, self.lean_rate
+        q[at.HEIGHT], q[at.LEAN], q[at.PITCH] = rear, np.pi / 2, np.pi
+        v[0], v[1] = -self.speed, -rear * np.sin(q[at.LEAN]) * self.lean_rate
+        v[at.HEIGHT] = rear * np.cos(q[at.LEAN]) * self.lean_rate
+        v[at.REAR_SPIN], v[at.FRONT_SPIN], v[at.LEAN] = (
+            self.speed / rear,
+            self.speed / front,
+            self.lean_rate,
+        )
         return q, v
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |sin ψ| <= 4 eps: Euler's angles are singular where the rear frame lies flat."""
-        sine = abs(float(np.sin(q[LEAN])))
+        sine = abs(float(np.sin(q[at.LEAN])))
         if sine <= 4 * EPS:
-            detail = f"ψ = {float(q[LEAN])!r}: Euler's angles are singular, the axle is upright"
+            detail = f"ψ = {float(q[at.LEAN])!r}: Euler's angles are singular, the axle is upright"
             raise RefusedError("sin ψ", sine, 4 * EPS, detail)
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        yield plane.rotation(self, q, v, slice(HEADING, HEADING + 1))
+        yield plane.rotation(self, q, v, slice(at.HEADING, at.HEADING + 1))
         yield plane.translation(self, q, v)
-        mirrored = plane.mirror(self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN))
-        mirrored.q[LEAN] += np.pi
+        mirrored = plane.mirror(
+            self, q, v, kept=(0, at.HEIGHT, at.PITCH, at.FRONT_SPIN, at.REAR_SPIN)
+        )
+        mirrored.q[at.LEAN] += np.pi
         yield mirrored

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.generic import generic
-
 REAR, FRAME, FORK, FRONT = range(4)
 """Bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
 HEIGHT, HEADING, PITCH, FRONT_SPIN, LEAN, STEER, REAR_SPIN = range(2, 9)
@@ -36,34 +34,25 @@ class Prepared(NamedTuple):
     """Length of the vertical seen in the plane of the front wheel, 1 where it is upright."""
 
 
-@generic
 def steered(prepared, sin, vector):
     """Return the components along g of a vector (3,) along b; back with -sin ψ_f for sin ψ_f."""
     cos, c, s = prepared.cos[STEER], prepared.tilt_cos[0], prepared.tilt_sin[0]
     ahead, down = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
     turned = cos * ahead + sin * vector[2]
-    result = np.zeros(3, vector.dtype)
-    result[0], result[1] = c * turned + s * down, c * down - s * turned
-    result[2] = cos * vector[2] - sin * ahead
-    return result
+    left = cos * vector[2] - sin * ahead
+    return np.array([c * turned + s * down, c * down - s * turned, left], vector.dtype)
 
 
-@generic
 def vertical(prepared):
     """Return k along b (3,)."""
     cos, sin = prepared.cos, prepared.sin
-    k = np.zeros(3, cos.dtype)
-    k[0], k[1] = sin[LEAN] * sin[PITCH], sin[LEAN] * cos[PITCH]
-    k[2] = cos[LEAN]
-    return k
+    return np.array([sin[LEAN] * sin[PITCH], sin[LEAN] * cos[PITCH], cos[LEAN]], cos.dtype)
 
 
-@generic
 def prepare(arithmetic, parameters, q, t):
     """Return the `Prepared` at q (9,)."""
     angles, tilt = arithmetic.angles(q), arithmetic.angles(parameters.tilt)
     still = Prepared(angles.cos, angles.sin, tilt.cos, tilt.sin, tilt.cos)
     k = steered(still, angles.sin[STEER], vertical(still))
-    square = np.zeros(1, k.dtype)
-    square[0] = k[0] * k[0] + k[1] * k[1]
-    return Prepared(angles.cos, angles.sin, tilt.cos, tilt.sin, arithmetic.root(square))
+    upright = arithmetic.root(np.array([k[0] * k[0] + k[1] * k[1]], k.dtype))
+    return Prepared(angles.cos, angles.sin, tilt.cos, tilt.sin, upright)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from eomcheck.mechanics.gravity import height_energy
 from eomcheck.mechanics.space import rotated
-from eomcheck.numbers.generic import generic
 from eomcheck.scenes.bicycle_axes import (
     FORK,
     FRAME,
@@ -23,13 +23,11 @@ from eomcheck.scenes.bicycle_axes import (
     REAR_SPIN,
     ROW,
     STEER,
-    WHEEL,
     steered,
     vertical,
 )
 
 
-@generic
 def moved_on(V, omega, point):
     """Return the velocity (3,) of a point (2,) of the plane of a frame, V being that of another."""
     result = V + 0
@@ -39,7 +37,6 @@ def moved_on(V, omega, point):
     return result
 
 
-@generic
 def moving(parameters, prepared, v):
     """Return the velocities of the centres of mass (4, 3) and of rotation (4, 3), along b or g."""
     cos, sin = prepared.cos, prepared.sin
@@ -67,7 +64,6 @@ def moving(parameters, prepared, v):
     return V, omega
 
 
-@generic
 def level(prepared, vector):
     """Return the components along h, across it and up (3,) of a vector along b."""
     cos, sin, result = prepared.cos, prepared.sin, vector + 0
@@ -76,7 +72,6 @@ def level(prepared, vector):
     return result
 
 
-@generic
 def velocities(parameters, prepared, q, v):
     """Return V along x, y, z and ω along axes of the body, which turn with a wheel, (4, 3) each."""
     V, omega = moving(parameters, prepared, v)
@@ -90,29 +85,25 @@ def velocities(parameters, prepared, q, v):
     return V, omega
 
 
-@generic
 def constraint(parameters, prepared, q, v):
     """Return c (6,), m/s: velocities of what touches the ground, along h, across it and up."""
     cos, sin, radius = prepared.cos, prepared.sin, parameters.radius
     V, omega = moving(parameters, prepared, v)
     k = steered(prepared, sin[STEER], vertical(prepared))
-    c, rim = np.zeros(6, v.dtype), np.zeros((2, 2), v.dtype)
-    rim[0, 0], rim[0, 1] = -radius[0] * sin[PITCH], -radius[0] * cos[PITCH]
-    for i in range(2):
-        rim[1, i] = -radius[1] * k[i] / prepared.upright[0]
-    slip = np.zeros((2, 3), v.dtype)
+    rear = [-radius[0] * sin[PITCH], -radius[0] * cos[PITCH]]
+    front = [-radius[1] * k[i] / prepared.upright[0] for i in range(2)]
+    slip = moved_on(V[FRONT], omega[FRONT], front)
+    touching = [
+        level(prepared, moved_on(V[REAR], omega[REAR], rear)),
+        level(prepared, steered(prepared, -sin[STEER], slip)),
+    ]
+    c = np.zeros(6, v.dtype)
     for wheel in range(2):
-        body = WHEEL[wheel]
-        slip[wheel] = moved_on(V[body], omega[body], rim[wheel])
-    slip[1] = steered(prepared, -sin[STEER], slip[1])
-    for wheel in range(2):
-        touching = level(prepared, slip[wheel])
         for i in range(3):
-            c[ROW[wheel][i]] = touching[i]
+            c[ROW[wheel][i]] = touching[wheel][i]
     return c
 
 
-@generic
 def above(parameters, prepared):
     """Return how much higher than the centre of the rear wheel the centres of mass are (4,), m."""
     k = vertical(prepared)
@@ -126,21 +117,14 @@ def above(parameters, prepared):
     return height
 
 
-@generic
 def potential(parameters, prepared, q):
     """Return U, J."""
-    height = above(parameters, prepared)
-    U = 0
-    for k in range(4):
-        U += parameters.gravity[0] * parameters.mass[k] * (q[HEIGHT] + height[k])
-    return U
+    heights = [q[HEIGHT] + rise for rise in above(parameters, prepared)]
+    return height_energy(parameters.gravity, parameters.mass, np.array(heights, q.dtype))
 
 
-@generic
 def position_residual(parameters, prepared, q):
     """Return how high the lowest points of the wheels are (2,), m, for sin ψ > 0."""
-    gap = np.zeros(2, q.dtype)
-    gap[0] = q[HEIGHT] - parameters.radius[0] * prepared.sin[LEAN]
-    gap[1] = q[HEIGHT] - parameters.radius[1] * prepared.upright[0]
-    gap[1] += above(parameters, prepared)[FRONT]
-    return gap
+    hub = q[HEIGHT] + above(parameters, prepared)[FRONT]
+    rear = q[HEIGHT] - parameters.radius[0] * prepared.sin[LEAN]
+    return np.array([rear, hub - parameters.radius[1] * prepared.upright[0]], q.dtype)

@@ -9,9 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.mechanics.assembled import Jacobians, gyroscopic_moments
-from eomcheck.mechanics.space import along, combined, cross, plane_of, rotated, swing, turn
-from eomcheck.numbers.generic import generic
+from eomcheck.mechanics.gravity import weights
+from eomcheck.mechanics.space import (
+    combined,
+    cross,
+    plane_of,
+    rotated,
+    spatial_jacobians,
+    swing,
+    turning,
+    turning_columns,
+)
 from eomcheck.scenes.bicycle_axes import (
     FORK,
     FRAME,
@@ -20,7 +28,6 @@ from eomcheck.scenes.bicycle_axes import (
     HEADING,
     LEAN,
     PITCH,
-    REAR,
     REAR_SPIN,
     ROW,
     STEER,
@@ -31,11 +38,11 @@ JOINT = HEADING, LEAN, PITCH, STEER, REAR_SPIN, FRONT_SPIN
 """Coordinate that turns about each of the axes k, h, b_3, the steering axis, b_3, g_3."""
 STEERING = 3
 """The steering axis among them."""
-TURNS = (
-    *((REAR, 0), (REAR, 1), (REAR, 2), (REAR, 4)),
-    *((FRAME, 0), (FRAME, 1), (FRAME, 2)),
-    *((FORK, 0), (FORK, 1), (FORK, 2), (FORK, STEERING)),
-    *((FRONT, 0), (FRONT, 1), (FRONT, 2), (FRONT, STEERING), (FRONT, 5)),
+ON_FRAME, ON_FORK = (0, 1, 2), (0, 1, 2, STEERING)
+TURNS = tuple(
+    (k, j, JOINT[j])
+    for k, axes in enumerate(((*ON_FRAME, 4), ON_FRAME, ON_FORK, (*ON_FORK, 5)))
+    for j in axes
 )
 """Bodies with the axes about which they turn, each carried by those before it."""
 
@@ -56,13 +63,11 @@ class Pose(NamedTuple):
     """From the wheels' centres to the ground (2, 3), m."""
 
 
-@generic
 def posed(parameters, prepared):
     """Return the `Pose`."""
     cos, sin = prepared.cos, prepared.sin
     tilt_cos, tilt_sin = prepared.tilt_cos[0], prepared.tilt_sin[0]
-    axes, directions = np.zeros((6, 3), cos.dtype), np.zeros((4, 3, 3), cos.dtype)
-    left = np.zeros(3, cos.dtype)
+    axes, left = np.zeros((6, 3), cos.dtype), np.zeros(3, cos.dtype)
     axes[0, 2] = 1
     axes[1, 0], axes[1, 1] = cos[HEADING], sin[HEADING]
     left[0], left[1] = -sin[HEADING], cos[HEADING]
@@ -74,9 +79,9 @@ def posed(parameters, prepared):
     axes[2] = axes[4] = across
     axes[3], axes[5] = -below, axle
     forward, downward = plane_of(forwards, below, tilt_cos, tilt_sin)
-    for k in range(2):
-        directions[k, 0], directions[k, 1], directions[k, 2] = ahead, down, across
-        directions[2 + k, 0], directions[2 + k, 1], directions[2 + k, 2] = forward, downward, axle
+    directions = np.array(
+        [*[[ahead, down, across]] * 2, *[[forward, downward, axle]] * 2], cos.dtype
+    )
     rear_arm, front_arm = np.zeros((4, 3), cos.dtype), np.zeros((4, 3), cos.dtype)
     rear_arm[FRAME] = combined(parameters.rider[0], ahead, parameters.rider[1], down)
     pivot = combined(parameters.pivot[0], ahead, parameters.pivot[1], down)
@@ -92,11 +97,10 @@ def posed(parameters, prepared):
     return Pose(axes, directions, rear_arm, front_arm, contact)
 
 
-@generic
 def columns(pose):
-    """Return ∂V_k/∂v and ∂ω_k/∂v (4, 3, 9) along x, y, z, V_k of the centres of mass."""
+    """Return ∂V_k/∂v of the centres of mass (4, 3, 9) along x, y, z."""
     axes, to_front = pose.axes, pose.front_arm
-    linear, angular = np.zeros((4, 3, 9), axes.dtype), np.zeros((4, 3, 9), axes.dtype)
+    linear = np.zeros((4, 3, 9), axes.dtype)
     for k in range(4):
         for i in range(3):
             linear[k, i, i] = 1
@@ -104,21 +108,9 @@ def columns(pose):
             linear[k, :, JOINT[j]] = cross(axes[j], pose.rear_arm[k] + to_front[k])
     for k in range(FORK, 4):
         linear[k, :, STEER] = cross(axes[STEERING], to_front[k])
-    for k, j in TURNS:
-        angular[k, :, JOINT[j]] = axes[j]
-    return linear, angular
+    return linear
 
 
-@generic
-def turning(pose, v):
-    """Return ω of the bodies (4, 3) and ω̇ at v̇ = 0 (4, 3), along x, y, z."""
-    omega, alpha = np.zeros((4, 3), v.dtype), np.zeros((4, 3), v.dtype)
-    for k, j in TURNS:
-        turn(omega[k], alpha[k], pose.axes[j], v[JOINT[j]])
-    return omega, alpha
-
-
-@generic
 def accelerations(pose, omega, alpha):
     """Return the accelerations of the centres of mass at v̇ = 0 (4, 3), along x, y, z."""
     rest = np.zeros((4, 3), omega.dtype)
@@ -129,21 +121,14 @@ def accelerations(pose, omega, alpha):
     return rest
 
 
-@generic
 def jacobians(parameters, prepared, q, v):
     """Return the `Jacobians`: V along x, y, z, ω along b or g."""
     pose = posed(parameters, prepared)
-    linear, turned = columns(pose)
-    omega, alpha = turning(pose, v)
-    angular = np.zeros((4, 3, 9), v.dtype)
-    for j in range(9):
-        angular[:, :, j] = along(pose.directions, turned[:, :, j])
-    gyroscopic = gyroscopic_moments(parameters.inertia, along(pose.directions, omega))
-    rest = accelerations(pose, omega, alpha)
-    return Jacobians(linear, angular, rest, along(pose.directions, alpha), gyroscopic)
+    rest = accelerations(pose, *turning(4, TURNS, pose.axes, v))
+    directions, inertia = pose.directions, parameters.inertia
+    return spatial_jacobians(inertia, directions, columns(pose), rest, TURNS, pose.axes, v)
 
 
-@generic
 def seen_from_heading(prepared, vector):
     """Return the components along h, across it and up (3,) of a vector along x, y, z."""
     result = vector + 0
@@ -151,11 +136,10 @@ def seen_from_heading(prepared, vector):
     return result
 
 
-@generic
 def constraints(parameters, prepared, q):
     """Return (a (6, 9), None): what of a wheel touches the ground does not move."""
     pose = posed(parameters, prepared)
-    linear, angular = columns(pose)
+    linear, angular = columns(pose), turning_columns(4, TURNS, pose.axes, 9)
     a = np.zeros((6, 9), q.dtype)
     for wheel in range(2):
         k = WHEEL[wheel]
@@ -167,11 +151,10 @@ def constraints(parameters, prepared, q):
     return a, None
 
 
-@generic
 def drift(parameters, prepared, q, v):
     """Return gamma (6,): the point of contact wanders along the rim, the directions turn."""
     pose = posed(parameters, prepared)
-    omega, alpha = turning(pose, v)
+    omega, alpha = turning(4, TURNS, pose.axes, v)
     rest = accelerations(pose, omega, alpha)
     wandering = np.zeros((2, 3), v.dtype)
     leaning = combined(1, omega[FRAME], -v[PITCH], pose.axes[2])
@@ -194,13 +177,7 @@ def drift(parameters, prepared, q, v):
     return gamma
 
 
-@generic
 def forces(parameters, prepared, q, v):
     """Return Q (9,) of gravity."""
-    linear, _ = columns(posed(parameters, prepared))
-    Q = np.zeros(9, q.dtype)
-    for k in range(4):
-        weight = parameters.mass[k] * parameters.gravity[0]
-        for j in range(9):
-            Q[j] -= weight * linear[k, 2, j]
-    return Q
+    upward = columns(posed(parameters, prepared))[:, 2]
+    return weights(parameters.gravity, parameters.mass, upward)

@@ -15,18 +15,16 @@ defaults are its data: rods and shaft of 1 m with a section of 0.01 m by 0.01 m 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.assembled import Assembled, Jacobians, gyroscopic_moments
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import ANY_ANGLE, Jacobians, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.space import diagonal, gyroscopic_moments
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
 
 ROD, BALL = 0.3, 5.0
 """Of the benchmark's arms, kg; the rod is 1 m long."""
@@ -42,30 +40,6 @@ SLIDER_HEIGHT, TURN, ARMS = 0, 1, (2, 3)
 """Coordinates s and ψ, and those of the arms."""
 
 
-class Parameters(NamedTuple):
-    """The parameters of a `FlyballGovernor` in some kind of number."""
-
-    mass: Any
-    """Slider and arms (3,), kg."""
-    inertia: Any
-    """About the centres of mass (3, 3, 3), kg m²: of slider and shaft about the vertical only, of
-    arms along the arm, tangentially and across."""
-    center: Any
-    """From the hinge to the centre of mass of an arm (1,), m."""
-    hinge: Any
-    """Radius and height of the hinges (2,), m."""
-    attachment: Any
-    """From the hinge to the spring (1,), m."""
-    stiffness: Any
-    """(1,), N/m."""
-    rest_length: Any
-    """(1,), m."""
-    damping: Any
-    """(1,), N s/m, or None."""
-    gravity: Any
-    """(1,), m/s²."""
-
-
 class Prepared(NamedTuple):
     """What is not rational in q."""
 
@@ -79,13 +53,11 @@ class Prepared(NamedTuple):
     """Lengths of the springs (2,), m."""
 
 
-@generic
 def above_slider(parameters, q):
     """Return how far the hinges are above the slider, m."""
     return parameters.hinge[1] - q[SLIDER_HEIGHT]
 
 
-@generic
 def prepare(arithmetic, parameters, q, t):
     """Return the `Prepared` at q (4,).
 
@@ -103,19 +75,12 @@ def prepare(arithmetic, parameters, q, t):
 # ---- How the bodies move -------------------------------------------------------------------------
 
 
-@generic
 def rotations(cos, sin, v):
     """Return ω (3, 3) of slider and arms, along axes of the bodies."""
-    omega = np.zeros((3, 3), v.dtype)
-    omega[0, 2] = v[TURN]
-    for i in range(2):
-        omega[i + 1, 0] = -sin[i] * v[TURN]
-        omega[i + 1, 1] = v[ARMS[i]]
-        omega[i + 1, 2] = cos[i] * v[TURN]
-    return omega
+    arms = [[-sin[i] * v[TURN], v[ARMS[i]], cos[i] * v[TURN]] for i in range(2)]
+    return np.array([[0, 0, v[TURN]], *arms], v.dtype)
 
 
-@generic
 def jacobians(parameters, prepared, q, v):
     """Return the `Jacobians`, V of an arm along its radial, tangential and upward directions."""
     cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
@@ -140,7 +105,6 @@ def jacobians(parameters, prepared, q, v):
     return Jacobians(linear, angular, rest, angular_rest, moments)
 
 
-@generic
 def tension(length, rest_length, stiffness, damping, rate):
     """Return the pull of a spring and its damper, N, while the spring grows at `rate`."""
     pull = stiffness[0] * (length - rest_length[0])
@@ -149,14 +113,12 @@ def tension(length, rest_length, stiffness, damping, rate):
     return pull + damping[0] * rate
 
 
-@generic
 def spring_gradient(parameters, prepared, q, i):
     """Return ∂(length of spring i)/∂s and ∂(length of spring i)/∂θ_i."""
     reach, high, length = parameters.attachment[0], above_slider(parameters, q), prepared.spring[i]
     return (reach * prepared.sin[i] - high) / length, -reach * high * prepared.cos[i] / length
 
 
-@generic
 def forces(parameters, prepared, q, v):
     """Return Q (4,): weights, springs and dampers."""
     stiffness, rest_length = parameters.stiffness, parameters.rest_length
@@ -176,7 +138,6 @@ def forces(parameters, prepared, q, v):
 # ---- The second derivation: positions and velocities only ----------------------------------------
 
 
-@generic
 def velocities(parameters, prepared, q, v):
     """Return the velocities of the centres of mass along x, y, z (3, 3), and of rotation (3, 3)."""
     cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
@@ -193,7 +154,6 @@ def velocities(parameters, prepared, q, v):
     return V, rotations(cos, sin, v)
 
 
-@generic
 def potential(parameters, prepared, q):
     """Return U, J, of weights and springs."""
     mass, gravity = parameters.mass, parameters.gravity[0]
@@ -206,7 +166,6 @@ def potential(parameters, prepared, q):
     return U
 
 
-@generic
 def damper_dissipation(damping, first, second):
     """Return R of two dampers from how fast they grow, W; None without them."""
     if damping is None:
@@ -214,7 +173,6 @@ def damper_dissipation(damping, first, second):
     return damping[0] * (first * first + second * second) / 2
 
 
-@generic
 def growth(parameters, prepared, q, v, i):
     """Return how fast spring i grows, m/s: the rate of its square, halved, by its length."""
     reach, cos, sin = parameters.attachment[0], prepared.cos[i], prepared.sin[i]
@@ -223,7 +181,6 @@ def growth(parameters, prepared, q, v, i):
     return (rise * rate - reach * cos * sin * swing) / prepared.spring[i]
 
 
-@generic
 def dissipation(parameters, prepared, q, v):
     """Return R, W, or None: half the power that the dampers take."""
     return damper_dissipation(
@@ -236,51 +193,38 @@ def dissipation(parameters, prepared, q, v):
 # ---- The scene -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FlyballGovernor(Parametric, Assembled, functions=globals()):
+class FlyballGovernor(Parametric, functions=globals()):
     """A flyball governor with springs for couplers, by default that of the benchmark.
 
-    Args:
-        slider: its mass, kg, positive.
-        spinning: moment of inertia of slider and shaft about the vertical, kg m², not negative.
-        arm: mass of an arm with its ball, kg, positive.
-        center: from the hinge to the centre of mass of an arm, m, positive.
-        along: moment of inertia of an arm about itself, kg m², not negative.
-        across: about its centre of mass, across, kg m², not negative.
-        hinge: distance of the hinges from the axis, and of the springs at the slider, m, positive.
-        top: height of the hinges, m.
-        attachment: from the hinge to the spring, m, positive.
-        stiffness: K of a spring, N/m, not negative.
-        rest_length: of a spring, m, not negative.
-        damping: C of a damper, N s/m, not negative, or None without.
-        gravity: g, m/s², not negative, downwards.
-        height: s at t = 0, m.
-        angle: of both arms below the horizontal at t = 0, rad.
-        rate: of the shaft at t = 0, rad/s.
-
-    Raises:
-        InputError: not finite, or out of the range given above.
+    At t = 0 it turns at `rate`, both arms at `angle` below the horizontal, the slider at `height`.
     """
 
-    slider: Any = parameter(SLIDER, "positive", drawn=Range(0.1, 10.0))
-    spinning: Any = parameter(SPINNING, "not negative", drawn=Range(0.01, 1.0))
-    arm: Any = parameter(ARM, "positive", drawn=Range(0.1, 10.0))
-    center: Any = parameter(CENTER, "positive", drawn=Range(0.1, 1.0))
-    along: Any = parameter(ALONG, "not negative", drawn=Range(0.01, 1.0))
-    across: Any = parameter(ACROSS, "not negative", drawn=Range(0.01, 1.0))
-    hinge: Any = parameter(0.05, "positive", drawn=Range(0.01, 0.2))
-    top: Any = parameter(1.0)
-    attachment: Any = parameter(0.5, "positive", drawn=Range(0.3, 0.6))
-    stiffness: Any = parameter(8e5, "not negative", drawn=Range(0.0, 1e4))
-    rest_length: Any = parameter(0.5, "not negative", drawn=Range(0.0, 1.0))
-    damping: Any = parameter(4e4, "not negative", drawn=Range(0.0, 100.0, optional=True))
-    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0))
-    height: Any = parameter(0.5)
-    angle: Any = parameter(float(np.pi / 6))
-    rate: Any = parameter(float(2 * np.pi))
+    slider: Any = parameter("its mass", "kg", "> 0", (0.1, 10.0), default=SLIDER, read=False)
+    spinning: Any = parameter(
+        "I of slider and shaft", "kg m²", ">= 0", (0.01, 1.0), default=SPINNING, read=False
+    )
+    arm: Any = parameter("mass of an arm", "kg", "> 0", (0.1, 10.0), default=ARM, read=False)
+    center: Any = parameter("of an arm, from the hinge", "m", "> 0", (0.1, 1.0), default=CENTER)
+    along: Any = parameter(
+        "I of an arm about itself", "kg m²", ">= 0", (0.01, 1.0), default=ALONG, read=False
+    )
+    across: Any = parameter(
+        "I of an arm, central, across", "kg m²", ">= 0", (0.01, 1.0), default=ACROSS, read=False
+    )
+    hinge: Any = parameter("from the axis to hinges", "m", "> 0", (0.01, 0.2), default=0.05)
+    top: Any = parameter("height of the hinges", "m", default=1.0, read=False)
+    attachment: Any = parameter("from hinge to spring", "m", "> 0", (0.3, 0.6), default=0.5)
+    stiffness: Any = parameter("K of a spring", "N/m", ">= 0", (0.0, 1e4), default=8e5)
+    rest_length: Any = parameter("of a spring", "m", ">= 0", (0.0, 1.0), default=0.5)
+    damping: Any = parameter("C", "N s/m", ">= 0", (0.0, 100.0, None), default=4e4)
+    gravity: Any = parameter("g, downwards", "m/s²", ">= 0", (0.0, 20.0), default=9.81)
+    height: Any = parameter("s at t = 0", "m", default=0.5, read=False)
+    angle: Any = parameter("θ at t = 0", "rad", default=float(np.pi / 6), read=False)
+    rate: Any = parameter("ψ̇ at t = 0", "rad/s", default=float(2 * np.pi), read=False)
 
     key = "flyball-governor"
     named_coordinates = "s", "ψ", "θ_1", "θ_2"
+    drawn_coordinates = Range(0.0, 0.6), ANY_ANGLE, Range(-1.2, 1.2), Range(-1.2, 1.2)
     conserves_energy = True
     angle_coordinates = slice(1, None)
 
@@ -297,27 +241,16 @@ class FlyballGovernor(Parametric, Assembled, functions=globals()):
         yield governor
         yield cls(damping=None)
 
-    def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return heights below the hinges, any turn, and arms up to 1.2 rad from the horizontal."""
-        arm = Range(-1.2, 1.2)
-        return Range(0.0, 0.6), Range(-np.pi, np.pi), arm, arm
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return masses (3,), inertia (3, 3, 3), and radius and height of the hinges (2,).
 
-    def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
-        moments = number(np.array([self.spinning, self.along, self.across]))
-        inertia = np.zeros((3, 3, 3), moments.dtype)
-        inertia[0, 2, 2] = moments[0]
-        for k in (1, 2):
-            inertia[k, 0, 0] = moments[1]
-            inertia[k, 1, 1] = inertia[k, 2, 2] = moments[2]
-        return self.in_numbers(
-            arithmetic,
-            Parameters,
-            mass=number(np.array([self.slider, self.arm]))[[0, 1, 1]],
-            inertia=inertia,
-            hinge=number(np.array([self.hinge, self.top])),
-        )
+        Inertia is along the arms, tangential and across, of slider and shaft about the vertical.
+        """
+        mass = arithmetic.numbers(np.array([self.slider, self.arm]))[[0, 1, 1]]
+        of = arithmetic.numbers(np.array([self.spinning, self.along, self.across]))
+        moments = np.array([[0, 0, of[0]], of[[1, 2, 2]], of[[1, 2, 2]]], of.dtype)
+        hinge = arithmetic.numbers(np.array([self.hinge, self.top]))
+        return {"mass": mass, "inertia": diagonal(moments), "hinge": hinge}
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return both arms at `angle`, the slider at `height`, all turning at `rate`."""

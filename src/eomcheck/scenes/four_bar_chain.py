@@ -15,220 +15,109 @@ Source: the N four-bar mechanism of the IFToMM benchmark library, A02 (Gonzalez 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import InputError
-from eomcheck.mechanics.assembled import Assembled, Jacobians
-from eomcheck.mechanics.parameters import Parametric, parameter, whole_links
+from eomcheck.mechanics import linkage
+from eomcheck.mechanics.gravity import height_energy, weights
+from eomcheck.mechanics.linkage import backwards, halved, rods, with_row
+from eomcheck.mechanics.parameters import OfLinks, parameter, whole_links
+from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
-
-
-class Parameters(NamedTuple):
-    """The parameters of a `FourBarChain` in some kind of number; bodies in the order of q."""
-
-    mass: Any
-    """(2N+1,), kg."""
-    inertia: Any
-    """About the centres of mass (2N+1, 1, 1), kg m²."""
-    length: Any
-    """(2N+1,), m."""
-    gravity: Any
-    """g (1,), m/s², or None."""
-    repeated: Any
-    """How many times the last row of the constraints there is a further row (1,), or None."""
-
-
-@generic
-def prepare(arithmetic, parameters, q, t):
-    """Return the `Angles` of the links."""
-    return arithmetic.angles(q)
-
 
 # ---- How the links move --------------------------------------------------------------------------
 
 
-@generic
 def jacobians(parameters, angles, q, v):
     """Return the `Jacobians`: a rod moves the coupler that starts at its tip by its length."""
-    length, cos, sin = parameters.length, angles.cos, angles.sin
-    bodies = cos.size
-    windows = bodies // 2
-    linear = np.zeros((bodies, 2, bodies), cos.dtype)
-    angular = np.zeros((bodies, 1, bodies), cos.dtype)
-    rest, angular_rest = np.zeros((bodies, 2), cos.dtype), np.zeros((bodies, 1), cos.dtype)
-    for i in range(bodies):
-        x, y = length[i] * cos[i] / 2, length[i] * sin[i] / 2
-        angular[i, 0, i] = 1
-        linear[i, 0, i], linear[i, 1, i] = -y, x
-        rest[i, 0], rest[i, 1] = -x * v[i] * v[i], -y * v[i] * v[i]
-    for k in range(windows):
-        before, coupler = k - 1, windows + k
-        x, y = length[before] * cos[before], length[before] * sin[before]
-        linear[coupler, 0, before], linear[coupler, 1, before] = -y, x
-        rest[coupler, 0] -= x * v[before] * v[before]
-        rest[coupler, 1] -= y * v[before] * v[before]
-    return Jacobians(linear, angular, rest, angular_rest, None)
+    tips, windows = rods(parameters.length, angles), q.size // 2
+    halves = halved(tips)
+    upright = [[half] for half in halves[:windows]]
+    couplers = [[tips[k - 1], halves[windows + k]] for k in range(windows)]
+    return linkage.pinned_jacobians([*upright, *couplers, halves[-1:]], v)
 
 
-@generic
-def weights(gravity, mass, length, cos):
-    """Return Q (2N+1,) of gravity, or None without it."""
-    if gravity is None:
-        return None
-    bodies = cos.size
-    windows = bodies // 2
-    Q = np.zeros(bodies, cos.dtype)
-    for i in range(bodies):
-        Q[i] = -gravity[0] * mass[i] * length[i] * cos[i] / 2
-    for k in range(windows):
-        before = k - 1
-        Q[before] -= gravity[0] * mass[windows + k] * length[before] * cos[before]
-    return Q
-
-
-@generic
 def forces(parameters, angles, q, v):
     """Return Q (2N+1,), or None."""
-    return weights(parameters.gravity, parameters.mass, parameters.length, angles.cos)
+    x, windows = parameters.length * angles.cos, q.size // 2
+    upward = np.zeros((q.size, q.size), q.dtype)
+    for i in range(q.size):
+        upward[i, i] = x[i] / 2
+    for k in range(windows):
+        upward[windows + k, k - 1] = x[k - 1]
+    return weights(parameters.gravity, parameters.mass, upward)
 
 
 # ---- What closes the windows ---------------------------------------------------------------------
 
 
-@generic
-def with_repeated(rows, repeated):
-    """Return rows (k, m) and, unless `repeated` is None, the last one once more, multiplied."""
-    if repeated is None:
-        return rows
-    count, columns = rows.shape
-    more = np.zeros((count + 1, columns), rows.dtype)
-    more[:count] = rows
-    for j in range(columns):
-        more[count, j] = repeated[0] * rows[count - 1, j]
-    return more
+def around(parameters, angles, windows):
+    """Return the arms around each window: up a rod, along the coupler, down the next rod."""
+    tips = rods(parameters.length, angles)
+    return [[tips[k - 1], tips[windows + k], *backwards([tips[k]])] for k in range(windows)]
 
 
-@generic
 def constraints(parameters, angles, q):
     """Return (a (r, 2N+1), None): rows 2k and 2k+1 are the rate of window k along x and y."""
-    length, cos, sin = parameters.length, angles.cos, angles.sin
-    bodies = cos.size
-    windows = bodies // 2
-    a = np.zeros((2 * windows, bodies), cos.dtype)
-    for k in range(windows):
-        before, coupler = k - 1, windows + k
-        a[2 * k, before] = -length[before] * sin[before]
-        a[2 * k + 1, before] = length[before] * cos[before]
-        a[2 * k, coupler] = -length[coupler] * sin[coupler]
-        a[2 * k + 1, coupler] = length[coupler] * cos[coupler]
-        a[2 * k, k] = length[k] * sin[k]
-        a[2 * k + 1, k] = -length[k] * cos[k]
-    return with_repeated(a, parameters.repeated), None
+    windows = q.size // 2
+    a = linkage.closing(around(parameters, angles, windows), windows, q)
+    return with_row(a, a[-1:], parameters.repeated), None
 
 
-@generic
 def drift(parameters, angles, q, v):
     """Return gamma (r,): the links' centripetal accelerations around each window."""
-    length, cos, sin = parameters.length, angles.cos, angles.sin
-    bodies = cos.size
-    windows = bodies // 2
-    gamma = np.zeros((2 * windows, 1), v.dtype)
-    for k in range(windows):
-        before, coupler = k - 1, windows + k
-        first = length[before] * v[before] * v[before]
-        across = length[coupler] * v[coupler] * v[coupler]
-        last = length[k] * v[k] * v[k]
-        gamma[2 * k, 0] = last * cos[k] - first * cos[before] - across * cos[coupler]
-        gamma[2 * k + 1, 0] = last * sin[k] - first * sin[before] - across * sin[coupler]
-    gamma = with_repeated(gamma, parameters.repeated)
-    return gamma.reshape(gamma.size)
-
-
-@generic
-def position_residual(parameters, angles, q):
-    """Return by how much each window does not close (r,), m; the ground is as long as couplers."""
-    length, cos, sin = parameters.length, angles.cos, angles.sin
-    bodies = cos.size
-    windows = bodies // 2
-    gap = np.zeros((2 * windows, 1), q.dtype)
-    for k in range(windows):
-        before, coupler = k - 1, windows + k
-        gap[2 * k, 0] = (
-            length[before] * cos[before] + length[coupler] * (cos[coupler] - 1) - length[k] * cos[k]
-        )
-        gap[2 * k + 1, 0] = (
-            length[before] * sin[before] + length[coupler] * sin[coupler] - length[k] * sin[k]
-        )
-    gap = with_repeated(gap, parameters.repeated)
-    return gap.reshape(gap.size)
+    windows = q.size // 2
+    gamma = linkage.closing_drift(around(parameters, angles, windows), windows, v)
+    return with_row(gamma, gamma[-1:], parameters.repeated)
 
 
 # ---- The second derivation: positions and velocities only ----------------------------------------
 
 
-@generic
-def tip_velocity(parameters, angles, v, i):
-    """Return the velocity (x, y) of the far end of link i against its near end, m/s."""
-    speed = parameters.length[i] * v[i]
-    return -speed * angles.sin[i], speed * angles.cos[i]
-
-
-@generic
 def velocities(parameters, angles, q, v):
     """Return the velocities of the centres of mass (2N+1, 2) and of rotation (2N+1, 1)."""
-    bodies = v.size
-    windows = bodies // 2
-    V = np.zeros((bodies, 2), v.dtype)
-    for i in range(bodies):
-        x, y = tip_velocity(parameters, angles, v, i)
-        V[i, 0], V[i, 1] = x / 2, y / 2
-    for k in range(windows):
-        x, y = tip_velocity(parameters, angles, v, k - 1)
-        V[windows + k, 0] += x
-        V[windows + k, 1] += y
-    return V, v.reshape(bodies, 1)
+    speed, windows = parameters.length * v, v.size // 2
+    tips = -speed * angles.sin, speed * angles.cos
+    V = np.zeros((v.size, 2), v.dtype)
+    for i in range(2):
+        V[:, i] = tips[i] / 2
+        for k in range(windows):
+            V[windows + k, i] += tips[i][k - 1]
+    return V, v.reshape(v.size, 1)
 
 
-@generic
+def round_windows(x, y):
+    """Return where the links with these components lead around each window (2N,)."""
+    windows = x.size // 2
+    gap = [[z[k - 1] + z[windows + k] - z[k] for z in (x, y)] for k in range(windows)]
+    return np.array(gap, x.dtype).reshape(2 * windows)
+
+
+def position_residual(parameters, angles, q):
+    """Return by how much each window does not close (r,), m; the ground is as long as couplers."""
+    windows, x = q.size // 2, parameters.length * angles.cos
+    x[windows:-1] -= parameters.length[windows:-1]
+    gap = round_windows(x, parameters.length * angles.sin)
+    return with_row(gap, gap[-1:], parameters.repeated)
+
+
 def constraint(parameters, angles, q, v):
     """Return c (r,), m/s: how the end of each coupler moves against the tip of its second rod."""
-    bodies = v.size
-    windows = bodies // 2
-    c = np.zeros((2 * windows, 1), v.dtype)
-    for k in range(windows):
-        x_1, y_1 = tip_velocity(parameters, angles, v, k - 1)
-        x_2, y_2 = tip_velocity(parameters, angles, v, windows + k)
-        x_3, y_3 = tip_velocity(parameters, angles, v, k)
-        c[2 * k, 0], c[2 * k + 1, 0] = x_1 + x_2 - x_3, y_1 + y_2 - y_3
-    c = with_repeated(c, parameters.repeated)
-    return c.reshape(c.size)
+    speed = parameters.length * v
+    c = round_windows(-speed * angles.sin, speed * angles.cos)
+    return with_row(c, c[-1:], parameters.repeated)
 
 
-@generic
-def height_energy(gravity, mass, length, sin):
-    """Return U = g Σ m y, J, or None without gravity."""
-    if gravity is None:
-        return None
-    bodies = sin.size
-    windows = bodies // 2
-    U = 0
-    for i in range(bodies):
-        U += gravity[0] * mass[i] * length[i] * sin[i] / 2
-    for k in range(windows):
-        before = k - 1
-        U += gravity[0] * mass[windows + k] * length[before] * sin[before]
-    return U
-
-
-@generic
 def potential(parameters, angles, q):
     """Return U, J, or None."""
-    return height_energy(parameters.gravity, parameters.mass, parameters.length, angles.sin)
+    windows, tips = q.size // 2, parameters.length * angles.sin
+    heights = tips / 2
+    for k in range(windows):
+        heights[windows + k] += tips[k - 1]
+    return height_energy(parameters.gravity, parameters.mass, heights)
 
 
 # ---- The scene -----------------------------------------------------------------------------------
@@ -239,44 +128,31 @@ def of_bodies(windows: int) -> tuple[int, ...]:
     return (2 * windows + 1,)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FourBarChain(Parametric, Assembled, functions=globals()):
+class FourBarChain(OfLinks, functions=globals()):
     """N four-bar linkages side by side, N >= 1: closed loops through singular poses.
 
-    Args:
-        mass: of rods 1 .. N, couplers 1 .. N and rod 0 (2N+1,), kg, positive.
-        inertia: of the same about their centres of mass (2N+1,), kg m², not negative.
-        length: of the rods, m, positive.
-        span: of the couplers and of the ground between two rods, m, positive.
-        gravity: g, m/s², not negative, along -y, or None without.
-        angle: of all rods at t = 0, rad.
-        rate: at which they turn at t = 0, rad/s.
-        repeated: repeat the last row of the constraints so many times over, or None. The rows then
-            depend on each other at every state.
-
-    Raises:
-        InputError: wrong shape, not finite, or out of the range given above.
+    Bodies are rods 1 .. N, couplers 1 .. N and rod 0. Without gravity, it is None. If the last row
+    of the constraints is repeated, the rows depend on each other at every state.
     """
 
-    mass: Any = parameter(sign="positive", shape=of_bodies, drawn=Range(0.1, 10.0))
-    inertia: Any = parameter(sign="not negative", shape=of_bodies, drawn=Range(0.01, 10.0))
-    length: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
-    span: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
-    gravity: Any = parameter(9.81, "not negative", drawn=Range(0.0, 20.0, optional=True))
-    angle: Any = parameter(np.pi / 2)
-    rate: Any = parameter(-1.0)
-    repeated: Any = parameter(None, optional=True)
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), of_bodies)
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), of_bodies)
+    length: Any = parameter("of rods", "m", "> 0", (0.1, 10.0), default=1.0, read=False)
+    span: Any = parameter("of couplers, ground", "m", "> 0", (0.1, 10.0), default=1.0, read=False)
+    gravity: Any = parameter("g, along -y", "m/s²", ">= 0", (0.0, 20.0, None), default=9.81)
+    angle: Any = parameter("of all rods at t = 0", "rad", default=np.pi / 2, read=False)
+    rate: Any = parameter("at which they turn at t = 0", "rad/s", default=-1.0, read=False)
+    repeated: Any = parameter("times the last row is repeated", "1", default=None, optional=True)
 
     key = "four-bar-chain"
+    one_mass_each = "N >= 1 windows have 2N+1 links, one mass each"
     conserves_energy = True
-    has_links = True
     angle_coordinates = slice(0, None)
 
-    def __post_init__(self):
-        bodies = np.size(self.mass)
-        if np.ndim(self.mass) != 1 or bodies < 3 or bodies % 2 == 0:
-            raise InputError(f"mass = {self.mass!r}: N >= 1 windows have 2N+1 links, one mass each")
-        self.check_fields(bodies // 2)
+    @staticmethod
+    def links_of(masses: int) -> int:
+        """Return the number of windows for so many masses."""
+        return masses // 2
 
     @classmethod
     def rods(cls, windows: int) -> FourBarChain:
@@ -297,19 +173,9 @@ class FourBarChain(Parametric, Assembled, functions=globals()):
         return (*[rod] * self.windows, *[coupler] * self.windows, rod)
 
     @property
-    def links(self) -> int:
-        """N: what kinds of scenes that have a number of links to choose call it."""
-        return self.windows
-
-    @property
     def windows(self) -> int:
         """N."""
-        return self.mass.size // 2
-
-    @property
-    def name(self) -> str:
-        """four-bar-chain[N]."""
-        return f"{self.key}[{self.windows}]"
+        return self.links
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -324,17 +190,10 @@ class FourBarChain(Parametric, Assembled, functions=globals()):
         names = [f"window {k}, {axis}" for k in numbers for axis in "xy"]
         return (*names, *(() if self.repeated is None else ("repeated",)))
 
-    def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
-        number = arithmetic.numbers
-        length, span = number(self.length.reshape(1)), number(self.span.reshape(1))
-        rods, couplers = [length] * self.windows, [span] * self.windows
-        return self.in_numbers(
-            arithmetic,
-            Parameters,
-            inertia=number(self.inertia.reshape(-1, 1, 1)),
-            length=np.concatenate((*rods, *couplers, length)),
-        )
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return the lengths of rods and couplers (2N+1,)."""
+        length, span = (arithmetic.numbers(x.reshape(1)) for x in (self.length, self.span))
+        return {"length": np.concatenate((*[length] * self.links, *[span] * self.links, length))}
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return all rods at `angle`, turning at `rate`, couplers horizontal."""
@@ -357,7 +216,7 @@ class FourBarChain(Parametric, Assembled, functions=globals()):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield one turn of every link by 2π, which changes nothing."""
-        yield Symmetry("full turns", self, q + 2.0 * np.pi, v, np.eye(self.n))
+        yield full_turns(self, q, v)
 
     def tree(self) -> Tree:
         """Return the windows cut open where couplers end: rod 0, coupler 1, rod 1, coupler 2 ..."""

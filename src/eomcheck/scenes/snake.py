@@ -13,96 +13,57 @@ The functions are in `snake_terms`, `snake_speeds`, `snake_chain` and `snake_ene
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import RefusedError
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.parameters import Parametric, of_joints, of_links, parameter, whole_links
+from eomcheck.mechanics.linkage import serial_tree
+from eomcheck.mechanics.parameters import (
+    OfLinks,
+    of_joints,
+    of_links,
+    parameter,
+    stretched,
+    whole_links,
+)
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
-
-
-class Parameters(NamedTuple):
-    """The parameters of a `Snake` in some kind of number."""
-
-    mass: Any
-    """(N,), kg."""
-    length: Any
-    """(N,), m."""
-    inertia: Any
-    """About the centres of mass (N,), kg m²."""
-    stiffness: Any
-    """Of the joints (N-1,), N m/rad, or None without springs."""
-    damping: Any
-    """Of the joints (N-1,), N m s/rad, or None without dampers."""
-    cos_alpha: Any
-    """(N,)."""
-    sin_alpha: Any
-    """(N,)."""
-
-
-@generic
-def prepare(arithmetic, parameters, q, t):
-    """Return the `Angles` of the links."""
-    return arithmetic.angles(q[2:])
-
 
 OF_JOINTS = ("stiffness", "damping")
 """The parameters of which every joint has one."""
 
 
 PARTS = snake_terms, snake_speeds, snake_chain, snake_energies
-FUNCTIONS = {"prepare": prepare} | {name: x for part in PARTS for name, x in vars(part).items()}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Snake(Parametric, functions=FUNCTIONS):
+class Snake(OfLinks, functions=PARTS):
     """An N-link wheeled snake, N >= 1.
 
-    Args:
-        mass: of the links (N,), kg, positive.
-        length: of the links (N,), m, positive.
-        inertia: of the links about their centres of mass (N,), kg m², not negative.
-        stiffness: of the joints (N-1,), N m/rad, or None without springs.
-        wheel_angle: α of the wheels against their links (N,), rad. For i >= 2 the generalized
-            speeds (`ml`, `kane`) do not exist at ±π/2, nor for i <= N-2 the paper's partition
-            (`el`, `em`).
-        pose: θ at t = 0 (N,), rad; all zero (stretched along x) if not given.
-        damping: of the joints, viscous (N-1,), N m s/rad, not negative; None without dampers.
-
-    Raises:
-        InputError: wrong shape, not finite, or out of the range given above.
+    For i >= 2 the generalized speeds (`ml`, `kane`) do not exist where a wheel stands at ±π/2
+    against its link, nor for i <= N-2 the paper's partition (`el`, `em`).
     """
 
-    mass: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
-    length: Any = parameter(sign="positive", shape=of_links, drawn=Range(0.1, 10.0))
-    inertia: Any = parameter(sign="not negative", shape=of_links, drawn=Range(0.01, 10.0))
-    stiffness: Any = parameter(shape=of_joints, drawn=Range(0.0, 1e4, optional=True))
-    wheel_angle: Any = parameter(shape=of_links, drawn=Range(-1.0, 1.0))
-    pose: Any = parameter(None, shape=of_links, otherwise=lambda snake: np.zeros(snake.links))
-    damping: Any = parameter(
-        None, "not negative", of_joints, drawn=Range(0.0, 100.0, optional=True)
-    )
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), of_links)
+    length: Any = parameter("L", "m", "> 0", (0.1, 10.0), of_links)
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), of_links)
+    stiffness: Any = parameter("K", "N m/rad", "", (0.0, 1e4, None), of_joints)
+    wheel_angle: Any = parameter("α to links", "rad", "", (-1.0, 1.0), of_links, read=False)
+    pose: Any = parameter("θ at t = 0", "rad", shape=of_links, default=stretched, read=False)
+    damping: Any = parameter("", "N m s/rad", ">= 0", (0.0, 100.0, None), of_joints, default=None)
 
     key = "snake"
+    one_mass_each = "a snake has at least 1 link, one mass each"
     conserves_energy = True
-    has_links = True
     usually_absent = frozenset({"damping"})
     angle_coordinates = slice(2, None)
 
     def __post_init__(self):
-        try:
-            (links,) = np.shape(self.mass)
-        except ValueError:
-            links = 0
-        if links < 1:
-            raise InputError(f"mass = {self.mass!r}: a snake has at least 1 link, one mass each")
+        links = self.counted_links()
         for name in OF_JOINTS:
             if links == 1 and np.size(getattr(self, name)) == 0:
                 object.__setattr__(self, name, None)
@@ -167,18 +128,13 @@ class Snake(Parametric, functions=FUNCTIONS):
         return np.concatenate(([0.0, 0.0], self.pose)), np.zeros(self.n)
 
     def __repr__(self) -> str:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {name: getattr(self, name) for name in self.declared}
         if not self.pose.any():
             del values["pose"]
         if self.damping is None:
             del values["damping"]
         listed = (f"{k}={None if v is None else v.tolist()}" for k, v in values.items())
         return f"Snake({', '.join(listed)})"
-
-    @property
-    def links(self) -> int:
-        """N."""
-        return self.mass.size
 
     @property
     def n(self) -> int:
@@ -196,11 +152,6 @@ class Snake(Parametric, functions=FUNCTIONS):
         return 2 * self.links
 
     @property
-    def name(self) -> str:
-        """snake[N]."""
-        return f"snake[{self.links}]"
-
-    @property
     def coordinate_names(self) -> tuple[str, ...]:
         """x, y, θ_1 .. θ_N."""
         return ("x", "y", *(f"θ_{i + 1}" for i in range(self.links)))
@@ -210,10 +161,10 @@ class Snake(Parametric, functions=FUNCTIONS):
         """wheel 1 .. wheel N."""
         return tuple(f"wheel {i + 1}" for i in range(self.links))
 
-    def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return cosines and sines of the wheels' angles (N,)."""
         wheel = arithmetic.angles(self.wheel_angle)
-        return self.in_numbers(arithmetic, Parameters, cos_alpha=wheel.cos, sin_alpha=wheel.sin)
+        return {"cos_alpha": wheel.cos, "sin_alpha": wheel.sin}
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos α_i| <= 4 eps for i >= 2: the recursion divides by it.
@@ -240,19 +191,4 @@ class Snake(Parametric, functions=FUNCTIONS):
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""
-        links = self.links
-        offset = np.zeros((links + 2, 3))
-        offset[3:, 0] = self.length[:-1]
-        center = np.zeros((links + 2, 3))
-        center[2:, 0] = self.length / 2
-        coordinates = np.eye(links + 2)
-        coordinates[np.arange(3, links + 2), np.arange(2, links + 1)] = -1.0
-        return Tree(
-            parent=tuple(range(-1, links + 1)),
-            joint=("px", "py", *["rz"] * links),
-            offset=offset,
-            mass=np.r_[0.0, 0.0, self.mass],
-            center=center,
-            inertia=np.r_[0.0, 0.0, self.inertia],
-            coordinates=coordinates,
-        )
+        return serial_tree(self.mass, self.length, self.inertia, free=True)

@@ -13,20 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.mechanics.records import Chain
-from eomcheck.numbers.generic import generic
+from eomcheck.scenes.snake_terms import first_wheel, rolling_directions
 
 
-@generic
-def wheel_directions(cos_alpha, sin_alpha, cos, sin):
-    """Return (cos φ, sin φ), each (N,)."""
-    return cos_alpha * cos - sin_alpha * sin, sin_alpha * cos + cos_alpha * sin
-
-
-@generic
 def quasi_velocities(parameters, angles, q, v):
     """Return x (2N,) of any v: plain sums from the tip of link 1, in which nothing grows."""
     length, cos, sin = parameters.length, angles.cos, angles.sin
-    cos_phi, sin_phi = wheel_directions(parameters.cos_alpha, parameters.sin_alpha, cos, sin)
+    cos_phi, sin_phi = rolling_directions(parameters.cos_alpha, parameters.sin_alpha, cos, sin)
     links = length.size
     x = np.zeros(2 * links, v.dtype)
     Vx, Vy = v[0], v[1]
@@ -39,12 +32,10 @@ def quasi_velocities(parameters, angles, q, v):
     return x
 
 
-@generic
 def chain_velocity(parameters, angles, q, x):
     """Return v (N+2,): the tip of link 1 from wheel 1, then every ω_k."""
     cos, sin = angles.cos[0], angles.sin[0]
-    cos_phi = parameters.cos_alpha[0] * cos - parameters.sin_alpha[0] * sin
-    sin_phi = parameters.sin_alpha[0] * cos + parameters.cos_alpha[0] * sin
+    cos_phi, sin_phi = first_wheel(parameters, angles)
     across = parameters.length[0] / 2 * x[1]
     v = np.zeros(parameters.length.size + 2, x.dtype)
     v[0] = x[0] * cos_phi + across * sin
@@ -53,12 +44,10 @@ def chain_velocity(parameters, angles, q, x):
     return v
 
 
-@generic
 def chain_acceleration(parameters, angles, x, xdot):
     """Return v̇ (N+2,), as `chain_velocity` with V̇_1 and the rate -ω² (cos θ, sin θ) of n_1."""
     cos, sin = angles.cos[0], angles.sin[0]
-    cos_phi = parameters.cos_alpha[0] * cos - parameters.sin_alpha[0] * sin
-    sin_phi = parameters.sin_alpha[0] * cos + parameters.cos_alpha[0] * sin
+    cos_phi, sin_phi = first_wheel(parameters, angles)
     half = parameters.length[0] / 2
     turning, spin, across = x[0] * x[1], half * x[1] * x[1], half * xdot[1]
     vdot = np.zeros(parameters.length.size + 2, xdot.dtype)
@@ -68,7 +57,6 @@ def chain_acceleration(parameters, angles, x, xdot):
     return vdot
 
 
-@generic
 def wheel_masses(mass, inertia):
     """Return D (2N,): m_1, I_1, m_2, I_2, ..."""
     D = np.zeros(2 * mass.size, mass.dtype)
@@ -77,7 +65,6 @@ def wheel_masses(mass, inertia):
     return D
 
 
-@generic
 def torques_on(stiffness, damping, theta, omega):
     """Return what each joint turns its front link with (N-1,), N m; None without all of it."""
     if damping is None:
@@ -89,7 +76,6 @@ def torques_on(stiffness, damping, theta, omega):
     return stiffness * (theta[1:] - theta[:-1]) + damping * (omega[1:] - omega[:-1])
 
 
-@generic
 def wheel_forces(torque, theta):
     """Return f (2N,): the joints turn the links on both sides; None without torques (N-1,)."""
     if torque is None:
@@ -102,10 +88,9 @@ def wheel_forces(torque, theta):
     return f
 
 
-@generic
 def joints(length, cos_alpha, sin_alpha, cos, sin, x):
     """Return (A, C, d) of s' t' + L'/2 ω' n' = s t - L/2 ω n (dashed: link k-1) and of its rate."""
-    cos_phi, sin_phi = wheel_directions(cos_alpha, sin_alpha, cos, sin)
+    cos_phi, sin_phi = rolling_directions(cos_alpha, sin_alpha, cos, sin)
     links = length.size
     A = np.zeros((links - 1, 2, 2), cos.dtype)
     C = np.zeros((links - 1, 2, 2), cos.dtype)
@@ -129,17 +114,15 @@ def joints(length, cos_alpha, sin_alpha, cos, sin, x):
     return A, C, d
 
 
-@generic
 def chain(parameters, angles, q, x):
     """Return the `Chain` of the snake."""
-    mass, length, inertia, stiffness, damping, cos_alpha, sin_alpha = parameters
-    theta, cos, sin = angles
-    torque = torques_on(stiffness, damping, theta, x[1::2])
-    A, C, d = joints(length, cos_alpha, sin_alpha, cos, sin, x)
-    return Chain(wheel_masses(mass, inertia), wheel_forces(torque, theta), A, C, d)
+    cos_alpha, sin_alpha = parameters.cos_alpha, parameters.sin_alpha
+    torque = torques_on(parameters.stiffness, parameters.damping, angles.value, x[1::2])
+    A, C, d = joints(parameters.length, cos_alpha, sin_alpha, angles.cos, angles.sin, x)
+    D = wheel_masses(parameters.mass, parameters.inertia)
+    return Chain(D, wheel_forces(torque, angles.value), A, C, d)
 
 
-@generic
 def chain_multipliers(parameters, angles, chain, x, forces):
     """Return λ (N,), N: wheel k is held by m_k V̇_k · e_k less what its two joints give along e_k.
 

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.numbers.generic import generic
 
-
-@generic
 def velocities(parameters, angles, q, v):
     """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1), Eq. (25)."""
     length = parameters.length
@@ -26,7 +23,6 @@ def velocities(parameters, angles, q, v):
     return V, v[2:].reshape(links, 1)
 
 
-@generic
 def of_joints(factor, x):
     """Return Σ f_i (x_{i+1} - x_i)² / 2 over the joints, or None where no joint has an f."""
     if factor is None:
@@ -37,25 +33,17 @@ def of_joints(factor, x):
     return total
 
 
-@generic
-def energies(parameters, angles, q, v):
-    """Return (T, U), J: Eqs. (25)-(26); U is None without springs."""
-    V, omega = velocities(parameters, angles, q, v)
-    T = 0
-    for i in range(V.shape[0]):
-        T += parameters.mass[i] * (V[i, 0] * V[i, 0] + V[i, 1] * V[i, 1]) / 2
-        T += parameters.inertia[i] * omega[i, 0] * omega[i, 0] / 2
-    return T, of_joints(parameters.stiffness, angles.value)
+def potential(parameters, angles, q):
+    """Return U, J, of the springs, Eq. (26); None without."""
+    return of_joints(parameters.stiffness, angles.value)
 
 
-@generic
 def dissipation(parameters, angles, q, v):
     """Return R, W: half the power that the dampers take; None without dampers."""
     _, omega = velocities(parameters, angles, q, v)
     return of_joints(parameters.damping, omega[:, 0])
 
 
-@generic
 def constraint(parameters, angles, q, v):
     """Return c (N,), m/s: the velocity of each wheel along its axle, Eq. (28)."""
     V, _ = velocities(parameters, angles, q, v)

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.mechanics.records import Bodies, Speeds
-from eomcheck.numbers.generic import generic
-from eomcheck.scenes.snake_terms import joint_torque
+from eomcheck.scenes.snake_terms import first_wheel, joint_torque
 
 
 class Rolling(NamedTuple):
@@ -37,7 +36,6 @@ class Rolling(NamedTuple):
     """q̇ (N+2,): velocity of the tip of link 1, then every ω_k."""
 
 
-@generic
 def kinematics(parameters, angles, q, u):
     """Pass (s, ω) from link to link.
 
@@ -55,8 +53,9 @@ def kinematics(parameters, angles, q, u):
     s, omega = u[0], u[1]
     half = length[0] / 2
     v = np.empty(links + 2, cos.dtype)
-    v[0] = s * (cos_alpha[0] * cos[0] - sin_alpha[0] * sin[0]) + half * sin[0] * omega
-    v[1] = s * (sin_alpha[0] * cos[0] + cos_alpha[0] * sin[0]) - half * cos[0] * omega
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    v[0] = s * cos_phi + half * sin[0] * omega
+    v[1] = s * sin_phi - half * cos[0] * omega
     v[2] = omega
     for k in range(1, links):
         # psi = φ_k - θ_{k-1} and delta = φ_k - φ_{k-1}
@@ -99,15 +98,13 @@ def kinematics(parameters, angles, q, u):
     return Rolling(s_u, omega_u, s_rest, omega_rest, u, v)
 
 
-@generic
 def speeds(parameters, angles, rolling):
     """Return the `Speeds` of the snake: the tip of link 1 from (s_1, ω_1), then every ω_k."""
-    length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
+    length = parameters.length
     cos, sin = angles.cos, angles.sin
     links = length.size
     half = length[0] / 2
-    cos_phi = cos_alpha[0] * cos[0] - sin_alpha[0] * sin[0]
-    sin_phi = sin_alpha[0] * cos[0] + cos_alpha[0] * sin[0]
+    cos_phi, sin_phi = first_wheel(parameters, angles)
     turning = rolling.u[0] * rolling.u[1]
     spin = half * rolling.u[1] * rolling.u[1]
     W = np.zeros((links + 2, 2), cos.dtype)
@@ -121,13 +118,11 @@ def speeds(parameters, angles, rolling):
     return Speeds(W, rest, None)
 
 
-@generic
 def qdot(parameters, angles, rolling):
     """Return W u of `speeds`, passed from link to link with the recursion."""
     return rolling.v
 
 
-@generic
 def active_forces(stiffness, damping, theta, omega, omega_u):
     """Return F_Kane (2,) of springs and dampers by Eq. (D1), or None without both."""
     if stiffness is None and damping is None:
@@ -140,7 +135,6 @@ def active_forces(stiffness, damping, theta, omega, omega_u):
     return force
 
 
-@generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies` of the snake, d = e = 1: along the wheel and about the vertical."""
     stiffness, damping = parameters.stiffness, parameters.damping
@@ -157,14 +151,9 @@ def bodies(parameters, angles, rolling):
     )
 
 
-@generic
 def speeds_of(parameters, angles, q, v):
     """Return u = (s_1, ω_1) of a velocity v (Eq. (29)): V_1 · t_1 and θ̇_1."""
-    length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
-    cos, sin = angles.cos, angles.sin
-    cos_phi = cos_alpha[0] * cos[0] - sin_alpha[0] * sin[0]
-    sin_phi = sin_alpha[0] * cos[0] + cos_alpha[0] * sin[0]
-    u = np.zeros(2, v.dtype)
-    u[0] = v[0] * cos_phi + v[1] * sin_phi + length[0] / 2 * sin_alpha[0] * v[2]
-    u[1] = v[2]
-    return u
+    length, sin_alpha = parameters.length, parameters.sin_alpha
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    rolling = v[0] * cos_phi + v[1] * sin_phi + length[0] / 2 * sin_alpha[0] * v[2]
+    return np.array([rolling, v[2]], v.dtype)

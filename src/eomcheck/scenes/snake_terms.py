@@ -8,10 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.mechanics.records import Terms
-from eomcheck.numbers.generic import generic
 
 
-@generic
 def carried(mass, length):
     """Return (tail, mu), each (N,): the mass behind link i, and L_i (m_i/2 + tail_i)."""
     tail = np.zeros_like(mass)
@@ -20,7 +18,6 @@ def carried(mass, length):
     return tail, length * (mass / 2 + tail)
 
 
-@generic
 def mass_matrix(mass, length, inertia, cos, sin):
     """Return M (N+2, N+2): the Hessian of the kinetic energy of Eq. (25) in v."""
     links = mass.size
@@ -37,7 +34,6 @@ def mass_matrix(mass, length, inertia, cos, sin):
     return M
 
 
-@generic
 def bias(mass, length, cos, sin, omega):
     """Return B (N+2,): the centrifugal part of the equations of motion."""
     links = mass.size
@@ -61,13 +57,11 @@ def bias(mass, length, cos, sin, omega):
     return B
 
 
-@generic
 def spring_torque(stiffness, theta, joint):
     """Return k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
     return stiffness[joint] * (theta[joint] - theta[joint + 1])
 
 
-@generic
 def joint_torque(stiffness, damping, theta, omega, joint):
     """Return T_i = k_i (θ_i - θ_{i+1}) + d_i (ω_i - ω_{i+1}) of one joint, N m."""
     if damping is None:
@@ -78,8 +72,7 @@ def joint_torque(stiffness, damping, theta, omega, joint):
     return spring_torque(stiffness, theta, joint) + damper
 
 
-@generic
-def forces(stiffness, damping, theta, omega):
+def joint_forces(stiffness, damping, theta, omega):
     """Return Q (N+2,) of springs and dampers, Eqs. (26)-(27), or None without both."""
     if stiffness is None and damping is None:
         return None
@@ -91,17 +84,22 @@ def forces(stiffness, damping, theta, omega):
     return Q
 
 
-@generic
 def rolling_directions(cos_alpha, sin_alpha, cos, sin):
-    """Return (cos φ, sin φ), each (N,)."""
+    """Return (cos φ, sin φ), of one wheel or of all (N,)."""
     return cos_alpha * cos - sin_alpha * sin, sin_alpha * cos + cos_alpha * sin
 
 
-@generic
-def jacobian(length, cos_alpha, sin_alpha, cos, sin):
-    """Return a (N, N+2) of Eq. (28): row i is the velocity of wheel i along its axle."""
+def first_wheel(parameters, angles):
+    """Return (cos φ_1, sin φ_1)."""
+    cos_alpha, sin_alpha = parameters.cos_alpha[0], parameters.sin_alpha[0]
+    return rolling_directions(cos_alpha, sin_alpha, angles.cos[0], angles.sin[0])
+
+
+def constraints(parameters, angles, q):
+    """Return (a (N, N+2), None) of Eq. (28): row i is the velocity of wheel i along its axle."""
+    length, cos_alpha, cos, sin = parameters.length, parameters.cos_alpha, angles.cos, angles.sin
     links = length.size
-    cos_phi, sin_phi = rolling_directions(cos_alpha, sin_alpha, cos, sin)
+    cos_phi, sin_phi = rolling_directions(cos_alpha, parameters.sin_alpha, cos, sin)
     a = np.zeros((links, links + 2), cos.dtype)
     for i in range(links):
         a[i, 0] = sin_phi[i]
@@ -109,14 +107,14 @@ def jacobian(length, cos_alpha, sin_alpha, cos, sin):
         for j in range(i):
             a[i, j + 2] = -length[j] * (cos_phi[i] * cos[j] + sin_phi[i] * sin[j])
         a[i, i + 2] = -length[i] / 2 * cos_alpha[i]
-    return a
+    return a, None
 
 
-@generic
-def drift(length, cos_alpha, sin_alpha, cos, sin, v):
+def drift(parameters, angles, q, v):
     """Return gamma = ȧ v (N,): the rate of V_i · e_i at v̇ = 0, where ė_i = ω_i t_i."""
+    length, cos, sin = parameters.length, angles.cos, angles.sin
+    cos_phi, sin_phi = rolling_directions(parameters.cos_alpha, parameters.sin_alpha, cos, sin)
     links = length.size
-    cos_phi, sin_phi = rolling_directions(cos_alpha, sin_alpha, cos, sin)
     gamma = np.zeros(links, v.dtype)
     Vx, Vy = v[0], v[1]
     Ax = Ay = 0
@@ -133,23 +131,16 @@ def drift(length, cos_alpha, sin_alpha, cos, sin, v):
     return gamma
 
 
-@generic
+def forces(parameters, angles, q, v):
+    """Return Q (N+2,) of springs and dampers, or None."""
+    return joint_forces(parameters.stiffness, parameters.damping, angles.value, v[2:])
+
+
 def terms(parameters, angles, q, v):
     """Return the `Terms` of the snake; b is None, for wheels do not depend on time."""
-    mass, length, inertia, stiffness, damping, cos_alpha, sin_alpha = parameters
-    theta, cos, sin = angles
-    return Terms(
-        mass_matrix(mass, length, inertia, cos, sin),
-        forces(stiffness, damping, theta, v[2:]),
-        bias(mass, length, cos, sin, v[2:]),
-        jacobian(length, cos_alpha, sin_alpha, cos, sin),
-        drift(length, cos_alpha, sin_alpha, cos, sin, v),
-        None,
-    )
-
-
-@generic
-def constraints(parameters, angles, q):
-    """Return (a, b) of `terms`."""
-    length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
-    return jacobian(length, cos_alpha, sin_alpha, angles.cos, angles.sin), None
+    mass, length, cos, sin = parameters.mass, parameters.length, angles.cos, angles.sin
+    M = mass_matrix(mass, length, parameters.inertia, cos, sin)
+    Q = forces(parameters, angles, q, v)
+    B = bias(mass, length, cos, sin, v[2:])
+    a, b = constraints(parameters, angles, q)
+    return Terms(M, Q, B, a, drift(parameters, angles, q, v), b)

@@ -12,7 +12,7 @@ Source: Neimark and Fufaev 1972, Ch. III; Weltner 1979 for the circles at 2Ω/7.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,27 +20,10 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Bodies, Range, Speeds, Symmetry, Terms
+from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
-
-
-class Parameters(NamedTuple):
-    """The parameters of a `TurntableBall` in some kind of number."""
-
-    mass: Any
-    """m (1,), kg."""
-    inertia: Any
-    """About the centre, in any directions (1, 3, 3), kg m²."""
-    radius: Any
-    """R (1,), m."""
-    rate: Any
-    """Ω_0 (1,), rad/s."""
-    swing: Any
-    """Ω_1 (1,), rad/s, or None."""
-    frequency: Any
-    """κ (1,), rad/s, or None."""
 
 
 class Prepared(NamedTuple):
@@ -54,7 +37,6 @@ class Prepared(NamedTuple):
     """Ω̇ (1,), rad/s², or None."""
 
 
-@generic
 def turning(arithmetic, rate, swing, frequency, t, dtype):
     """Return (Ω, Ω̇ or None), each (1,)."""
     if swing is None:
@@ -65,7 +47,6 @@ def turning(arithmetic, rate, swing, frequency, t, dtype):
     return rate + swing * clock.sin, swing * frequency * clock.cos
 
 
-@generic
 def prepare(arithmetic, parameters, q, t):
     """Return the `Prepared` at q (5,) and the time t."""
     rate, swing, frequency = parameters.rate, parameters.swing, parameters.frequency
@@ -76,36 +57,27 @@ def prepare(arithmetic, parameters, q, t):
 # ---- Lagrange's terms ----------------------------------------------------------------------------
 
 
-@generic
 def table_velocity(rate, q):
     """Return Ω e_z × r (2,): how the table moves under the ball."""
-    velocity = np.zeros(2, q.dtype)
-    velocity[0], velocity[1] = -rate[0] * q[1], rate[0] * q[0]
-    return velocity
+    return np.array([-rate[0] * q[1], rate[0] * q[0]], q.dtype)
 
 
-@generic
 def table_acceleration(rate, acceleration, q, v):
     """Return the rate of `table_velocity` (2,) as the ball moves on; Ω̇ may be None."""
-    change = np.zeros(2, v.dtype)
-    change[0], change[1] = -rate[0] * v[1], rate[0] * v[0]
+    change = table_velocity(rate, v)
     if acceleration is not None:
         change[0] -= acceleration[0] * q[1]
         change[1] += acceleration[0] * q[0]
     return change
 
 
-@generic
 def constraints(parameters, prepared, q):
     """Return (a (2, 5), b (2,)) of V - R ω × e_z - Ω e_z × r = 0."""
     R, cos, sin = parameters.radius[0], prepared.angles.cos, prepared.angles.sin
-    a = np.zeros((2, 5), q.dtype)
-    a[0, 0], a[0, 3], a[0, 4] = 1, -R * sin[0], -R * cos[1] * cos[0]
-    a[1, 1], a[1, 3], a[1, 4] = 1, R * cos[0], -R * cos[1] * sin[0]
-    return a, -table_velocity(prepared.rate, q)
+    a = [[1, 0, 0, -R * sin[0], -R * cos[1] * cos[0]], [0, 1, 0, R * cos[0], -R * cos[1] * sin[0]]]
+    return np.array(a, q.dtype), -table_velocity(prepared.rate, q)
 
 
-@generic
 def terms(parameters, prepared, q, v):
     """Return the `Terms` of the ball: no forces."""
     mass, inertia, R = parameters.mass[0], parameters.inertia[0, 0, 0], parameters.radius[0]
@@ -138,7 +110,6 @@ class Rolling(NamedTuple):
     v: Any
 
 
-@generic
 def kinematics(parameters, prepared, q, u):
     """Return the `Rolling`: V = R ω × e_z + Ω e_z × r, and the rates of Euler's angles."""
     R, cos, sin = parameters.radius[0], prepared.angles.cos, prepared.angles.sin
@@ -152,7 +123,6 @@ def kinematics(parameters, prepared, q, u):
     return Rolling(q, u, v)
 
 
-@generic
 def speeds(parameters, prepared, rolling):
     """Return the `Speeds`."""
     R, cos, sin, v = parameters.radius[0], prepared.angles.cos, prepared.angles.sin, rolling.v
@@ -170,42 +140,33 @@ def speeds(parameters, prepared, rolling):
     return Speeds(W, rest, offset)
 
 
-@generic
 def qdot(parameters, prepared, rolling):
     """Return W u + offset (5,)."""
     return rolling.v
 
 
-@generic
 def bodies(parameters, prepared, rolling):
     """Return the `Bodies`, d = 2 and e = 3, in directions that do not turn.
 
     The ball is homogeneous: I ω is along ω, and there is no gyroscopic part.
     """
     R, u = parameters.radius[0], rolling.u
-    partial, turning = np.zeros((1, 2, 3), u.dtype), np.zeros((1, 3, 3), u.dtype)
-    partial[0, 0, 1], partial[0, 1, 0] = R, -R
-    turning[0, 0, 0] = turning[0, 1, 1] = turning[0, 2, 2] = 1
-    remainder = np.zeros((1, 2), u.dtype)
-    remainder[0] = table_acceleration(prepared.rate, prepared.acceleration, rolling.q, rolling.v)
-    still = np.zeros((1, 3), u.dtype)
+    partial = np.array([[[0, R, 0], [-R, 0, 0]]], u.dtype)
+    turning = np.array([[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], u.dtype)
+    table = table_acceleration(prepared.rate, prepared.acceleration, rolling.q, rolling.v)
+    remainder, still = table.reshape(1, 2), np.zeros((1, 3), u.dtype)
     mass, inertia = parameters.mass, parameters.inertia
     return Bodies(partial, turning, remainder, still, mass, inertia, None, None)
 
 
-@generic
 def rotation(angles, v):
     """Return ω (3,) along x, y and the vertical."""
     cos, sin = angles.cos, angles.sin
     ahead, left = v[3], v[4] * cos[1]
-    omega = np.zeros(3, v.dtype)
-    omega[0] = ahead * cos[0] - left * sin[0]
-    omega[1] = ahead * sin[0] + left * cos[0]
-    omega[2] = v[2] + v[4] * sin[1]
-    return omega
+    east, north = ahead * cos[0] - left * sin[0], ahead * sin[0] + left * cos[0]
+    return np.array([east, north, v[2] + v[4] * sin[1]], v.dtype)
 
 
-@generic
 def speeds_of(parameters, prepared, q, v):
     """Return u = ω (3,) of a velocity v."""
     return rotation(prepared.angles, v)
@@ -214,74 +175,44 @@ def speeds_of(parameters, prepared, q, v):
 # ---- The second derivation: positions and velocities only ----------------------------------------
 
 
-@generic
 def velocities(parameters, prepared, q, v):
     """Return the velocity of the centre (1, 2) and of rotation (1, 3)."""
-    V, omega = np.zeros((1, 2), v.dtype), np.zeros((1, 3), v.dtype)
-    V[0], omega[0] = v[:2], rotation(prepared.angles, v)
-    return V, omega
+    return v[:2].reshape(1, 2), rotation(prepared.angles, v).reshape(1, 3)
 
 
-@generic
-def energies(parameters, prepared, q, v):
-    """Return (T, None), J."""
-    omega = rotation(prepared.angles, v)
-    T = parameters.mass[0] * (v[0] * v[0] + v[1] * v[1]) / 2
-    for i in range(3):
-        T += parameters.inertia[0, i, i] * omega[i] * omega[i] / 2
-    return T, None
-
-
-@generic
 def constraint(parameters, prepared, q, v):
     """Return c (2,), m/s: where they touch, how the ball moves against the table."""
     R, rate, omega = parameters.radius[0], prepared.rate[0], rotation(prepared.angles, v)
-    c = np.zeros(2, v.dtype)
-    c[0] = v[0] - R * omega[1] + rate * q[1]
-    c[1] = v[1] + R * omega[0] - rate * q[0]
-    return c
+    c = [v[0] - R * omega[1] + rate * q[1], v[1] + R * omega[0] - rate * q[0]]
+    return np.array(c, v.dtype)
 
 
 # ---- The scene -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class TurntableBall(Parametric, functions=globals()):
     """A homogeneous ball that rolls on a turntable, whose spin may swing.
 
-    Args:
-        mass: m, kg, positive.
-        radius: R, m, positive.
-        inertia: about any axis, kg m², positive; by default 2 m R²/5.
-        rate: Ω_0, of the table, rad/s.
-        swing: Ω_1 of Ω_0 + Ω_1 sin(κ t), rad/s, or None for a constant Ω.
-        frequency: κ, rad/s, or None without a swing.
-        start: (x, y) at t = 0, m.
-        speed: (ẋ, ẏ) at t = 0, m/s.
-        spin: angular velocity about the vertical at t = 0, rad/s. A fast one keeps Euler's angles
-            away from where they are singular.
-
-    Raises:
-        InputError: not finite, or out of the range given above.
+    The table spins at Ω_0 + Ω_1 sin(κ t). A fast spin of the ball keeps Euler's angles away from
+    where they are singular.
     """
 
-    mass: Any = parameter(1.0, "positive", drawn=Range(0.1, 10.0))
-    radius: Any = parameter(0.25, "positive", drawn=Range(0.1, 10.0))
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), default=1.0)
+    radius: Any = parameter("R", "m", "> 0", (0.1, 10.0), default=0.25)
     inertia: Any = parameter(
-        None,
-        "positive",
-        drawn=Range(0.01, 10.0),
-        otherwise=lambda ball: 0.4 * ball.mass * ball.radius**2,
+        *("about any axis, 2 m R²/5 if not given", "kg m²", "> 0", (0.01, 10.0)),
+        default=lambda ball: 0.4 * ball.mass * ball.radius**2,
     )
-    rate: Any = parameter(2.0, drawn=Range(-5.0, 5.0))
-    swing: Any = parameter(None, drawn=Range(-5.0, 5.0), optional=True)
-    frequency: Any = parameter(None, drawn=Range(0.1, 5.0), optional=True)
-    start: Any = parameter((0.4, 0.0), shape=(2,))
-    speed: Any = parameter((0.0, 0.3), shape=(2,))
-    spin: Any = parameter(20.0)
+    rate: Any = parameter("Ω_0, of the table", "rad/s", drawn=(-5.0, 5.0), default=2.0)
+    swing: Any = parameter("Ω_1", "rad/s", drawn=(-5.0, 5.0), default=None, optional=True)
+    frequency: Any = parameter("κ", "rad/s", drawn=(0.1, 5.0), default=None, optional=True)
+    start: Any = parameter("(x, y) at t = 0", "m", shape=(2,), default=(0.4, 0.0), read=False)
+    speed: Any = parameter("(ẋ, ẏ) at t = 0", "m/s", shape=(2,), default=(0.0, 0.3), read=False)
+    spin: Any = parameter("about the vertical at t = 0", "rad/s", default=20.0, read=False)
 
     key = "turntable-ball"
     named_coordinates = "x", "y", "ψ", "θ", "φ"
+    drawn_coordinates = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
     named_constraints = "along x", "along y"
     conserves_energy = False
     why_not_conserved = "the table is driven"
@@ -302,25 +233,15 @@ class TurntableBall(Parametric, functions=globals()):
         yield cls(swing=1.0, frequency=3.0)
         yield steady
 
-    def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return up to 10 m from the axis and any angles, θ up to 1.2 rad."""
-        anywhere, any_angle = Range(-10.0, 10.0), Range(-np.pi, np.pi)
-        return anywhere, anywhere, any_angle, Range(-1.2, 1.2), any_angle
-
-    def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
-        one = arithmetic.numbers(self.inertia.reshape(1))
-        inertia = np.zeros((1, 3, 3), one.dtype)
-        inertia[0, 0, 0] = inertia[0, 1, 1] = inertia[0, 2, 2] = one[0]
-        return self.in_numbers(arithmetic, Parameters, inertia=inertia)
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return the inertia about the centre, in any directions (1, 3, 3), kg m²."""
+        return {"inertia": diagonal(arithmetic.numbers(self.inertia.reshape(1))[[[0, 0, 0]]])}
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the ball at `start`, its angles 0, spinning so that it rolls."""
         (x, y), (along, across) = self.start, self.speed
-        v = np.array([along, across, self.spin, 0.0, 0.0])
-        v[3] = (self.rate * x - across) / self.radius
-        v[4] = (along + self.rate * y) / self.radius
-        return np.array([x, y, 0.0, 0.0, 0.0]), v
+        lean, roll = (self.rate * x - across) / self.radius, (along + self.rate * y) / self.radius
+        return np.array([x, y, 0.0, 0.0, 0.0]), np.array([along, across, self.spin, lean, roll])
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos θ| <= 4 eps."""

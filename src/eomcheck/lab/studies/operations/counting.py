@@ -18,7 +18,7 @@ from eomcheck.numbers.counting import Counting, System, Tally
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake_chain import torques_on, wheel_forces
 from eomcheck.scenes.snake_speeds import active_forces
-from eomcheck.scenes.snake_terms import forces
+from eomcheck.scenes.snake_terms import joint_forces
 
 
 @dataclass(frozen=True)
@@ -193,5 +193,5 @@ def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
         kane.right_hand_side(force, counting.vector(scene.p))
     else:
         n = counting.vector(scene.n)
-        net_force(n, forces(stiffness, None, theta, omega), n)
+        net_force(n, joint_forces(stiffness, None, theta, omega), n)
     return _counts(counting.tally)

@@ -1,49 +1,25 @@
-"""Scenes that give their bodies' Jacobians; Lagrange's terms and generalized speeds follow.
+"""What follows from the small contract of a scene: Lagrange's terms, speeds, bodies, energies.
 
-A scene under `Assembled` writes down how its bodies move with v, and what constrains them. What it
-does not write itself is composed from that:
-
+- `prepare`: the angles, their cosines and sines
 - `terms`: M = Σ Jᵀ m J + Σ Jᵀ I J and what belongs to it, `constraints`, `drift` and `forces`
 - `kinematics`, `speeds`, `speeds_of`: u is the independent part of v, the paper's partition with
   the first r velocities dependent: W = [-a₁⁻¹ a₂; 1], offset = [-a₁⁻¹ b; 0], and
-  rest = [-a₁⁻¹ gamma; 0], for which no ẇ is needed
+  rest = [-a₁⁻¹ gamma; 0], for which no ẇ is needed. Without constraints there is no W: u is v
 - `bodies`: partial velocities J W, remainders J rest + J̇ v
 - `energies`: T from `velocities`, U from `potential`
-
-Without constraints there is no W: u is v.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from inspect import signature
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eomcheck.mechanics.records import Bodies, Speeds, Terms, velocity
-from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
-
-
-class Jacobians(NamedTuple):
-    """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
-
-    V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
-    left even if they turn; in space ω in directions that turn with the body, or otherwise keep its
-    inertia constant, of which `angular_rest` is the whole acceleration left too.
-    """
-
-    linear: Any
-    """∂V_k/∂v (n_b, d, n)."""
-    angular: Any
-    """∂ω_k/∂v (n_b, e, n)."""
-    linear_rest: Any
-    """J̇ v of the centres of mass (n_b, d)."""
-    angular_rest: Any
-    """J̇ v of the rotations (n_b, e)."""
-    gyroscopic: Any
-    """ω × I ω (n_b, e), or None in the plane."""
 
 
 class Embedded(NamedTuple):
@@ -65,6 +41,7 @@ def inertia_terms(mass, inertia, linear, angular, linear_rest, angular_rest, gyr
     """Return (M (n, n), B (n,)): the inertia forces J^T (m V̇, I ω̇ + ω × I ω), body by body."""
     bodies, d, n = linear.shape
     e = angular.shape[1]
+    inertia = inertia.reshape(bodies, e, e)
     M, B = np.zeros((n, n), linear.dtype), np.zeros(n, linear.dtype)
     for k in range(bodies):
         for i in range(n):
@@ -87,27 +64,9 @@ def inertia_terms(mass, inertia, linear, angular, linear_rest, angular_rest, gyr
     return M, B
 
 
-@generic
-def gyroscopic_moments(inertia, omega):
-    """Return ω × I ω (n_b, 3) of bodies in space."""
-    moments = np.zeros(omega.shape, omega.dtype)
-    for k in range(omega.shape[0]):
-        x, y, z = omega[k, 0], omega[k, 1], omega[k, 2]
-        for i in range(3):
-            # The share of the component omega_i in the angular momentum.
-            moments[k, 0] += (y * inertia[k, 2, i] - z * inertia[k, 1, i]) * omega[k, i]
-            moments[k, 1] += (z * inertia[k, 0, i] - x * inertia[k, 2, i]) * omega[k, i]
-            moments[k, 2] += (x * inertia[k, 1, i] - y * inertia[k, 0, i]) * omega[k, i]
-    return moments
-
-
-def _assemble(scene: type[Assembled]) -> Callable:
-    forces, constraints, drift = scene.forces, scene.constraints, scene.drift
-
+def _assemble(jacobians, forces, constraints, drift):
     def assemble(parameters, prepared, q, v, bodies):
-        J, J_w, rest, rest_w, gyroscopic = bodies
-        mass, inertia = parameters.mass, parameters.inertia
-        M, B = inertia_terms(mass, inertia, J, J_w, rest, rest_w, gyroscopic)
+        M, B = inertia_terms(parameters.mass, parameters.inertia, *bodies)
         a, b = constraints(parameters, prepared, q)
         Q = forces(parameters, prepared, q, v)
         return Terms(M, Q, B, a, drift(parameters, prepared, q, v), b)
@@ -115,10 +74,7 @@ def _assemble(scene: type[Assembled]) -> Callable:
     return assemble
 
 
-def _terms(scene: type[Assembled]) -> Callable:
-    jacobians, assemble = scene.jacobians, scene.assemble
-    assert assemble is not None
-
+def _terms(jacobians, assemble):
     def terms(parameters, prepared, q, v):
         return assemble(parameters, prepared, q, v, jacobians(parameters, prepared, q, v))
 
@@ -165,15 +121,7 @@ def independent(a, v):
     return v[a.shape[0] :] + 0
 
 
-@generic
-def speeds(parameters, prepared, embedded):
-    """Return the `Speeds`."""
-    return Speeds(embedded.W, embedded.rest, embedded.offset)
-
-
-def _kinematics(scene: type[Assembled]) -> Callable:
-    constraints, drift = scene.constraints, scene.drift
-
+def _kinematics(jacobians, constraints, drift):
     def kinematics(parameters, prepared, q, u):
         a, b = constraints(parameters, prepared, q)
         W, offset = embedding(a, b)
@@ -184,9 +132,14 @@ def _kinematics(scene: type[Assembled]) -> Callable:
     return kinematics
 
 
-def _speeds_of(scene: type[Assembled]) -> Callable:
-    constraints = scene.constraints
+def _speeds(jacobians):
+    def speeds(parameters, prepared, embedded):
+        return Speeds(embedded.W, embedded.rest, embedded.offset)
 
+    return speeds
+
+
+def _speeds_of(jacobians, constraints):
     def speeds_of(parameters, prepared, q, v):
         a, _ = constraints(parameters, prepared, q)
         return independent(a, v)
@@ -225,9 +178,7 @@ def projected(W, Q):
     return np.ascontiguousarray(W.T) @ Q
 
 
-def _bodies(scene: type[Assembled]) -> Callable:
-    jacobians, forces = scene.jacobians, scene.forces
-
+def _bodies(jacobians, forces):
     def bodies(parameters, prepared, embedded):
         q, v, W, rest, _ = embedded
         J, J_w, J_rest, J_w_rest, gyroscopic = jacobians(parameters, prepared, q, v)
@@ -237,7 +188,7 @@ def _bodies(scene: type[Assembled]) -> Callable:
             remainders(J, J_rest, rest),
             remainders(J_w, J_w_rest, rest),
             parameters.mass,
-            parameters.inertia,
+            parameters.inertia.reshape(J.shape[0], J_w.shape[1], J_w.shape[1]),
             gyroscopic,
             projected(W, forces(parameters, prepared, q, v)),
         )
@@ -252,18 +203,18 @@ def _bodies(scene: type[Assembled]) -> Callable:
 def kinetic_energy(mass, inertia, V, omega):
     """Return Σ m V²/2 + Σ ω I ω/2, J, with V (n_b, d) and ω (n_b, e)."""
     T = 0
-    for k in range(V.shape[0]):
+    bodies, e = omega.shape
+    inertia = inertia.reshape(bodies, e, e)
+    for k in range(bodies):
         for c in range(V.shape[1]):
             T += mass[k] * V[k, c] * V[k, c]
-        for c in range(omega.shape[1]):
-            for f in range(omega.shape[1]):
+        for c in range(e):
+            for f in range(e):
                 T += omega[k, c] * inertia[k, c, f] * omega[k, f]
     return T / 2
 
 
-def _energies(scene: type[Assembled]) -> Callable:
-    velocities, potential = scene.velocities, scene.potential
-
+def _energies(velocities, potential):
     def energies(parameters, prepared, q, v):
         V, omega = velocities(parameters, prepared, q, v)
         T = kinetic_energy(parameters.mass, parameters.inertia, V, omega)
@@ -272,79 +223,53 @@ def _energies(scene: type[Assembled]) -> Callable:
     return energies
 
 
-# ---- The scene -----------------------------------------------------------------------------------
+# ---- For a kind of scene -------------------------------------------------------------------------
 
 
-@generic
-def no_constraints(parameters, prepared, q):
-    """Return (a, b) of a scene without constraints."""
-    return None, None
+def _prepare(angle_coordinates):
+    def prepare(arithmetic, parameters, q, t):
+        return arithmetic.angles(q[angle_coordinates])
+
+    def unprepared(arithmetic, parameters, q, t):
+        return
+
+    return unprepared if angle_coordinates == slice(0, 0) else prepare
 
 
-@generic
-def nothing_moving(parameters, prepared, q, v):
-    """Return what a scene has not that depends on v: drift, forces or constraints."""
-    return
+def _constraints(jacobians):
+    def constraints(parameters, prepared, q):
+        return None, None
+
+    return constraints
 
 
-@generic
-def no_potential(parameters, prepared, q):
-    """Return the potential energy of a scene that has none."""
-    return
-
-
-_COMPOSED: dict[str, Callable[[type[Assembled]], Callable]] = {
+_COMPOSERS: dict[str, Callable[..., Callable]] = {
+    "prepare": _prepare,
+    "constraints": _constraints,
     "assemble": _assemble,
     "terms": _terms,
     "kinematics": _kinematics,
+    "speeds": _speeds,
     "speeds_of": _speeds_of,
     "bodies": _bodies,
     "energies": _energies,
 }
-"""Name of a scene's function -> what composes it from the others."""
+"""Name of a scene's function -> what composes it from those that its arguments name."""
 
 
-_made: set[Callable] = set()
-"""What was composed, and not written by a scene."""
+def compose(kind: Any) -> None:
+    """Give a kind of scene the functions that it does not write itself, where it has their parts.
 
-
-class Assembled(Scene):
-    """A scene that gives its bodies' Jacobians, see the module.
-
-    `parameters.mass` is (n_b,) and `parameters.inertia` (n_b, e, e). Beside `prepare` and
-    `velocities` a scene writes, all generic:
-
-    - `jacobians(parameters, prepared, q, v) -> Jacobians`
-    - `forces(parameters, prepared, q, v) -> Q (n,)` and `potential(parameters, prepared, q) -> U`,
-      either of them None where it is absent
-    - with constraints: `constraints(parameters, prepared, q) -> (a, b)`,
-      `drift(parameters, prepared, q, v) -> gamma` and `constraint(parameters, prepared, q, v) -> c`
-
-    With natural generalized speeds also `kinematics`, `speeds`, `bodies`, `speeds_of`. `assemble`
-    makes `terms` of Jacobians that are known; it is None where `terms` is written.
+    `composed` then says which they are; those that it inherits are composed anew, of its own parts.
     """
-
-    jacobians: ClassVar[Callable[..., Any]]
-    assemble: ClassVar[Callable[..., Any] | None]
-    forces: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
-    potential: ClassVar[Callable[..., Any]] = staticmethod(no_potential)
-    constraints = staticmethod(no_constraints)
-    drift: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
-    constraint = staticmethod(nothing_moving)
-    speeds = staticmethod(speeds)
-
-    def __init_subclass__(cls, **options):
-        super().__init_subclass__(**options)
-        for name, compose in _COMPOSED.items():
-            written = getattr(cls, name, None)
-            if written is None or written in _made:
-                function = compose(cls)
-                function.__module__, function.__qualname__ = (
-                    cls.__module__,
-                    f"{cls.__name__}.{name}",
-                )
-                _made.add(function)
-                setattr(cls, name, staticmethod(generic(function)))
-        cls.natural_speeds = cls.kinematics not in _made
-        if cls.terms not in _made:
-            cls.assemble = None
+    composed = set()
+    for name, composer in _COMPOSERS.items():
+        owner = next((base for base in kind.__mro__ if name in vars(base)), None)
+        parts = [getattr(kind, part, None) for part in signature(composer).parameters]
+        if (owner is None or name in vars(owner).get("composed", ())) and None not in parts:
+            function = composer(*parts)
+            function.__module__ = kind.__module__
+            function.__qualname__ = f"{kind.__name__}.{name}"
+            setattr(kind, name, staticmethod(generic(function)))
+            composed.add(name)
+    kind.composed = frozenset(composed)
