@@ -12,6 +12,7 @@ from eomcheck.engines import ENGINES, DerivingEngine, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.errors import EngineError, UnknownNameError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, kane
 from eomcheck.scenes import Snake
@@ -142,9 +143,9 @@ def test_an_engine_has_the_acceleration_and_multiplier_of_a_single_link_on_its_w
     axle = np.array([np.sin(alpha + theta), -np.cos(alpha + theta)])
     link = np.array([np.cos(theta), np.sin(theta)])
     expected = np.array([*(-s * omega * axle + L / 2 * omega**2 * link), 0.0])
-    spread = at.acceleration_spread(FORMULATIONS["au"], coordinates=True)
+    spread = acceleration_sensitivity(at, FORMULATIONS["au"], coordinates=True)
     assert_close(result.vdot, expected, spread)
-    spread = at.acceleration_spread(FORMULATIONS["au"], "multipliers", coordinates=True)
+    spread = acceleration_sensitivity(at, FORMULATIONS["au"], "multipliers", coordinates=True)
     assert_close(result.multipliers, np.array([-m * s * omega]), spread)
 
 
@@ -156,9 +157,9 @@ def test_an_engine_has_the_acceleration_and_multiplier_of_a_single_link_on_its_w
 def test_an_engine_has_the_mass_matrix_and_bias_of_the_scene(key, snake):
     at = state(snake)
     engine = ENGINES[key](snake)
-    spread = at.spread(lambda e: e.terms.M, coordinates=True)
+    spread = sensitivity_of(at, lambda e: e.terms.M, coordinates=True)
     assert_close(engine.mass_matrix(at.q), at.terms.M, spread + engine.mass_matrix_size(at.q))
-    spread = at.spread(lambda e: e.terms.B, coordinates=True)
+    spread = sensitivity_of(at, lambda e: e.terms.B, coordinates=True)
     assert_close(engine.bias(at.q, at.v), at.terms.B, spread + engine.bias_size(at.q, at.v))
 
 
@@ -168,11 +169,13 @@ def test_an_engine_derives_the_forces_and_constraints_of_the_scene(key, snake):
     at = state(snake)
     engine = ENGINES[key](snake)
     Q = np.zeros(snake.n) if at.terms.Q is None else at.terms.Q
-    spread = 0.0 if at.terms.Q is None else at.spread(lambda e: e.terms.Q, coordinates=True)
+    spread = (
+        0.0 if at.terms.Q is None else sensitivity_of(at, lambda e: e.terms.Q, coordinates=True)
+    )
     assert_close(engine.forces(at.q, at.v), Q, spread)
-    spread = at.spread(lambda e: e.terms.a, coordinates=True)
+    spread = sensitivity_of(at, lambda e: e.terms.a, coordinates=True)
     assert_close(engine.constraint_jacobian(at.q, at.v), at.terms.a, spread)
-    spread = at.spread(lambda e: e.terms.gamma, coordinates=True)
+    spread = sensitivity_of(at, lambda e: e.terms.gamma, coordinates=True)
     assert_close(engine.constraint_drift(at.q, at.v), at.terms.gamma, spread)
 
 
@@ -186,7 +189,7 @@ def test_an_engine_differentiates_the_inertia_remainder_of_kanes_equations(key, 
     def remainder(e: Evaluation):
         return kane.inertia_sums(*e.bodies[:-1])[1]
 
-    ours = at.spread(remainder, coordinates=True)
+    ours = sensitivity_of(at, remainder, coordinates=True)
     assert_close(found, remainder(at), condition * (ours + size))
 
 
@@ -199,10 +202,10 @@ def test_an_engine_has_the_acceleration_of_every_formulation(key, snake):
     found = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma)
     like = FORMULATIONS[engine.solves_like]
     T = engine.coordinates
-    theirs = at.spread(lambda e: e.acceleration_in(like, T).vdot, coordinates=True)
+    theirs = sensitivity_of(at, lambda e: e.acceleration_in(like, T).vdot, coordinates=True)
     for formulation in FORMULATIONS.values():
         expected = at.acceleration(formulation)
-        ours = at.acceleration_spread(formulation, coordinates=True)
+        ours = acceleration_sensitivity(at, formulation, coordinates=True)
         assert_close(found.vdot, expected.vdot, ours + theirs)
 
 

@@ -8,6 +8,7 @@ from tests.samples import ordinary
 
 import eomcheck
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.scene import Scene
@@ -26,7 +27,9 @@ def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple
         y[scene.n :] = at.u
     rates = motion.rates(t, y)
     allowed = 4 * expected.error_bound
-    assert np.abs(rates[: scene.n] - v).max() <= allowed_error(at.spread(lambda e: e.velocity))
+    assert np.abs(rates[: scene.n] - v).max() <= allowed_error(
+        sensitivity_of(at, lambda e: e.velocity)
+    )
     found = rates[scene.n : scene.n + motion.speeds]
     if motion.formulation.state == "q, u":
         if at.speeds.W is not None:

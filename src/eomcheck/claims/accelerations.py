@@ -26,6 +26,7 @@ from eomcheck.claims.registry import (
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observe import as_integrated
@@ -44,24 +45,24 @@ def _row_sum(matrix: Any) -> float:
 def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
-    F_spread = look.spread(lambda e: e.F)
+    F_sensitivity = look.sensitivity(lambda e: e.F)
     motions, told = (None, True) if a is None else _allowed_motions(at, look)
     for f, x in look.solutions:
         residual, names = M @ x.vdot - at.F, at.scene.coordinate_names
         terms = magnitude(M, x.vdot) + magnitude(at.F)
-        spread = _row_sum(M) * look.vdot_spread(f) + F_spread
+        sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + F_sensitivity
         if a is not None and x.multipliers is not None:
             residual = residual - a.T @ x.multipliers
             terms = terms + magnitude(a.T, x.multipliers)
-            spread += _row_sum(a.T) * look.multiplier_spread(f)
+            sensitivity += _row_sum(a.T) * look.multiplier_sensitivity(f)
         elif motions is not None:
             cancelled = 0.0 if look.exact else _constraint_forces(a, residual)
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
-            spread = spread if told else np.inf
+            sensitivity = sensitivity if told else np.inf
         scale = largest(terms)
-        yield vanishing(f.key, residual, (names,), scale, spread + scale)
+        yield vanishing(f.key, residual, (names,), scale, sensitivity + scale)
 
 
 def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, bool]:
@@ -89,11 +90,11 @@ def constraint_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
     if a is None:
         return
-    gamma_spread = look.spread(lambda e: e.terms.gamma)
+    gamma_sensitivity = look.sensitivity(lambda e: e.terms.gamma)
     for f, x in look.solutions:
         terms = size(a, x.vdot) + size(gamma)
-        spread = _row_sum(a) * look.vdot_spread(f) + gamma_spread + terms
-        yield vanishing(f.key, a @ x.vdot + gamma, names, terms, spread)
+        sensitivity = _row_sum(a) * look.vdot_sensitivity(f) + gamma_sensitivity + terms
+        yield vanishing(f.key, a @ x.vdot + gamma, names, terms, sensitivity)
 
 
 @claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
@@ -101,8 +102,8 @@ def equivalence(at: Quantities, look: Look) -> Iterator[Sides]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
     for (f, x), (g, y) in pairs(look.solutions):
-        spread = look.vdot_spread(f) + look.vdot_spread(g)
-        yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, spread=spread)
+        sensitivity = look.vdot_sensitivity(f) + look.vdot_sensitivity(g)
+        yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
     for f, x, y in look.others:
         yield Sides(f"{f.key}, drawn", x.vdot, y.vdot, names)
 
@@ -113,12 +114,14 @@ def multipliers(at: Quantities, look: Look) -> Iterator[Sides]:
     if at.terms.a is not None:
         for f, x in look.solutions:
             has, declared = int(x.multipliers is not None), int(f.multipliers)
-            yield Sides(f.key, has, declared, (), size=1.0, spread=1.0)
+            yield Sides(f.key, has, declared, (), size=1.0, sensitivity=1.0)
     having = [(f, x) for f, x in look.solutions if x.multipliers is not None]
     for (f, x), (g, y) in pairs(having):
-        spread = look.multiplier_spread(f) + look.multiplier_spread(g)
+        sensitivity = look.multiplier_sensitivity(f) + look.multiplier_sensitivity(g)
         names = (at.scene.constraint_names,)
-        yield Sides(f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, spread=spread)
+        yield Sides(
+            f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, sensitivity=sensitivity
+        )
 
 
 # ---- Engines -------------------------------------------------------------------------------------
@@ -152,12 +155,14 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             if (theirs := getattr(result, part)) is None:
                 continue
             by_force = _responses(at)[part == "multipliers"] * engine.bias_size(*case.state)
-            spread = at.spread(partial(_part_in, like, T, part), coordinates=True) + by_force
+            sensitivity = (
+                sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
+            )
         except (np.linalg.LinAlgError, RefusedError):
             continue
         for formulation, x in case.solutions:
             if (ours := getattr(x, part)) is not None:
-                both = case.part_spread(formulation, part, coordinates=True) + spread
+                both = case.part_sensitivity(formulation, part, coordinates=True) + sensitivity
                 here, evidence = (ours, theirs, both), f"compared: {engine.version()}"
                 subject = f"{formulation.key} ~ {engine.key}"
                 yield case.compare(subject, *here, evidence=evidence, names=(names,))
@@ -195,5 +200,5 @@ def machine_code(case: Case) -> Iterator[Finding]:
             public = at.acceleration(formulation).vdot
         except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
             continue
-        # Velocities that differ by rounding have the same spread.
-        yield case.compare(formulation.key, found, public, 2 * case.vdot_spread(formulation))
+        # Velocities that differ by rounding have the same sensitivity.
+        yield case.compare(formulation.key, found, public, 2 * case.vdot_sensitivity(formulation))

@@ -15,6 +15,7 @@ from eomcheck.claims.registry import Against, Claim, Names, Sides
 from eomcheck.engines import DerivingEngine, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition
 from eomcheck.mechanics.records import State
@@ -101,30 +102,30 @@ class Case:
         results = ((f, self.result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if x is not None)
 
-    def spread(self, quantity: Callable[[Evaluation], Any]) -> float:
+    def sensitivity(self, quantity: Callable[[Evaluation], Any]) -> float:
         """Return κ · scale of a quantity."""
-        return self.at.spread(quantity)
+        return sensitivity_of(self.at, quantity)
 
-    def vdot_spread(self, formulation: Formulation) -> float:
+    def vdot_sensitivity(self, formulation: Formulation) -> float:
         """Return κ · scale of v̇ by `formulation`."""
-        return self.part_spread(formulation, "vdot")
+        return self.part_sensitivity(formulation, "vdot")
 
-    def multiplier_spread(self, formulation: Formulation) -> float:
+    def multiplier_sensitivity(self, formulation: Formulation) -> float:
         """Return κ · scale of λ by `formulation`."""
-        return self.part_spread(formulation, "multipliers")
+        return self.part_sensitivity(formulation, "multipliers")
 
-    def part_spread(
+    def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False
     ) -> float:
         """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
         key = (formulation.key, part, coordinates)
-        if key not in self._spreads:
-            found = self.at.acceleration_spread(formulation, part, coordinates=coordinates)
-            self._spreads[key] = found
-        return self._spreads[key]
+        if key not in self._sensitivities:
+            found = acceleration_sensitivity(self.at, formulation, part, coordinates=coordinates)
+            self._sensitivities[key] = found
+        return self._sensitivities[key]
 
     @cached_property
-    def _spreads(self) -> dict[tuple[str, str, bool], float]:
+    def _sensitivities(self) -> dict[tuple[str, str, bool], float]:
         return {}
 
     # ---- Judging ---------------------------------------------------------------------------------
@@ -157,27 +158,30 @@ class Case:
                     raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
                 return np.asarray(getattr(one, side), np.float64)
 
-            return self.at.spread(quantity)
+            return sensitivity_of(self.at, quantity)
 
         for one in sides(self.at, self):
             if isinstance(one, Sides):
-                spread = one.spread
-                if spread is None:
-                    spread = measured(one, "found") + measured(one, "expected") + (one.size or 0.0)
-                scale = spread if one.may_vanish else one.size
-                here = one.subject, one.found, one.expected, spread
+                sensitivity = one.sensitivity
+                if sensitivity is None:
+                    sensitivity = (
+                        measured(one, "found") + measured(one, "expected") + (one.size or 0.0)
+                    )
+                scale = sensitivity if one.may_vanish else one.size
+                here = one.subject, one.found, one.expected, sensitivity
                 yield self.compare(*here, scale=scale, names=one.names)
 
     def _against_engines(self, term: Against) -> Iterator[Finding]:
         """Yield the Findings of a term being what each engine says."""
-        found, spread = term.ours(self.at), None
+        found, sensitivity = term.ours(self.at), None
         for engine in () if found is None else self.engines:
             if term.derived and not isinstance(engine, DerivingEngine):
                 continue
-            spread = self.at.spread(term.ours, coordinates=True) if spread is None else spread
+            if sensitivity is None:
+                sensitivity = sensitivity_of(self.at, term.ours, coordinates=True)
             expected, size = term.theirs(engine, self.state)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.
-            scale, evidence = spread + size, f"compared: {engine.version()}"
+            scale, evidence = sensitivity + size, f"compared: {engine.version()}"
             yield self.compare(engine.key, found, expected, scale, scale=scale, evidence=evidence)
 
     def compare(
@@ -185,7 +189,7 @@ class Case:
         subject: str,
         found: Any,
         expected: Any,
-        spread: float,
+        sensitivity: float,
         *,
         scale: float | None = None,
         evidence: str = "property-tested",
@@ -197,7 +201,7 @@ class Case:
             subject: what is compared.
             found: ours.
             expected: what it should be, same shape.
-            spread: κ · scale of both computations together.
+            sensitivity: κ · scale of both computations together.
             scale: size of what is compared, by default the largest entry of `expected`.
             evidence: level and what it rests on.
             names: names along each axis, by default those of coordinates and constraints.
@@ -206,7 +210,7 @@ class Case:
         found, expected = np.asarray(found, np.float64), np.asarray(expected, np.float64)
         observed = largest(found - expected)
         scale = largest(expected) if scale is None else scale
-        allowed, verdict = judge(observed, spread, scale)
+        allowed, verdict = judge(observed, sensitivity, scale)
         if not np.isfinite(expected).all():
             verdict = "inconclusive"  # nothing to compare with
         detail = ""

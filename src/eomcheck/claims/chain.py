@@ -125,8 +125,8 @@ def chain_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
     xdot = xdot if look.exact else np.asarray(xdot, np.float64)
     found = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
     terms = size(vdot) + size(at.v) * (1 + size(at.v))
-    names, spread = (at.scene.coordinate_names,), None if allowed else np.inf
-    yield vanishing("q̈", found - vdot, names, terms, spread)
+    names, sensitivity = (at.scene.coordinate_names,), None if allowed else np.inf
+    yield vanishing("q̈", found - vdot, names, terms, sensitivity)
 
 
 def _allowed_acceleration(e: Quantities) -> tuple[Array, bool]:

@@ -138,15 +138,15 @@ def python_of(scene: Scene, state: State | None) -> str:
     return head + loop + '    if finding.verdict == "failed":\n        print(finding)\n'
 
 
-def judge(observed: float, spread: float, scale: float) -> tuple[float, Verdict]:
+def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
     """Return (allowed, verdict) of an observed error.
 
     Args:
         observed: the error.
-        spread: κ · scale of the computation, see `eomcheck.evaluation.tolerance`.
+        sensitivity: κ · scale of the computation, see `eomcheck.evaluation.tolerance`.
         scale: size of what was compared; for a sum that should vanish, of its terms.
     """
-    allowed = allowed_error(spread)
+    allowed = allowed_error(sensitivity)
     if not np.isfinite(scale):
         return allowed, "inconclusive"  # it overflows: nothing to compare with
     if not np.isfinite(observed):

@@ -14,6 +14,7 @@ from eomcheck.claims.registry import Look, Sides, check, claim, vanishing
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, perturbed_copies
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.contract import Array
@@ -87,7 +88,7 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
     with np.errstate(all="ignore"):
         here = rates(at)
         try:
-            changes = [np.abs(rates(copy) - here) for copy in at.moved()[:SAMPLES]]
+            changes = [np.abs(rates(copy) - here) for copy in perturbed_copies(at)[:SAMPLES]]
         except RefusedError:
             return power(np.abs(here)), np.inf
         return power(np.abs(here)), power(np.abs(here) + np.max(changes, axis=0) / STEP)
@@ -116,12 +117,12 @@ def _of_power(
     def of_bodies(e: Evaluation) -> Array:
         return rates_of(e).bodies(e.acceleration(f).vdot)
 
-    summed, summed_spread = _power_of_inertia(case.at, of_bodies)
-    if not np.isfinite(case.vdot_spread(f)):
+    summed, summed_sensitivity = _power_of_inertia(case.at, of_bodies)
+    if not np.isfinite(case.vdot_sensitivity(f)):
         return max(largest(shares), summed), np.inf
     # Energies are summed over the bodies, which rounds as often.
-    rounding = case.at.scene.n * (largest(shares) + summed_spread)
-    return max(largest(shares), summed), case.spread(power) + rounding
+    rounding = case.at.scene.n * (largest(shares) + summed_sensitivity)
+    return max(largest(shares), summed), case.sensitivity(power) + rounding
 
 
 @check("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
@@ -139,11 +140,13 @@ def invariance(case: Case) -> Iterator[Finding]:
             expected = symmetry.image @ at.acceleration(formulation).vdot
             # A turn adds to every angle, whose rounding then is that of larger numbers.
             turn = 1.0 + largest(symmetry.q - at.q) / max(largest(at.q), 1.0)
-            spread = 2 * size * turn * case.part_spread(formulation, "vdot", coordinates=True)
-            if not largest(found - expected) <= allowed_error(spread):
+            sensitivity = (
+                2 * size * turn * case.part_sensitivity(formulation, "vdot", coordinates=True)
+            )
+            if not largest(found - expected) <= allowed_error(sensitivity):
                 # An angle of 0 has no rounding to measure. Where it was turned to, it has.
                 try:
-                    spread += there.acceleration_spread(formulation, coordinates=True)
+                    sensitivity += acceleration_sensitivity(there, formulation, coordinates=True)
                 except RefusedError:
-                    spread = np.inf
-            yield case.compare(f"{symmetry.name}: {formulation.key}", found, expected, spread)
+                    sensitivity = np.inf
+            yield case.compare(f"{symmetry.name}: {formulation.key}", found, expected, sensitivity)

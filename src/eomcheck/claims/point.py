@@ -113,11 +113,11 @@ class Point(Quantities):
                 self._results[key] = refusal
         return self._results[key]
 
-    def spread(self, quantity: Callable[[Any], Any]) -> float:
+    def sensitivity(self, quantity: Callable[[Any], Any]) -> float:
         """Return 0: nothing is rounded."""
         return 0.0
 
-    vdot_spread = multiplier_spread = spread
+    vdot_sensitivity = multiplier_sensitivity = sensitivity
 
     def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
         """Return (prepared, q) while q changes at `qdot`, see `Quantities`.

@@ -35,7 +35,7 @@ class Sides(NamedTuple):
         expected: what it should be, same shape.
         names: names along each axis.
         size: of the terms that cancel in a side, which then are to be seen beside its entries.
-        spread: κ · scale of both sides; None where it is to be measured on them.
+        sensitivity: κ · scale of both sides; None where it is to be measured on them.
         may_vanish: whether sides that are 0 are compared all the same.
     """
 
@@ -44,7 +44,7 @@ class Sides(NamedTuple):
     expected: Any
     names: Names
     size: float | None = None
-    spread: float | None = None
+    sensitivity: float | None = None
     may_vanish: bool = False
 
 
@@ -56,10 +56,10 @@ class Skipped(NamedTuple):
 
 
 def vanishing(
-    subject: str, found: Any, names: Names, size: float, spread: float | None = None
+    subject: str, found: Any, names: Names, size: float, sensitivity: float | None = None
 ) -> Sides:
     """Return the sides of found = 0, where `size` is that of the terms that cancel."""
-    return Sides(subject, found, np.zeros(np.shape(found), object), names, size, spread)
+    return Sides(subject, found, np.zeros(np.shape(found), object), names, size, sensitivity)
 
 
 def along(
@@ -96,15 +96,15 @@ class Look(Protocol):
     solutions: Sequence[tuple[Formulation, Any]]
     others: Sequence[tuple[Formulation, Any, Any]]
 
-    def spread(self, quantity: Callable[[Any], Any]) -> float:
+    def sensitivity(self, quantity: Callable[[Any], Any]) -> float:
         """Return κ · scale of a quantity; 0 where nothing is rounded."""
         ...
 
-    def vdot_spread(self, formulation: Formulation) -> float:
+    def vdot_sensitivity(self, formulation: Formulation) -> float:
         """Return κ · scale of v̇ by `formulation`."""
         ...
 
-    def multiplier_spread(self, formulation: Formulation) -> float:
+    def multiplier_sensitivity(self, formulation: Formulation) -> float:
         """Return κ · scale of λ by `formulation`."""
         ...
 

@@ -22,6 +22,7 @@ from eomcheck.claims.registry import (
 from eomcheck.engines import DerivingEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
@@ -159,7 +160,7 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
         if not isinstance(engine, DerivingEngine):
             continue
         expected, terms, condition = engine.kane_inertia_remainder(*case.state)
-        scale = case.at.spread(remainder, coordinates=True) + terms
+        scale = sensitivity_of(case.at, remainder, coordinates=True) + terms
         yield case.compare(
             f"kane ~ {engine.key}",
             remainder(case.at),

@@ -69,9 +69,11 @@ def true_errors(case: Case) -> Iterator[Finding]:
     true = Case(at, case.formulations, case.engines, case.claim)
     for formulation in true.solved:
         found = certify(formulation, truth, at)
-        spread = true.vdot_spread(formulation)
+        sensitivity = true.vdot_sensitivity(formulation)
         yield replace(
-            true.compare(formulation.key, found.vdot, truth.doubles(), spread, evidence=EVIDENCE),
+            true.compare(
+                formulation.key, found.vdot, truth.doubles(), sensitivity, evidence=EVIDENCE
+            ),
             digits=found.digits,
             state=case.state,
         )

@@ -10,6 +10,7 @@ import numpy as np
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import representable
 from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -152,7 +153,7 @@ def certify(
         RefusedError: the formulation refuses the state in doubles.
     """
     result = at.acceleration(formulation, pivoted)
-    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     exact, error = truth.doubles(), true_error(result.vdot, truth)
     scale = largest(exact)
     nonzero = [not x.contains(0) for x in truth.vdot]
@@ -166,14 +167,14 @@ def certify(
         error,
         ulps,
         relative_error(result.vdot, truth),
-        _over(allowed_error(spread), truth),
+        _over(allowed_error(sensitivity), truth),
         {name: 1.0 / rcond for name, rcond in result.rcond.items()},
-        spread / scale if scale > 0 else math.inf,
-        _ratio(largest(error), spread, scale),
+        sensitivity / scale if scale > 0 else math.inf,
+        _ratio(largest(error), sensitivity, scale),
     )
 
 
-def _ratio(error: float, spread: float, scale: float) -> float:
-    if not math.isfinite(spread) or scale == 0:
+def _ratio(error: float, sensitivity: float, scale: float) -> float:
+    if not math.isfinite(sensitivity) or scale == 0:
         return math.nan
-    return error / (EPS * spread)
+    return error / (EPS * sensitivity)

@@ -12,6 +12,11 @@ import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
+from eomcheck.evaluation.sensitivity import (
+    acceleration_sensitivity,
+    perturbed_copies,
+    sensitivity_of,
+)
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
@@ -55,9 +60,9 @@ def acceleration(
     if consistent:
         check_consistent(at)
     result = at.acceleration(formulation, pivoted)
-    spread = at.acceleration_spread(formulation, pivoted=pivoted)
+    sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # What underflows on the way is below what any change of the inputs can show.
-    return replace(result, error_bound=max(allowed_error(spread), UNDERFLOW))
+    return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
 
 
 def check_consistent(at: Evaluation) -> None:
@@ -137,7 +142,7 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
     """
     u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
-    for one in (at, *at.moved()):
+    for one in (at, *perturbed_copies(at)):
         one.u = u
     v = representable("v", at.velocity)
     _check_digits("v", at, lambda e: e.velocity)
@@ -153,7 +158,7 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
             entry.
     """
     at = Evaluation(scene, q, v, t)
-    for one in at.moved():
+    for one in perturbed_copies(at):
         one.v = at.v
     u = representable("u", at.u)
     _check_digits("u", at, lambda e: e.u)
@@ -162,15 +167,15 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
 
 def _check_digits(name: str, at: Evaluation, quantity: Callable[[Evaluation], Array]) -> None:
     """Check that rounding leaves a quantity its digits."""
-    size, spread = largest(quantity(at)), at.spread(quantity, can_be_lost=True)
-    if allowed_error(spread) > NOTICEABLE * size > 0:
+    size, sensitivity = largest(quantity(at)), sensitivity_of(at, quantity, solved=True)
+    if allowed_error(sensitivity) > NOTICEABLE * size > 0:
         least = allowed_error(1.0) / NOTICEABLE
         raise RefusedError(
             name,
-            size / spread,
+            size / sensitivity,
             least,
-            f"{name} cancels: its reciprocal condition number is {size / spread:.2g}, six digits "
-            f"need {least:.2g}",
+            f"{name} cancels: its reciprocal condition number is {size / sensitivity:.2g}, six "
+            f"digits need {least:.2g}",
         )
 
 

@@ -35,9 +35,9 @@ UNDERFLOW = 2.0**-900
 """An error below this may be nothing but underflow: what vanishes exactly passes, nothing fails."""
 
 
-def allowed_error(spread: float) -> float:
-    """Return C · ε · spread, where spread = κ · scale."""
-    return C * EPS * spread
+def allowed_error(sensitivity: float) -> float:
+    """Return C · ε · sensitivity, where sensitivity = κ · scale."""
+    return C * EPS * sensitivity
 
 
 def largest(x) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.integrators import Steps
@@ -161,7 +162,7 @@ class _Course:
         for place in {0, self._worst[1], max(self._looked)} if self._looked else ():
             at = self._looked[place]
             size = largest(at.acceleration(self.formulation).vdot)
-            bound = allowed_error(at.acceleration_spread(self.formulation))
+            bound = allowed_error(acceleration_sensitivity(at, self.formulation))
             worst = max(worst, bound / size if size > 0 else 0.0)
         return worst
 

@@ -12,6 +12,7 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
@@ -71,7 +72,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
     reference = FORMULATIONS[REFERENCE]
     try:
         vdot = at.acceleration(reference).vdot
-        spread = at.acceleration_spread(reference)
+        spread = acceleration_sensitivity(at, reference)
     except RefusedError:
         return []
     M, _, _, a, gamma, _ = at.terms
@@ -85,7 +86,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
             continue
         try:
             observed = largest(at.acceleration(formulation).vdot - vdot) / scale
-            allowed = allowed_error(at.acceleration_spread(formulation) + spread) / scale
+            allowed = allowed_error(acceleration_sensitivity(at, formulation) + spread) / scale
         except RefusedError:
             continue
         faulty = largest(flipped - vdot) / scale
