@@ -2,7 +2,7 @@
 
 import pytest
 
-from eomcheck.cli.options import interval
+from eomcheck.lab.options import interval
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
