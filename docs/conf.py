@@ -3,15 +3,19 @@ tables of operations from the study, that of references from their files."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
 
 import eomcheck
-from eomcheck import CLAIMS, FORMULATIONS, Formulation
-from eomcheck.lab.report.references import COLUMNS, row
-from eomcheck.lab.studies import study_of
+from eomcheck import FORMULATIONS, Formulation
+from eomcheck.lab.references import reference_sheet
+from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
+from eomcheck.lab.show.sheet import escaped as cell
+from eomcheck.lab.show.sheet import markdown_table as table
+from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.stored import load_reference
 
 DOCS = Path(__file__).parent
@@ -49,58 +53,26 @@ html_title = f"eomcheck {release}"
 # ---- Tables from the registries ------------------------------------------------------------------
 
 
-def cell(text: str) -> str:
-    """Return `text` for a Markdown table, nothing in it read as markup."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in text)
-
-
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a Markdown table; the entries of `rows` are Markdown already."""
-    lines = [header, ("---",) * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
-
-
-def yes(flag: bool) -> str:
-    return "yes" if flag else "no"
-
-
-def claims_table() -> str:
-    return table(
-        ("id", "statement", "equations"),
-        [(f"`{c.id}`", cell(c.statement), cell(c.equations)) for c in CLAIMS.values()],
-    )
-
-
-def in_paper(f: Formulation) -> str:
-    """Return whether Table I has multipliers for a formulation."""
-    return "not there" if f.multipliers_in_paper is None else yes(f.multipliers_in_paper)
-
-
 def formulations_table() -> str:
     """Return the paper's Table I with what is different here, and below it what is not there."""
-    return table(
-        (
-            "key",
-            "name",
-            "equations of the paper",
-            "number of equations",
-            "constraints at",
-            "multipliers (paper)",
-            "multipliers (here)",
-        ),
-        [
-            (
-                f"[`{f.key}`](theory/{f.key}.md)",
-                cell(f.name),
-                cell(f.equations) or "not there",
-                f"${f.order_text}$",
-                f"{f.level} level",
-                in_paper(f),
-                yes(f.multipliers),
-            )
-            for f in FORMULATIONS.values()
-        ],
-    )
+    sheet = registry_sheet("formulations").without("limits")
+    order = sheet.columns.index("order")
+    rows = []
+    for row in sheet.rows:
+        cells = [f"[{cell(row[0])}](theory/{row[0]}.md)", *map(cell, row[1:])]
+        cells[order] = f"${row[order]}$"
+        rows.append(cells)
+    return table(sheet.columns, rows)
+
+
+def studies_table() -> str:
+    """Return what is studied, by which command, and where its page is."""
+    rows = [
+        (f"`{command}`", what, f"[]({key}.md)" if (DOCS / f"{key}.md").is_file() else "")
+        for key, what in STUDIES.items()
+        for command in [f"eomcheck {'bench' if key in BENCHMARKS else 'study'} {key}"]
+    ]
+    return table(("command", "what it does", "page"), rows)
 
 
 USES = {
@@ -155,9 +127,10 @@ def references_table() -> str:
     files = sorted((DOCS.parent / "validation" / "references").glob("*.json"))
     found = [load_reference(path) for path in files]
     motions = "\n".join(f"- `{r.name}`: {cell(r.description)}" for r in found)
-    columns = (c.replace("Taylor", "first").replace("extrapolation", "second") for c in COLUMNS)
-    known = [(f"`{r.name}`", *map(cell, row(r)[1:])) for r in found]
-    return f"{motions}\n\n{table(tuple(columns), known)}"
+    sheet = reference_sheet(found)
+    names = {"Taylor": "first", "extrapolation": "second"}
+    columns = [re.sub("|".join(names), lambda m: names[m[0]], c) for c in sheet.columns]
+    return f"{motions}\n\n{sheet._replace(columns=columns).markdown()}"
 
 
 def write(name: str, text: str) -> None:
@@ -169,8 +142,9 @@ def write(name: str, text: str) -> None:
 
 
 def write_tables(app: Sphinx) -> None:
-    write("claims.md", claims_table())
+    write("claims.md", registry_sheet("claims").markdown())
     write("formulations.md", formulations_table())
+    write("studies.md", studies_table())
     write("references.md", references_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))

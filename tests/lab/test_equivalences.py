@@ -16,9 +16,9 @@ from eomcheck.lab.report.equivalences import (
     RUN,
     independent_of_run,
     named_tests,
-    ranges,
     write_equivalences,
 )
+from eomcheck.lab.report.judged import ranges
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Records

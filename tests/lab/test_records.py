@@ -19,7 +19,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
-from eomcheck.lab.report.records import columns, write_csv
+from eomcheck.lab.report.records import columns, record_sheet
 from eomcheck.lab.store import records as module
 from eomcheck.lab.store.provenance import blas_threads, machine, versions
 from eomcheck.lab.store.records import Record, Records, key_of, run_cells
@@ -458,9 +458,7 @@ def test_two_processes_write_at_once_from_the_making_of_the_file_on(path: Path):
 
 
 def table(records: list[Record]) -> list[dict[str, str]]:
-    file = io.StringIO()
-    write_csv(records, file)
-    return list(csv.DictReader(io.StringIO(file.getvalue())))
+    return list(csv.DictReader(io.StringIO(record_sheet(records).csv())))
 
 
 def test_a_table_has_every_value_in_full():

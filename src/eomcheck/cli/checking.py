@@ -71,7 +71,7 @@ def validate(
 
     from eomcheck.claims.run import Run, Selection
     from eomcheck.console import console, progress
-    from eomcheck.lab.report.findings import print_run, print_scenes, write_json
+    from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
     from eomcheck.scenes.named import kinds_of
@@ -104,10 +104,7 @@ def validate(
         if report is not None and kept is not None:
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
-    if len(kinds) == 1:
-        print_run(runs[kinds[0].key], selection)
-    else:
-        print_scenes(runs, selection)
+    print_runs(runs, selection)
     if json is not None:
         write_json(json, runs.values(), selection)
         typer.echo(f"written: {json}")
@@ -143,7 +140,7 @@ def prove(
     check_writable(json)
 
     from eomcheck.lab.proofs import Proofs, proof_jobs
-    from eomcheck.lab.report.proofs import print_proofs
+    from eomcheck.lab.report.findings import print_proofs
     from eomcheck.lab.store.workers import check_place
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
@@ -171,9 +168,10 @@ def list_registry(
     registry: Annotated[Registry, typer.Argument(help="What to list.")],
 ) -> None:
     """List formulations, scenes, engines or claims."""
-    from eomcheck.lab.report.registries import print_registry
+    from eomcheck.lab.report.registries import registry_sheet
+    from eomcheck.lab.show.sheet import print_sheets
 
-    print_registry(registry.value)
+    print_sheets([registry_sheet(registry.value)])
 
 
 def _write_page(records: list[Path], path: Path) -> None:
@@ -244,16 +242,15 @@ def export_records(
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
-    from eomcheck.lab.report.records import write_csv
+    from eomcheck.lab.report.records import record_sheet
     from eomcheck.lab.store.records import Records
 
     with Records(records, readonly=True) as opened:
-        found = opened.all()
+        text = record_sheet(opened.all()).csv()
     if file is None:
-        write_csv(found, sys.stdout)
+        sys.stdout.write(text)
         return
-    with file.open("w", encoding="utf-8", newline="") as output:
-        write_csv(found, output)
+    file.write_text(text, encoding="utf-8", newline="")
     typer.echo(f"written: {file}")
 
 
@@ -267,8 +264,14 @@ def reference(
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     check_folder(folder)
-    from eomcheck.lab.references import CASES, case_of, produce_all, write_reference
-    from eomcheck.lab.report.references import print_references
+    from eomcheck.lab.references import (
+        CASES,
+        case_of,
+        produce_all,
+        reference_sheet,
+        write_reference,
+    )
+    from eomcheck.lab.show.sheet import print_sheets
     from eomcheck.lab.store.workers import check_place
 
     cases = {name: case_of(name) for name in names or CASES}
@@ -277,5 +280,5 @@ def reference(
     check_place(executor)
     for made in produce_all(cases, executor):
         path = write_reference(made, folder)
-        print_references([made])
+        print_sheets([reference_sheet([made])])
         typer.echo(f"written: {path}")

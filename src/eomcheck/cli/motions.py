@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -36,43 +36,45 @@ def _snake(robot: Robot, links: int) -> Snake:
     return Snake.paper() if robot is Robot.PAPER else makers[robot](links)
 
 
-class _Near(NamedTuple):
-    """How motions near one are drawn, computed and drawn as a figure."""
-
-    draws: int
-    scale: float
-    seed: int
-    executor: str | None
-    plot: Path | None
-
-
 def _many(
-    scene: Snake, key: str, t_end: float, speeds: tuple[float, float], near: _Near, options: dict
+    scene: Snake,
+    key: str,
+    t_end: float,
+    speeds: tuple[float, float],
+    options: dict,
+    *,
+    draws: int,
+    scale: float,
+    seed: int,
+    executor: str | None,
+    plot: Path | None,
 ) -> bool:
     """Integrate, print and draw motions; return whether one did not reach its end."""
     import numpy as np
 
     import eomcheck
-    from eomcheck.lab.report.many import draw_many, print_many
+    from eomcheck.lab.report.motions import chart_of_many, print_many
     from eomcheck.lab.store import workers as spread
 
-    at_least_one(draws=near.draws)
-    if not 0 <= near.scale < np.inf:
-        raise InputError(f"scale = {near.scale}, expected a number that is not negative")
-    if near.plot is not None:
-        check_figure(near.plot)
-    random = np.random.default_rng(near.seed)
+    at_least_one(draws=draws)
+    if not 0 <= scale < np.inf:
+        raise InputError(f"scale = {scale}, expected a number that is not negative")
+    if plot is not None:
+        check_figure(plot)
+    random = np.random.default_rng(seed)
     q, _ = scene.initial_state()
-    q0 = q + near.scale * random.standard_normal((near.draws, scene.n))
-    u0 = speeds + near.scale * random.standard_normal((near.draws, scene.p))
-    there = nullcontext() if near.executor is None else spread.executor(near.executor)
+    q0 = q + scale * random.standard_normal((draws, scene.n))
+    u0 = speeds + scale * random.standard_normal((draws, scene.p))
+    there = nullcontext() if executor is None else spread.executor(executor)
     with there as pool:
         found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
     print_many(found)
     finished = found.status == "finished"
-    if near.plot is not None and finished.any():
-        draw_many(found, near.plot)
-        typer.echo(f"written: {near.plot}")
+    if plot is not None and finished.any():
+        from eomcheck.lab.show.by_matplotlib import draw
+
+        draw([chart_of_many(found)], plot)
+        typer.echo(f"written: {plot}")
     return not finished.all()
 
 
@@ -122,7 +124,7 @@ def simulate(
     import eomcheck
     from eomcheck.console import progress
     from eomcheck.formulations import formulations_for
-    from eomcheck.lab.report.trajectories import print_trajectories
+    from eomcheck.lab.report.motions import print_trajectories
 
     scene = _snake(robot, links)
     for name, value in (("stiffness", stiffness), ("damping", damping)):
@@ -135,8 +137,8 @@ def simulate(
         if len(chosen) > 1:
             raise InputError(f"formulation = {chosen}, expected one for draws")
         options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
-        near = _Near(draws, scale, seed, executor, plot)
-        if _many(scene, chosen[0], t_end, speeds, near, options):
+        near = {"draws": draws, "scale": scale, "seed": seed, "executor": executor, "plot": plot}
+        if _many(scene, chosen[0], t_end, speeds, options, **near):
             raise typer.Exit(1)
         return
     asked = formulations_for(scene, formulation)
@@ -178,7 +180,7 @@ def acceleration(
 
     Exit code 1 if one refuses.
     """
-    from eomcheck.lab.report.accelerations import print_accelerations
+    from eomcheck.lab.report.motions import print_accelerations
 
     scene = _snake(robot, links)
     if print_accelerations(scene, speeds, formulation):

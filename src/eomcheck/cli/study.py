@@ -110,8 +110,8 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
-    from eomcheck.lab.show.layout import write_json
     from eomcheck.lab.show.sheet import print_sheets
+    from eomcheck.lab.show.text import write_json
 
     found = one.run(records, fresh, **options)
     print_sheets(one.sheets(found))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from eomcheck.claims.proof import new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
-from eomcheck.lab.store.findings import keep_proof
+from eomcheck.lab.show.text import write_json
+from eomcheck.lab.store.findings import Kept, kept_of, record_of
 from eomcheck.lab.store.provenance import sources
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.workers import spread
@@ -90,9 +91,16 @@ def numbers_of_links(
     return (None,) if links is None or name == ALL else links
 
 
-def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[dict]:
+def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[Kept]:
     chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
-    return [finding.as_dict() for finding in prove_structure(scene, chosen, points, seed)]
+    return kept_of(prove_structure(scene, chosen, points, seed), scene.key)
+
+
+def _row(one: Kept) -> dict[str, Any]:
+    """Return a Finding on a structure for JSON, as `Finding.as_dict` does."""
+    names = ("claim", "subject", "structure", "observed", "allowed", "verdict", "evidence")
+    row = {name: getattr(one, name) for name in (*names, "detail")}
+    return row if one.proof is None else row | {"proof": asdict(one.proof)}
 
 
 class Proofs:
@@ -108,7 +116,7 @@ class Proofs:
         records: where to keep the Findings too, as they come.
 
     Attributes:
-        findings: structure -> its Findings as plain data.
+        findings: structure -> its Findings.
         taken_over: number of structures found in the file.
         started_over: whether the file was of other jobs or sources, and of no use.
     """
@@ -122,14 +130,14 @@ class Proofs:
     ):
         self.jobs, self.path, self.where, self.records = jobs, path, where, records
         self.seed = new_seed() if jobs.seed is None else jobs.seed
-        self.findings: dict[str, list[dict[str, Any]]] = {}
+        self.findings: dict[str, list[Kept]] = {}
         self.taken_over = 0
         self.started_over = False
 
     @property
     def failed(self) -> bool:
         """Whether anything was disproved."""
-        return any(row["verdict"] == "failed" for rows in self.findings.values() for row in rows)
+        return any(one.verdict == "failed" for found in self.findings.values() for one in found)
 
     def run(self) -> None:
         """Prove everything that is not proved yet."""
@@ -137,17 +145,17 @@ class Proofs:
         self.taken_over = len(self.findings)
         for scene in self.jobs.scenes:
             if scene.structure in self.findings:
-                self._keep(scene)
+                self._keep(scene.structure)
         left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
-        of = {scene.structure: scene for scene in left}
         with progress("proving", len(left)) as advance:
-            for structure, rows in self._proved(left):
-                self.findings[structure] = rows
+            for structure, found in self._proved(left):
+                self.findings[structure] = found
+                rows = [asdict(one) for one in found]
                 self._save(json.dumps([structure, rows], ensure_ascii=False))
-                self._keep(of[structure])
+                self._keep(structure)
                 advance()
 
-    def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[Kept]]]:
         how = self.jobs.formulations, self.jobs.points, self.seed
         large = [scene for scene in scenes if scene.n >= WORTH_A_PROCESS]
         for scene in scenes:
@@ -157,8 +165,8 @@ class Proofs:
             return
         names = ("formulations", "points", "seed")
         prove = partial(_prove, **dict(zip(names, how, strict=True)))
-        for scene, rows in spread(self.where, prove, large):
-            yield scene.structure, rows
+        for scene, found in spread(self.where, prove, large):
+            yield scene.structure, found
 
     @property
     def _part(self) -> Path | None:
@@ -195,7 +203,7 @@ class Proofs:
             except ValueError:  # the line at which a run was killed
                 continue
             if structure in wanted:
-                self.findings[structure] = rows
+                self.findings[structure] = [Kept.read(row) for row in rows]
 
     def _begin(self) -> None:
         assert self._part is not None
@@ -209,13 +217,13 @@ class Proofs:
             with self._part.open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
 
-    def _keep(self, scene: Scene) -> None:
+    def _keep(self, structure: str) -> None:
         if self.records is not None:
-            keep_proof(self.records, scene, self.findings[scene.structure])
+            self.records.add(record_of(self.findings[structure]))
 
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""
         assert self.path is not None and self._part is not None
-        document = self._header() | {"findings": self.findings}
-        self.path.write_text(json.dumps(document, indent=1, ensure_ascii=False), encoding="utf-8")
+        rows = {key: [_row(one) for one in found] for key, found in self.findings.items()}
+        write_json(self.path, self._header() | {"findings": rows})
         self._part.unlink(missing_ok=True)

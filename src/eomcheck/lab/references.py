@@ -7,7 +7,7 @@ computes one anew, twice, and writes it to `validation/references`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from eomcheck import __version__
 from eomcheck.console import progress
 from eomcheck.errors import named
+from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
@@ -221,3 +222,32 @@ def write_reference(reference: Reference, folder: Path) -> Path:
     command = f"eomcheck reference {reference.name}"
     save_reference(reference, path, made_by=command, eomcheck=__version__)
     return path
+
+
+COLUMNS = (
+    "reference",
+    "to t, s",
+    "uncertainty",
+    "energy drift: Taylor",
+    "extrapolation",
+    "steps: Taylor",
+    "extrapolation",
+    "seconds: Taylor",
+    "extrapolation",
+)
+
+
+def reference_sheet(references: Iterable[Reference]) -> Sheet:
+    """Return how well each reference is known, and what it took."""
+    rows = [
+        (
+            Cell(one.name, "name"),
+            f"{one.times[-1]:g}",
+            f"{one.uncertainty:.1g}",
+            *("" if run.drift is None else f"{run.drift:.1g}" for run in one.runs),
+            *(str(run.facts["steps"]) for run in one.runs),
+            *(f"{run.facts['seconds']:.0f}" for run in one.runs),
+        )
+        for one in references
+    ]
+    return Sheet("references", "", COLUMNS, rows)

@@ -8,61 +8,23 @@ tell whether a page is that of this suite.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from eomcheck import __version__
-from eomcheck.claims import CLAIMS, Claim
+from eomcheck.claims import CLAIMS
 from eomcheck.errors import InputError
-from eomcheck.lab.report.findings import group
-from eomcheck.lab.report.overview import LEVELS, Cell, Judged, Overview, made
+from eomcheck.lab.report.findings import evidence_sheet
+from eomcheck.lab.report.judged import LEVELS, Judged, group, ranges
+from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.show.templating import render
-from eomcheck.lab.store.findings import PROOFS, RUNS, STATES, Kept
+from eomcheck.lab.store.findings import PROOFS, RUNS, STATES
 from eomcheck.scenes import SCENES
 
 PROVED = LEVELS[0]
 RUN = "## The run"
 """Heading of the section that is about one run alone."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One level of evidence for a claim on one kind of scene."""
-
-    scene: str
-    level: str
-    cell: Cell
-
-    @property
-    def links(self) -> str:
-        """The numbers of links covered, "" for a scene that has none."""
-        return ranges(row.links for row in self.cell.rows if row.links is not None)
-
-    @property
-    def worst(self) -> Kept | None:
-        """Where observed / allowed is largest; for a proof there is no such state."""
-        return None if self.level == PROVED else self.cell.worst
-
-    @property
-    def failure_probability(self) -> float | None:
-        """Bound on the probability that one of its proofs is a mistake."""
-        return Judged(CLAIMS[self.cell.rows[0].claim], self.cell.rows).failure_probability
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A claim of the page."""
-
-    claim: Claim
-    rows: tuple[Row, ...]
-    tests: tuple[str, ...]
-
-    @property
-    def levels(self) -> list[str]:
-        """Levels of evidence, strongest first."""
-        return [level for level in LEVELS if any(row.level == level for row in self.rows)]
 
 
 def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
@@ -87,6 +49,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         "equivalences.md.j2",
         overview=overview,
         entries=list(entries(overview, suite)),
+        evidence=evidence_sheet,
         version=__version__,
         heading=RUN,
         commands=list(dict.fromkeys(commands(overview))),
@@ -118,7 +81,7 @@ def _options(counts: dict[str, int]) -> dict[str, int | str]:
     return {"examples": counts["examples"], "links": links, "seed": counts["seed"]}
 
 
-def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
+def entries(overview: Overview, suite: Path) -> Iterator[tuple[Judged, tuple[str, ...]]]:
     """Yield every claim, with its evidence and its tests.
 
     Raises:
@@ -128,26 +91,13 @@ def entries(overview: Overview, suite: Path) -> Iterator[Entry]:
     for judged in overview.claims:
         key = judged.claim.id
         looked_at = [row for row in judged.rows if row.level in LEVELS]
-        of = group(looked_at, lambda row: (row.scene, row.level))
-        order = sorted(of, key=lambda at: (overview.scenes.index(at[0]), LEVELS.index(at[1])))
-        rows = tuple(Row(scene, level, Cell.of(of[scene, level])) for scene, level in order)
+        looked_at.sort(key=lambda row: overview.scenes.index(row.scene))
         shown = tests.get(key, ())
-        if any(row.level == PROVED for row in rows):
+        if any(row.level == PROVED for row in looked_at):
             shown += tests.get(PROVED, ())
         if not shown:
             raise InputError(f"claim {key!r} has no test in {str(suite)!r}")
-        yield Entry(judged.claim, rows, shown)
-
-
-def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
-    """Return whole numbers as "1 to 4, 20"."""
-    runs: list[list[int]] = []
-    for number in sorted(set(numbers)):
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)
+        yield Judged(tuple(looked_at)), shown
 
 
 # ---- Tests ---------------------------------------------------------------------------------------

@@ -1,190 +1,222 @@
-"""Findings as a table of claims × formulations and engines, and as JSON."""
+"""Findings as tables of claims, on a terminal, and as JSON."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any, Protocol, TypeVar
-
-from rich.markup import escape
-from rich.table import Table
+from typing import Any
 
 from eomcheck import __version__
-from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import Run, Selection
 from eomcheck.console import console
-from eomcheck.lab.show.layout import numbers, table, words
-from eomcheck.lab.show.layout import write_json as write_document
-from eomcheck.lab.show.sheet import Sheet
-
-
-class Found(Protocol):
-    """A Finding, or what was kept of one."""
-
-    @property
-    def subject(self) -> str: ...  # noqa: D102
-    @property
-    def verdict(self) -> str: ...  # noqa: D102
-    @property
-    def ratio(self) -> float: ...  # noqa: D102
-
-
-F = TypeVar("F", bound=Found)
-T = TypeVar("T")
-
-
-def worst(findings: Iterable[F]) -> F | None:
-    """Return a failed Finding, else the one with the largest observed / allowed that counts."""
-    ranked = sorted(
-        findings,
-        key=lambda f: (f.verdict == "failed", f.verdict == "passed", f.ratio),
-    )
-    return ranked[-1] if ranked else None
-
-
-def parties(finding: Found) -> set[str]:
-    """Return the formulations and engines that a Finding is about."""
-    return set(re.findall(r"\w+", finding.subject))
-
-
-def _cell(findings: list[Finding]) -> str:
-    finding = worst(findings)
-    if finding is None:
-        return "[dim]·[/]"
-    if finding.verdict == "inconclusive":
-        return "[yellow]?[/]"
-    if finding.verdict == "failed":
-        return "[bold red]FAIL[/]"
-    return f"[green]{percent(finding.ratio)}[/]"
-
-
-def percent(ratio: float) -> str:
-    """Return observed / allowed in whole percent."""
-    return "0" if ratio == 0 else "<1%" if ratio < 0.01 else f"{100 * ratio:.0f}%"
-
-
-def _evidence(findings: list[Finding]) -> str:
-    level = findings[0].evidence.partition(":")[0]
-    open_ = sum(finding.verdict == "inconclusive" for finding in findings)
-    return f"{level}, {len(findings)}" + (f", {open_} open" if open_ else "")
-
-
-def findings_table(run: Run, selection: Selection) -> Table:
-    """Return claims × formulations and engines; a cell is the worst observed / allowed."""
-    columns = [f.key for f in selection.formulations] + [e.key for e in selection.engines]
-    cells = numbers("all", *columns, no_wrap=True)
-    rest = *words("evidence, findings"), *numbers("time", no_wrap=True)
-    made = table([*words("claim"), *cells, *rest], pad_edge=False)
-    by_claim = group(run.findings, lambda f: f.claim)
-    for id in CLAIMS:
-        found = by_claim.get(id, [])
-        if not found:
-            continue
-        made.add_row(
-            id,
-            _cell(found),
-            *(_cell([f for f in found if name in parties(f)]) for name in columns),
-            _evidence(found),
-            f"{run.seconds.get(id, 0.0):.1f} s",
-        )
-    return made
-
-
-def group(findings: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
-    """Return the Findings by `key`, in order."""
-    groups: dict[Any, list[T]] = {}
-    for finding in findings:
-        groups.setdefault(key(finding), []).append(finding)
-    return groups
-
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.proofs import Proofs
+from eomcheck.lab.report.judged import LEVELS, Judged, anchor, by_claim, group
+from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
+from eomcheck.lab.show.templating import number
+from eomcheck.lab.show.text import write_json as write_document
+from eomcheck.lab.store.findings import Kept, kept_of_runs
 
 CELLS = (
     "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
     "checked, ·: not concerned)."
 )
 
-
-def scenes_table(runs: Mapping[str, Run]) -> Table:
-    """Return claims × scenes; a cell is the worst observed / allowed."""
-    made = table([*words("claim"), *numbers(*runs)], pad_edge=False)
-    columns = [group(run.findings, lambda f: f.claim) for run in runs.values()]
-    for id in CLAIMS:
-        if any(id in found for found in columns):
-            made.add_row(id, *(_cell(found.get(id, [])) for found in columns))
-    made.add_section()
-    for what, count in (
-        ("states", lambda run: run.cases),
-        ("findings", lambda run: len(run.findings)),
-        ("of them inconclusive", lambda run: _open(run.findings)),
-        ("refused by some", lambda run: sum(bool(one.refused) for one in run.drawn)),
-        ("time", lambda run: f"{sum(run.seconds.values()):.0f} s"),
-    ):
-        made.add_row(what, *(str(count(run)) for run in runs.values()))
-    return made
+# ---- Tables --------------------------------------------------------------------------------------
 
 
-def print_scenes(runs: Mapping[str, Run], selection: Selection) -> None:
-    """Print one table of all scenes, and what fails on each."""
-    _print_head(sum(run.cases for run in runs.values()), selection)
-    console.print(scenes_table(runs))
-    console.print(CELLS)
-    failing = [run for run in runs.values() if print_failures(run)]
-    if not failing:
-        _print_passed([finding for run in runs.values() for finding in run.findings])
+def _name(judged: Judged) -> Cell:
+    return Cell(judged.claim.id, "name", f"#claim-{judged.claim.id}")
 
 
-def print_run(run: Run, selection: Selection) -> None:
-    """Print the table, what it says, and the smallest failing state as Python."""
-    _print_head(run.cases, selection)
-    console.print(findings_table(run, selection))
-    console.print(CELLS)
-    certified = [f for f in run.findings if f.digits is not None]
-    if certified:
-        found = group(certified, lambda f: f.subject)
-        digits = {key: [f.digits or 0.0 for f in mine] for key, mine in found.items()}
-        console.print("q̈ in doubles against its true value, enclosed:")
-        columns = ("formulation", "states solved", "certified digits: fewest", "median")
-        rows = [
-            (key, str(len(values)), f"{min(values):.1f}", f"{median(values):.1f}")
-            for key, values in digits.items()
-        ]
-        console.print(Sheet("digits", "", columns, rows).text(console.width))
-    for finding in run.findings:
-        if finding.claim == "coverage":
-            console.print(f"coverage: {finding.detail}")
-    if not print_failures(run):
-        _print_passed(run.findings)
+def party_sheet(
+    claims: Iterable[Judged], names: Sequence[str], seconds: Mapping[str, float] | None = None
+) -> Sheet:
+    """Return claims × formulations and engines; a cell is the worst observed / allowed.
+
+    Args:
+        claims: what was found.
+        names: keys of the formulations and engines.
+        seconds: id of a claim -> what looking at it took, if that is to be told.
+    """
+    rows = []
+    for one in claims:
+        cells = [_name(one), one.cell, *(one.of(name).cell for name in names), one.evidence]
+        time = [] if seconds is None else [f"{seconds.get(one.claim.id, 0.0):.1f} s"]
+        rows.append(cells + time)
+    columns = ["claim", "all", *names, "evidence, findings"]
+    return Sheet("claims", "", columns + ([] if seconds is None else ["time"]), rows, note=CELLS)
 
 
-def _print_head(states: int, selection: Selection) -> None:
+def scene_sheet(claims: Iterable[Judged], scenes: Iterable[str]) -> Sheet:
+    """Return claims × scenes, with what a claim says; a cell is the worst observed / allowed."""
+    scenes = list(scenes)
+    rows = []
+    for one in claims:
+        cells = (one.scenes.get(scene, Judged(())).cell for scene in scenes)
+        rows.append([_name(one), one.claim.statement, ", ".join(one.levels), *cells])
+    return Sheet("claims", "", ["claim", "statement", "evidence", *scenes], rows, note=CELLS)
+
+
+def evidence_sheet(judged: Judged) -> Sheet:
+    """Return what a claim rests on: scenes × levels of evidence."""
+    found = judged.by(lambda row: (row.scene, row.level))
+    levels = dict.fromkeys((*LEVELS, *judged.levels))
+    columns = ["scene", "evidence", "N", "states", "findings", "inconclusive"]
+    rows = [
+        [scene, level, *_evidence(found[scene, level])]
+        for scene in judged.scenes
+        for level in levels
+        if (scene, level) in found
+    ]
+    return Sheet("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
+
+
+def _evidence(one: Judged) -> list[str]:
+    worst, sure = one.worst, one.failure_probability
+    assert worst is not None
+    counted = [one.links, str(one.states or "all"), str(len(one.rows)), str(one.open or "")]
+    if sure is not None:
+        told = f"{len(one.rows)} identities, wrong with a probability below {number(sure)}"
+        return [*counted, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
+    where = f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.place}"
+    link = Cell(where if worst.ratio else "", link=f"#{anchor(worst)}")
+    return [*counted, one.cell, number(worst.observed), number(worst.allowed), link]
+
+
+def proof_sheet(claims: Iterable[Judged]) -> Sheet:
+    """Return what was proved of each claim, and how surely."""
+    counts = {"proved": "passed", "disproved": "failed", "not looked at": "inconclusive"}
+    bounds = "degree ≤", "height ≤", "failure probability <"
+    rows = []
+    for one in claims:
+        of = group(one.rows, lambda row: row.verdict)
+        proofs = [row.proof for row in one.rows if row.proof is not None]
+        rows.append(
+            [
+                _name(one),
+                one.claim.statement,
+                *(str(len(of[verdict])) if verdict in of else "" for verdict in counts.values()),
+                str(max((p.degree for p in proofs), default="")),
+                f"{max(p.height for p in proofs):.0f} bits" if proofs else "",
+                f"{max(p.failure_probability for p in proofs):.1e}" if proofs else "",
+            ]
+        )
+    return Sheet("proofs", "", ["claim", "statement", *counts, *bounds], rows)
+
+
+def digits_sheet(rows: Iterable[Kept]) -> Sheet:
+    """Return the certified digits of v̇ of each formulation on each scene: fewest and median."""
+    certified = group([row for row in rows if row.digits is not None], lambda row: row.subject)
+    scenes = list(dict.fromkeys(row.scene for found in certified.values() for row in found))
+    made = []
+    for key in (key for key in FORMULATIONS if key in certified):
+        on = group(certified[key], lambda row: row.scene)
+        cells = (_digits([row.digits or 0.0 for row in on.get(scene, [])]) for scene in scenes)
+        made.append((key, str(len(certified[key])), *cells))
+    title = "Decimal digits of q̈ in doubles that are right, against its true value: fewest (median)"
+    return Sheet("digits", title, ("formulation", "states solved", *scenes), made)
+
+
+def _digits(digits: list[float]) -> str:
+    return f"{min(digits):.1f} ({median(digits):.1f})" if digits else "·"
+
+
+# ---- On a terminal -------------------------------------------------------------------------------
+
+
+def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
+    """Print the table, what it says, and the smallest failing state as Python.
+
+    Args:
+        runs: key of a kind of scene -> its run. Of several the table is one of scenes.
+        selection: what took part.
+    """
     engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
-    console.print(f"eomcheck {__version__}, {engines}, {states} states")
+    states = sum(run.cases for run in runs.values())
+    console.print(f"eomcheck {__version__}, {engines}, {states} states", soft_wrap=True)
+    rows = kept_of_runs(runs)
+    claims = by_claim(rows)
+    if len(runs) == 1:
+        (run,) = runs.values()
+        names = [one.key for one in (*selection.formulations, *selection.engines)]
+        sheets = [party_sheet(claims, names, run.seconds), digits_sheet(rows)]
+        print_sheets(sheet for sheet in sheets if sheet.rows)
+        for row in rows:
+            if row.claim == "coverage":
+                say(f"coverage: {row.detail}")
+    else:
+        sheet = scene_sheet(claims, runs).without("statement", "evidence")
+        print_sheets([sheet, Sheet("runs", "What was looked at", ("", *runs), _totals(runs))])
+    print_failures(claims)
+    smallest = [_smallest(run) for run in runs.values()]
+    for finding in filter(None, smallest):
+        console.print("\nThe smallest failing state found, to paste into Python:\n")
+        say(finding.as_python())
+    if not any(one.failed for one in claims):
+        whole = Judged(tuple(rows))
+        passed = len(rows) - whole.open
+        say(f"{passed} findings passed, {whole.open} inconclusive, 0 failed.", "bold green")
 
 
-def _open(findings: list[Finding]) -> int:
-    return sum(finding.verdict == "inconclusive" for finding in findings)
+def _totals(runs: Mapping[str, Run]) -> list[list[str]]:
+    """Return what was looked at on each scene."""
+    counts = {
+        "states": lambda run: run.cases,
+        "findings": lambda run: len(run.findings),
+        "of them inconclusive": lambda run: sum(
+            one.verdict == "inconclusive" for one in run.findings
+        ),
+        "refused by some": lambda run: sum(bool(one.refused) for one in run.drawn),
+        "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
+    }
+    return [[what, *(str(of(run)) for run in runs.values())] for what, of in counts.items()]
 
 
-def _print_passed(findings: list[Finding]) -> None:
-    open_ = _open(findings)
-    passed = len(findings) - open_
-    console.print(f"[bold green]{passed} findings passed, {open_} inconclusive, 0 failed.[/]")
+def _smallest(run: Run) -> Any:
+    failed = (one for one in run.findings if one.verdict == "failed" and one.claim != "coverage")
+    return run.minimal or next(failed, None)
 
 
-def print_failures(run: Run) -> bool:
-    """Print what fails, and the smallest failing state as Python; return whether anything does."""
-    failed = [finding for finding in run.findings if finding.verdict == "failed"]
-    for found in group(failed, lambda f: (f.claim, f.subject)).values():
-        console.print(escape(str(found[0])), style="red", highlight=False, soft_wrap=True)
-    smallest = run.minimal or next((f for f in failed if f.claim != "coverage"), None)
-    if smallest is None:
-        return bool(failed)
-    console.print("\nThe smallest failing state found, to paste into Python:\n")
-    code = smallest.as_python()
-    console.print(code, markup=False, highlight=False, soft_wrap=True)
-    return True
+def print_failures(claims: Iterable[Judged]) -> None:
+    """Print what fails."""
+    for one in claims:
+        for row in one.failed:
+            say(f"{row.claim} {row}", "red")
+
+
+def print_proofs(proofs: Proofs) -> None:
+    """Print the table, the total failure probability, and every disproof."""
+    rows = [one for found in proofs.findings.values() for one in found]
+    claims = by_claim(rows)
+    if not claims:
+        console.print("nothing was proved")
+        return
+    print_sheets([proof_sheet(claims)])
+    print_failures(claims)
+    for one in claims:
+        skipped = (row for row in one.rows if row.verdict == "inconclusive")
+        for subject, (first, *_) in group(skipped, lambda row: row.subject).items():
+            say(f"not looked at: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+    if proofs.started_over:
+        console.print("an unfinished file of other settings or sources was started over")
+    of = group(rows, lambda row: row.verdict)
+    done, asked, failed = len(proofs.findings), len(proofs.jobs.scenes), len(of.get("failed", []))
+    earlier = f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else ""
+    console.print(
+        f"[bold {'red' if failed else 'green'}]{len(of.get('passed', []))} identities proved, "
+        f"{failed} disproved[/] on {done} of {asked} structures{earlier}"
+    )
+    console.print(
+        f"Had any of them been false, all its points would have hidden it with a probability below "
+        f"{sum(one.failure_probability or 0.0 for one in claims):.1e} ({proofs.jobs.points} random "
+        f"points and primes each, seed {proofs.seed})."
+    )
+
+
+# ---- JSON ----------------------------------------------------------------------------------------
 
 
 def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:

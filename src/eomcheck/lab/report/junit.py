@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from eomcheck.lab.report.overview import Cell, Judged, Overview
+from eomcheck.lab.report.judged import Judged
+from eomcheck.lab.report.overview import Overview
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML cannot hold."""
@@ -23,9 +24,9 @@ def write_junit(overview: Overview, path: Path) -> None:
     for scene in dict.fromkeys([*overview.scenes, *unfinished]):
         suite = ElementTree.SubElement(root, "testsuite", name=scene)
         for judged in overview.claims:
-            cell = judged.scenes.get(scene)
-            if cell is not None:
-                _case(suite, scene, judged, cell, seconds.get((scene, judged.claim.id), 0.0))
+            if scene in judged.scenes:
+                took = seconds.get((scene, judged.claim.id), 0.0)
+                _case(suite, scene, judged.scenes[scene], took)
         if scene in unfinished:
             case = _test_case(suite, scene, "run", 0.0)
             ElementTree.SubElement(case, "error", message="the run did not come to its end")
@@ -48,25 +49,17 @@ def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float
     return ElementTree.SubElement(suite, "testcase", of)
 
 
-def _case(
-    suite: ElementTree.Element, scene: str, judged: Judged, cell: Cell, seconds: float
-) -> None:
+def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float) -> None:
     case = _test_case(suite, scene, judged.claim.id, seconds)
-    if cell.kind == "open":
+    if judged.kind == "open":
         ElementTree.SubElement(case, "skipped", message="inconclusive: nothing could be checked")
     for row in judged.failed:
-        if row.scene != scene:
-            continue
-        message = (
-            f"[{row.subject}] {row.evidence}: observed {row.observed:.3g}, "
-            f"allowed {row.allowed:.3g}, {row.place}. {row.detail}"
-        )
-        failure = ElementTree.SubElement(case, "failure", message=_clean(message))
+        failure = ElementTree.SubElement(case, "failure", message=_clean(str(row)))
         failure.text = _clean(row.python)
     out = ElementTree.SubElement(case, "system-out")
     out.text = _clean(
-        f"{judged.claim.statement} {judged.claim.equations}: {len(cell.rows)} findings, "
-        f"{cell.open} inconclusive, largest error {cell.text} of the error allowed"
+        f"{judged.claim.statement} {judged.claim.equations}: {len(judged.rows)} findings, "
+        f"{judged.open} inconclusive, largest error {judged.text} of the error allowed"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from eomcheck.lab.report.findings import scene_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.templating import render
@@ -15,5 +16,7 @@ def write_markdown(overview: Overview, path: Path) -> None:
     Raises:
         EngineError: jinja2 is not installed.
     """
-    text = render("report.md.j2", overview=overview, sections=sections_of(overview))
+    claims = scene_sheet(overview.claims, overview.scenes)
+    sections = sections_of(overview)
+    text = render("report.md.j2", overview=overview, claims=claims, sections=sections)
     path.write_text(text, encoding="utf-8")

@@ -6,23 +6,18 @@ Everything that a report shows is decided here, once; HTML, Markdown and JUnit o
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from eomcheck.claims import CLAIMS, Claim
 from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.findings import group, parties, percent, worst
-from eomcheck.lab.store.findings import PROOFS, RUNS, Kept, kept_in
+from eomcheck.lab.report.judged import Judged, by_claim, parties
+from eomcheck.lab.store.findings import PROOFS, RUNS, kept_in
 from eomcheck.lab.store.records import Record, Records, key_of
 
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
-
-LEVELS = ("proved", "enclosed", "property-tested", "compared")
-"""Levels of evidence, strongest first."""
 
 
 def read(paths: Iterable[Path]) -> list[Record]:
@@ -39,90 +34,6 @@ def read(paths: Iterable[Path]) -> list[Record]:
     if not found:
         raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}")
     return list(found.values())
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What was found on one claim by one formulation or engine, or on one scene.
-
-    Attributes:
-        kind: "failed", "passed", "open" where nothing could be checked, or "none".
-        text: the largest observed / allowed, in percent.
-        rows: the Findings.
-    """
-
-    kind: str
-    text: str
-    rows: tuple[Kept, ...]
-
-    @classmethod
-    def of(cls, rows: Iterable[Kept]) -> Cell:
-        """Return the cell of some Findings."""
-        rows = tuple(rows)
-        found: Kept | None = worst(rows)
-        if found is None:
-            return cls("none", "·", rows)
-        if found.verdict == "failed":
-            return cls("failed", "FAIL", rows)
-        if found.verdict == "inconclusive":
-            return cls("open", "?", rows)
-        return cls("passed", percent(found.ratio), rows)
-
-    @property
-    def worst(self) -> Kept | None:
-        """The Finding that the text is about."""
-        return worst(self.rows)
-
-    @property
-    def states(self) -> int:
-        """Number of states looked at."""
-        return len({(row.scene, row.case) for row in self.rows if row.case is not None})
-
-    @property
-    def open(self) -> int:
-        """Number of Findings that are inconclusive."""
-        return sum(row.verdict == "inconclusive" for row in self.rows)
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A claim and all that was found on it."""
-
-    claim: Claim
-    rows: tuple[Kept, ...]
-
-    @property
-    def whole(self) -> Cell:
-        """All Findings."""
-        return Cell.of(self.rows)
-
-    def of(self, name: str) -> Cell:
-        """Return the Findings about one formulation or engine."""
-        return Cell.of(row for row in self.rows if name in parties(row))
-
-    @property
-    def scenes(self) -> dict[str, Cell]:
-        """Key of a scene -> the Findings on it."""
-        return {key: Cell.of(rows) for key, rows in group(self.rows, lambda r: r.scene).items()}
-
-    @property
-    def levels(self) -> dict[str, Cell]:
-        """Level of evidence -> the Findings of that level, strongest first."""
-        found = group(self.rows, lambda r: r.level)
-        order = [*LEVELS, *(level for level in found if level not in LEVELS)]
-        return {level: Cell.of(found[level]) for level in order if level in found}
-
-    @property
-    def failed(self) -> list[Kept]:
-        """The first failure of each subject on each scene."""
-        failures = [row for row in self.rows if row.verdict == "failed"]
-        return [rows[0] for rows in group(failures, lambda r: (r.subject, r.scene)).values()]
-
-    @property
-    def failure_probability(self) -> float | None:
-        """Bound on the probability that any of its proofs is a mistake, None without proofs."""
-        found = [row.proof["failure_probability"] for row in self.rows if row.proof is not None]
-        return sum(found) if found else None
 
 
 class Overview:
@@ -149,10 +60,7 @@ class Overview:
     @cached_property
     def claims(self) -> list[Judged]:
         """Every claim on which something was found, in the order of the registry."""
-        found = group(self.rows, lambda r: r.claim)
-        unknown = {key: Claim(key, "", "", "", None) for key in found if key not in CLAIMS}
-        known = CLAIMS | unknown
-        return [Judged(known[key], tuple(found[key])) for key in known if key in found]
+        return by_claim(self.rows)
 
     @cached_property
     def columns(self) -> list[str]:
@@ -178,12 +86,12 @@ class Overview:
     @property
     def open(self) -> int:
         """Number of Findings that are inconclusive."""
-        return Cell.of(self.rows).open
+        return Judged(tuple(self.rows)).open
 
     @cached_property
     def failed(self) -> list[Judged]:
         """The claims that fail somewhere."""
-        return [judged for judged in self.claims if judged.whole.kind == "failed"]
+        return [judged for judged in self.claims if judged.kind == "failed"]
 
     @property
     def verdict(self) -> Verdict:
@@ -208,7 +116,7 @@ class Overview:
             return "The run did not come to its end; no claim was checked."
         if self.verdict == "not finished":
             return f"The run did not come to its end; until then none {of} failed."
-        checked = [judged for judged in self.claims if judged.whole.kind == "passed"]
+        checked = [judged for judged in self.claims if judged.kind == "passed"]
         if len(checked) < len(self.claims):
             return f"{len(checked)} {of} hold; on the others nothing could be checked."
         return f"All {_count(len(checked), 'claim')} hold."

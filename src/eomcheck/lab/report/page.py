@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 from eomcheck import __version__
+from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.overview import Judged, Overview
+from eomcheck.lab.report.findings import evidence_sheet, party_sheet
+from eomcheck.lab.report.judged import Judged, anchor
+from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.chart import Chart, keys_of
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.show.templating import environment, render
 from eomcheck.lab.store.findings import Kept
@@ -22,7 +24,7 @@ CONTRAST = 4.0
 
 def check_installed() -> None:
     """Raise EngineError if jinja2 or plotly is not installed."""
-    from eomcheck.lab.show.charts import plotly_js
+    from eomcheck.lab.show.by_plotly import plotly_js
 
     environment()
     plotly_js()
@@ -34,9 +36,9 @@ def write_page(overview: Overview, path: Path) -> None:
     Raises:
         EngineError: jinja2 or plotly is not installed.
     """
-    from eomcheck.lab.show.charts import plotly_js
+    from eomcheck.lab.show.by_plotly import json_of, plotly_js
 
-    sections = [(one, [_view(chart) for chart in one.charts()]) for one in sections_of(overview)]
+    sections = [(one, one.charts()) for one in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
     page = render(
         "page.html.j2",
@@ -44,8 +46,12 @@ def write_page(overview: Overview, path: Path) -> None:
         version=__version__,
         sections=sections,
         charts=charts,
+        json_of=json_of,
         states=_states(overview),
         anchor=anchor,
+        claims=party_sheet(overview.claims, overview.columns),
+        evidence=evidence_sheet,
+        lit={*STYLES, *ENGINES},
         formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
         light={key: style.color for key, style in STYLES.items()},
         dark={key: on_dark(style.color) for key, style in STYLES.items()},
@@ -54,38 +60,10 @@ def write_page(overview: Overview, path: Path) -> None:
     path.write_text(page, encoding="utf-8")
 
 
-def _view(chart: Any) -> Any:
-    """Return what the template reads of a chart."""
-    from eomcheck.lab.show.by_plotly import json_of
-    from eomcheck.lab.show.chart import Chart, keys_of
-
-    if not isinstance(chart, Chart):
-        return chart
-    text = json_of(chart)
-    return SimpleNamespace(
-        id=chart.name,
-        title=chart.title,
-        choices=chart.choices,
-        keys=keys_of([chart]),
-        json=lambda: text,
-    )
-
-
-def overview_formulations(overview: Overview, charts: list) -> list[str]:
+def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:
     """Return the formulations that the report shows anywhere, in the order of the registry."""
-    drawn = set()
-    for chart in charts:
-        if isinstance(chart, SimpleNamespace):
-            drawn |= set(chart.keys)
-        else:
-            drawn |= {line.name for p in chart.panels.values() for line in p.figure.data}
+    drawn = keys_of(charts)
     return [key for key in FORMULATIONS if key in drawn or key in overview.columns]
-
-
-def anchor(row: Kept) -> str:
-    """Return the id of the state of a Finding in the page."""
-    case = "proof" if row.case is None else str(row.case)
-    return "-".join(("state", row.scene, *([] if row.links is None else [str(row.links)]), case))
 
 
 def _states(overview: Overview) -> list[Kept]:
@@ -97,8 +75,8 @@ def _states(overview: Overview) -> list[Kept]:
 
 
 def _pointed(judged: Judged) -> list[Kept]:
-    worst = [cell.worst for cell in judged.scenes.values()]
-    return [*judged.failed, *(row for row in worst if row is not None)]
+    found = judged.by(lambda row: (row.scene, row.level)).values()
+    return [*judged.failed, *(one.worst for one in found if one.worst is not None)]
 
 
 # ---- Colours in the dark -------------------------------------------------------------------------

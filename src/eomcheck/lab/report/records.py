@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
+from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, TextIO
+from typing import Any
 
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record
 
 GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
@@ -26,7 +27,7 @@ def _flat(record: Record) -> dict[str, Any]:
     return row
 
 
-def columns(records: list[Record]) -> list[str]:
+def columns(records: Sequence[Record]) -> list[str]:
     """Return the columns of a table: in the order of Record's fields, names sorted in each."""
     order = [field.name for field in fields(Record)]
     names = dict.fromkeys(name for record in records for name in _flat(record))
@@ -50,11 +51,8 @@ def _cell(value: Any) -> str:
             return json.dumps(value, ensure_ascii=False)
 
 
-def write_csv(records: list[Record], file: TextIO) -> None:
-    """Write one line per Record; what a Record does not have is empty."""
+def record_sheet(records: Sequence[Record]) -> Sheet:
+    """Return one line per Record; what a Record does not have is empty."""
     names = columns(records)
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(names)
-    for record in records:
-        row = _flat(record)
-        writer.writerow([_cell(row.get(name)) for name in names])
+    rows = [[_cell(row.get(name)) for name in names] for row in map(_flat, records)]
+    return Sheet("records", "", names, rows)

@@ -4,60 +4,67 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
-from eomcheck.console import console
-from eomcheck.lab.show.layout import table, words
+from eomcheck.lab.show.sheet import Cell, Sheet
 
 if TYPE_CHECKING:
     from eomcheck.evaluation.point import Quantities
+    from eomcheck.formulations import Formulation
     from eomcheck.mechanics.scene import Scene
 
 
-def _yes(flag: bool | None) -> str:
+def yes(flag: bool | None) -> str:
+    """Return a flag as a word."""
     return "" if flag is None else "yes" if flag else "no"
 
 
-def _formulations() -> Table:
+def in_paper(f: Formulation) -> str:
+    """Return whether Table I has multipliers for a formulation."""
+    return "not there" if f.multipliers_in_paper is None else yes(f.multipliers_in_paper)
+
+
+def _formulations() -> Sheet:
     from eomcheck.formulations import FORMULATIONS
 
-    shown = _table(
-        "key", "name", "equations", "order", "constraints at", "λ in paper", "λ here", "limits"
-    )
-    for f in FORMULATIONS.values():
-        shown.add_row(
-            f.key,
+    rows = [
+        (
+            Cell(f.key, "name"),
             f.name,
             f.equations or "not there",
             f.order_text,
             f"{f.level} level",
-            "not there" if f.multipliers_in_paper is None else _yes(f.multipliers_in_paper),
-            _yes(f.multipliers),
+            in_paper(f),
+            yes(f.multipliers),
             f.limits,
         )
-    return shown
+        for f in FORMULATIONS.values()
+    ]
+    about = ("name", "equations", "order", "constraints at", "λ in paper", "λ here", "limits")
+    return Sheet("formulations", "", ("key", *about), rows, (6, 13, 10, 10, 13, 9, 6, 37))
 
 
-def _scenes() -> Table:
+def _scenes() -> Sheet:
     from eomcheck.engines import ENGINES
     from eomcheck.lab.studies.operations.counting import outline
     from eomcheck.numbers.counting import Counting
     from eomcheck.scenes import SCENES
 
-    shown = _table("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
+    rows = []
     for kind in SCENES.values():
         scene = kind.example()
         at = outline(scene, Counting())
-        shown.add_row(
-            kind.key,
-            f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
-            _terms(at),
-            _speeds(at),
-            _applying(kind),
-            ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
-            _invariants(scene),
+        rows.append(
+            (
+                Cell(kind.key, "name"),
+                f"{_first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
+                _terms(at),
+                _speeds(at),
+                _applying(kind),
+                ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
+                _invariants(scene),
+            )
         )
-    return shown
+    columns = ("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
+    return Sheet("scenes", "", columns, rows, (15, 24, 18, 12, 12, 11, 24))
 
 
 def _terms(at: Quantities) -> str:
@@ -87,41 +94,33 @@ def _invariants(scene: Scene) -> str:
     return ", ".join((energy, *symmetries))
 
 
-def _engines() -> Table:
+def _engines() -> Sheet:
     from eomcheck.engines import ENGINES, DerivingEngine
     from eomcheck.errors import EngineError
 
-    shown = _table("key", "library", "own constraints", "what it is")
+    rows = []
     for engine in ENGINES.values():
         try:
             library = engine.version()
         except EngineError:
             library = "not installed"
-        shown.add_row(
-            engine.key, library, _yes(issubclass(engine, DerivingEngine)), _first_line(engine)
-        )
-    return shown
+        own = yes(issubclass(engine, DerivingEngine))
+        rows.append((Cell(engine.key, "name"), library, own, _first_line(engine)))
+    return Sheet("engines", "", ("key", "library", "own constraints", "what it is"), rows)
 
 
-def _claims() -> Table:
+def _claims() -> Sheet:
     from eomcheck.claims import CLAIMS
 
-    shown = _table("id", "statement", "equations")
-    for claim in CLAIMS.values():
-        shown.add_row(claim.id, claim.statement, claim.equations)
-    return shown
+    rows = [(Cell(one.id, "name"), one.statement, one.equations) for one in CLAIMS.values()]
+    return Sheet("claims", "", ("id", "statement", "equations"), rows)
 
 
 def _first_line(thing: type) -> str:
     return (thing.__doc__ or "").strip().splitlines()[0]
 
 
-def _table(*columns: str) -> Table:
-    made = [one for x in columns for one in words(x, no_wrap=x in ("key", "id", "order"))]
-    return table(made, show_lines="limits" in columns)
-
-
-_TABLES = {
+_SHEETS = {
     "formulations": _formulations,
     "scenes": _scenes,
     "engines": _engines,
@@ -129,6 +128,6 @@ _TABLES = {
 }
 
 
-def print_registry(name: str) -> None:
-    """Print the table of one registry."""
-    console.print(_TABLES[name]())
+def registry_sheet(name: str) -> Sheet:
+    """Return the table of one registry."""
+    return _SHEETS[name]()

@@ -152,6 +152,9 @@ def _share(row: Iterable[Axes], which: str) -> None:
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one panel into axes."""
+    for place, band in enumerate(panel.bands):
+        look = {"color": STYLES[band.key].color, "alpha": 0.25 + 0.3 * place, "lw": 0}
+        axes.fill_between(band.x, band.low, band.high, label=band.label, **look)
     places: dict[Any, int] = {name: place for place, name in enumerate(panel.x.categories)}
     for line in panel.lines:
         draw_line(axes, line._replace(x=[places[x] for x in line.x]) if places else line)

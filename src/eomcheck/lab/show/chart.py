@@ -56,6 +56,16 @@ class Line(NamedTuple):
     look: Literal["line", "thin", "dotted", "crosses", "rings"] = "line"
 
 
+class Band(NamedTuple):
+    """An area between two lines of a formulation, and what a legend calls it."""
+
+    key: str
+    x: Sequence[float]
+    low: Sequence[float]
+    high: Sequence[float]
+    label: str
+
+
 @dataclass(frozen=True)
 class Panel:
     """One pair of axes.
@@ -71,6 +81,7 @@ class Panel:
         legend: whether the legend of its lines stands in it, not above all panels.
         bad: between these ordinates nothing is good, which is drawn in grey.
         equal: whether a unit is as long on both axes.
+        bands: areas below the lines, each darker than the one before.
     """
 
     x: Axis
@@ -83,6 +94,7 @@ class Panel:
     legend: bool = False
     bad: tuple[float, float] | None = None
     equal: bool = False
+    bands: Sequence[Band] = ()
 
     @property
     def keys(self) -> list[str]:

@@ -6,8 +6,9 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 from io import StringIO
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
+from rich.cells import cell_len
 from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.padding import Padding
@@ -17,6 +18,35 @@ from rich.text import Text
 from eomcheck.console import console
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
+_NO_NUMBER = {"", "-", "·", "?", "FAIL"}
+"""What stands in a column of numbers where there is none."""
+MANY = 7
+"""Short cells of more columns than this are listed side by side, not one a line."""
+
+
+class Cell(str):
+    """The text of a cell that is more than text.
+
+    Attributes:
+        kind: "name" of something registered, or what a cell says is "passed", "failed", "open" or
+            "none".
+        link: where it leads in a page.
+        said: what a page says on demand.
+    """
+
+    kind: str
+    link: str
+    said: str
+
+    def __new__(cls, text: str, kind: str = "", link: str = "", said: str = "") -> Self:
+        """Make it of its text."""
+        made = super().__new__(cls, text)
+        made.kind, made.link, made.said = kind, link, said
+        return made
+
+
+LOOKS = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
+"""Kind of a cell -> how a terminal shows it."""
 
 
 class Sheet(NamedTuple):
@@ -40,85 +70,131 @@ class Sheet(NamedTuple):
     note: str = ""
     detail: bool = False
 
+    def without(self, *columns: str) -> Sheet:
+        """Return the table without some of its columns."""
+        kept = [i for i, head in enumerate(self.columns) if head not in columns]
+        rows = [[row[i] for i in kept] for row in self.rows]
+        return self._replace(columns=[self.columns[i] for i in kept], rows=rows)
+
     def of_numbers(self, column: int) -> bool:
         """Return whether all that stands in a column are numbers, which end at the right."""
-        cells = [row[column] for row in self.rows if row[column] not in ("", "-", "·")]
+        cells = [row[column] for row in self.rows if row[column] not in _NO_NUMBER]
         return bool(cells) and all(_NUMBER.match(cell) for cell in cells)
 
     def markdown(self) -> str:
-        """Return the table in Markdown."""
-        lines = [self.columns, ["---"] * len(self.columns), *self.rows]
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+        """Return the table in Markdown, nothing in it read as markup; names are code."""
+        return markdown_table(map(escaped, self.columns), (map(escaped, row) for row in self.rows))
 
     def csv(self) -> str:
-        """Return the table as comma-separated values (RFC 4180)."""
+        """Return the table as comma-separated values (RFC 4180, but lines end as in Unix)."""
         text = StringIO(newline="")
-        csv.writer(text).writerows([self.columns, *self.rows])
+        csv.writer(text, lineterminator="\n").writerows([self.columns, *self.rows])
         return text.getvalue()
 
     def text(self, width: int) -> RenderableType:
         """Return the table for a terminal of so many columns.
 
-        Where it does not fit, words wrap, and where they do not fit either, each row becomes a
-        list of its cells, one a line.
+        Where it does not fit, words wrap, then headings break at hyphens, and where they do not fit
+        either, each row becomes a list of its cells.
         """
-        if self.widths:
-            return self._sentences() if width >= 100 else self._listed()
-        widths = self._fitted(width - 3 * len(self.columns) - 1)
-        if widths is None:
-            return self._listed()
-        table = Table(header_style="bold")
-        for i, head in enumerate(self.columns):
-            end = "right" if self.of_numbers(i) else "left"
-            table.add_column(escape(head), justify=end, width=widths[i])
+        columns = self._columns(width)
+        if columns is None:
+            return self._listed(width - 2)
+        said = bool(self.widths)
+        table = Table(*columns, header_style="bold", show_lines=said, expand=said)
         for row in self.rows:
-            table.add_row(*map(escape, row))
+            table.add_row(*map(_styled, row))
         return table
 
-    def _fitted(self, room: int) -> list[int] | None:
+    def _columns(self, width: int) -> list[Column] | None:
+        """Return the columns if they fit."""
+        if self.widths:
+            shares = zip(self.columns, self.widths, strict=True)
+            made = [Column(escape(head), ratio=share) for head, share in shares]
+            return made if width >= 100 else None
+        numbers = [self.of_numbers(i) for i in range(len(self.columns))]
+        for heads in (self.columns, [head.replace("-", "-\n") for head in self.columns]):
+            widths = self._fitted(heads, width - 3 * len(heads) - 1)
+            if widths is not None:
+                whole = zip(heads, numbers, widths, strict=True)
+                return [
+                    Column(escape(head), justify="right" if last else "left", width=room)
+                    for head, last, room in whole
+                ]
+        return None
+
+    def _fitted(self, heads: Sequence[str], room: int) -> list[int] | None:
         """Return the widths of the columns in so much room, the widest ones narrowed; or None."""
-        least = [self._least(i) for i in range(len(self.columns))]
+        least = [self._least(i, head) for i, head in enumerate(heads)]
         if sum(least) > room:
             return None
-        widths = [max(map(len, column)) for column in zip(self.columns, *self.rows, strict=True)]
+        texts = ("\n".join(column).split("\n") for column in zip(heads, *self.rows, strict=True))
+        widths = [max(map(cell_len, lines)) for lines in texts]
         while sum(widths) > room:
             wide = max((i for i, w in enumerate(widths) if w > least[i]), key=widths.__getitem__)
             widths[wide] -= 1
         return widths
 
-    def _least(self, column: int) -> int:
+    def _least(self, column: int, head: str) -> int:
         """Return the width that a column needs: that of its longest word, or its longest number."""
         cells = [row[column] for row in self.rows]
         whole, words = (cells, []) if self.of_numbers(column) else ([], cells)
-        apart = [word for text in (self.columns[column], *words) for word in text.split()]
-        return max(map(len, (*whole, *apart)), default=0)
+        apart = [word for text in (head, *words) for word in text.split()]
+        return max(map(cell_len, (*whole, *apart)), default=0)
 
-    def _sentences(self) -> Table:
-        columns = [
-            Column(escape(head), ratio=share)
-            for head, share in zip(self.columns, self.widths, strict=True)
-        ]
-        table = Table(*columns, header_style="bold", show_lines=True, expand=True)
-        for row in self.rows:
-            table.add_row(*map(escape, row))
-        return table
-
-    def _listed(self) -> Group:
+    def _listed(self, room: int) -> Group:
         first, *heads = self.columns
         lines: list[RenderableType] = []
         for name, *cells in self.rows:
             lines.append(Text(f"{first} {name}".strip(), style="bold"))
-            told = [(head, cell) for head, cell in zip(heads, cells, strict=True) if cell]
-            texts = (Text(f"{head}: {cell}" if head else cell) for head, cell in told)
+            told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
+            texts = [Text.assemble(f"{h}: " if h else "", _styled(c)) for h, c in told]
+            if len(self.columns) > MANY and not self.widths:
+                texts = _filled(texts, room)
             lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
         return Group(*lines)
+
+
+def _filled(texts: Iterable[Text], room: int) -> list[Text]:
+    """Return texts joined into lines of so much room, none of them broken that fits."""
+    lines: list[Text] = []
+    for text in texts:
+        if lines and lines[-1].cell_len + 2 + text.cell_len <= room:
+            lines[-1] = Text("; ").join((lines[-1], text))
+        else:
+            lines.append(text)
+    return lines
+
+
+def _styled(cell: str) -> Text:
+    return Text(cell, LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")
+
+
+def escaped(text: str) -> str:
+    """Return `text` for a Markdown table, nothing in it read as markup; a name is code."""
+    if isinstance(text, Cell) and text.kind == "name":
+        return f"`{text}`"
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in text)
+
+
+def markdown_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table in Markdown, whose cells are Markdown already."""
+    heading = list(columns)
+    lines = [heading, ["---"] * len(heading), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def print_sheets(sheets: Iterable[Sheet]) -> None:
     """Print tables below each other, with their titles and notes."""
     for sheet in sheets:
-        console.print(f"\n[bold]{escape(sheet.title)}[/]")
+        if sheet.title:
+            console.print(f"\n[bold]{escape(sheet.title)}[/]")
         if sheet.rows:
             console.print(sheet.text(console.width))
         if sheet.note:
-            console.print(escape(sheet.note), soft_wrap=True, highlight=False)
+            say(sheet.note)
+
+
+def say(text: str, style: str = "") -> None:
+    """Print text as it is, which the terminal alone breaks into lines."""
+    console.print(Text(text, style), soft_wrap=True)

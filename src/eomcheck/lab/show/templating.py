@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import required
+from eomcheck.lab.show.sheet import escaped
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -28,7 +29,7 @@ def environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.filters["number"] = number
-    made.filters["md"] = markdown_text
+    made.filters["md"] = escaped
     return made
 
 
@@ -40,8 +41,3 @@ def render(template: str, **values: Any) -> str:
 def number(value: float) -> str:
     """Return a number with two digits, such as "3.1e-14"."""
     return "0" if value == 0 else f"{value:.1e}" if abs(value) < 0.01 else f"{value:.3g}"
-
-
-def markdown_text(text: str) -> str:
-    """Return `text` for a Markdown table, nothing in it read as markup."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in text)

@@ -7,12 +7,13 @@ end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from eomcheck.claims.finding import Finding, python_of, ratio
+from eomcheck.claims.finding import Finding, Proof, python_of, ratio
 from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
@@ -32,15 +33,16 @@ UNFINISHED = "not finished"
 
 @dataclass(frozen=True)
 class Kept:
-    """A Finding as it was kept: plain data, with the place where it was found.
+    """A Finding as it is kept and shown: plain data, with the place where it was found.
 
     Attributes:
         scene: key of the kind of scene.
         links: its number of links, or None.
         case: number of the state in its run; None for a proof, which is about all states.
+        structure: what a proof is about, "" for a state.
         python: code that shows the state, or proves the structure, again.
 
-    The other attributes are those of `Finding`; `proof` is a dict.
+    The other attributes are those of `Finding`.
     """
 
     claim: str
@@ -51,11 +53,20 @@ class Kept:
     evidence: str
     detail: str
     digits: float | None
-    proof: dict[str, Any] | None
+    proof: Proof | None
     scene: str
     links: int | None
     case: int | None
+    structure: str
     python: str
+
+    @classmethod
+    def read(cls, row: dict[str, Any]) -> Kept:
+        """Return what `dataclasses.asdict` and then JSON made of one."""
+        row = dict(row)
+        if row["proof"] is not None:
+            row["proof"] = Proof(**row["proof"] | {"primes": tuple(row["proof"]["primes"])})
+        return cls(**row)
 
     @property
     def ratio(self) -> float:
@@ -69,9 +80,17 @@ class Kept:
 
     @property
     def place(self) -> str:
-        """Where, such as "snake, N = 7, state 12"."""
+        """Where, such as "snake, N = 7, state 12" or "snake[7], no stiffness"."""
+        if self.case is None:
+            return self.structure
         links = "" if self.links is None else f", N = {self.links}"
-        return self.scene + links + ("" if self.case is None else f", state {self.case}")
+        return f"{self.scene}{links}, state {self.case}"
+
+    def __str__(self) -> str:
+        """Return what was found, without the claim that it is about."""
+        sizes = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
+        about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): {sizes}"
+        return f"{about}; {self.detail}" if self.detail else about
 
 
 def links_of(scene: Scene) -> int | None:
@@ -79,13 +98,52 @@ def links_of(scene: Scene) -> int | None:
     return getattr(scene, "links", None) if scene.has_links else None
 
 
-def record_of(
-    study: str, settings: dict[str, Any], rows: Iterable[dict[str, Any]], python: str
-) -> Record:
-    """Return the Record of the Findings, as plain data, that one state or structure gave."""
-    rows = list(rows)
-    series = {name: [row.get(name) for row in rows] for name in COLUMNS}
-    return Record(study, settings, series=series | {"python": [python]})
+def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> list[Kept]:
+    """Return the Findings of one state, or those of one structure, as they are kept.
+
+    Args:
+        findings: one at least.
+        key: that of the kind of scene.
+        case: number of the state in its run; None for a structure.
+    """
+    scene, state = findings[0].scene, findings[0].state
+    where = {
+        "scene": key,
+        "links": links_of(scene),
+        "case": case,
+        "structure": scene.structure if case is None else "",
+        "python": python_of(scene, state),
+    }
+    return [Kept(**{name: getattr(one, name) for name in COLUMNS}, **where) for one in findings]
+
+
+def cases_of(run: Run, begin: int = 0) -> Iterator[list[Finding]]:
+    """Yield the Findings of each state of a run that is done, those from `begin` on."""
+    for end in run.ends[bisect_right(run.ends, begin) :]:
+        if end > begin:
+            yield run.findings[begin:end]
+        begin = end
+
+
+def kept_of_runs(runs: Mapping[str, Run]) -> list[Kept]:
+    """Return every Finding of runs that are over, as it is kept; by the keys of the kinds."""
+    found: list[Kept] = []
+    for key, run in runs.items():
+        last = run.ends[-1] if run.ends else 0
+        cases = [*cases_of(run), *([one] for one in run.findings[last:])]
+        found += [kept for case, one in enumerate(cases) for kept in kept_of(one, key, case)]
+    return found
+
+
+def record_of(kept: Sequence[Kept]) -> Record:
+    """Return the Record of what one state or structure gave."""
+    series = {name: [getattr(one, name) for one in kept] for name in COLUMNS}
+    series["proof"] = [None if proof is None else asdict(proof) for proof in series["proof"]]
+    one = kept[0]
+    where = {"case": one.case} if one.case is not None else {"structure": one.structure}
+    settings = {"scene": one.scene, "links": one.links} | where
+    study = PROOFS if one.case is None else STATES
+    return Record(study, settings, series=series | {"python": [one.python]})
 
 
 def kept_in(records: Iterable[Record]) -> list[Kept]:
@@ -94,20 +152,9 @@ def kept_in(records: Iterable[Record]) -> list[Kept]:
 
 
 def _kept(record: Record) -> Iterator[Kept]:
-    where = {
-        "scene": record.settings["scene"],
-        "links": record.settings["links"],
-        "case": record.settings.get("case"),
-        "python": record.series["python"][0],
-    }
+    where = {"case": None, "structure": "", "python": record.series["python"][0]} | record.settings
     for values in zip(*(record.series[name] for name in COLUMNS), strict=True):
-        yield Kept(**dict(zip(COLUMNS, values, strict=True)), **where)
-
-
-def keep_proof(records: Records, scene: Scene, rows: Iterable[dict[str, Any]]) -> None:
-    """Keep what was proved of the structure of a scene."""
-    settings = {"scene": scene.key, "links": links_of(scene), "structure": scene.structure}
-    records.add(record_of(PROOFS, settings, rows, python_of(scene, None)))
+        yield Kept.read(dict(zip(COLUMNS, values, strict=True)) | where)
 
 
 def look_at_kinds(
@@ -139,28 +186,22 @@ def look_at_kinds(
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.workers.spread`.
     """
     how = selection, links, examples, seed
-    names = ("selection", "links", "examples", "seed")
-    look = partial(_run_of, **dict(zip(names, how, strict=True)))
-
     kinds = {key: kinds_of(key)[0] for key in runs}
-    if records is not None:
-        for key, run in runs.items():
-            Keeper(records, kinds[key], run, *how)  # says that it is not finished
+    for key, run in runs.items():
+        Keeper(records, kinds[key], run, *how)  # says that it is not finished
     # What takes longest is to begin first.
     unknowns = {key: kind.example().n + kind.example().r for key, kind in kinds.items()}
-    for key, run in spread(where, look, sorted(runs, key=unknowns.__getitem__, reverse=True)):
+    order = sorted(runs, key=unknowns.__getitem__, reverse=True)
+    for key, run in spread(where, partial(_run_of, how=how), order):
         runs[key] = run
-        if records is not None:
-            Keeper(records, kinds[key], run, *how).finish()
+        Keeper(records, kinds[key], run, *how).finish()
         for _ in range(run.cases):
             on_case()
 
 
-def _run_of(
-    key: str, selection: Selection, links: tuple[int, int], examples: int, seed: int
-) -> Run:
+def _run_of(key: str, how: tuple[Selection, tuple[int, int], int, int]) -> Run:
     run = Run()
-    look_at_kind(kinds_of(key)[0], run, selection, links, examples, seed, lambda: None)
+    look_at_kind(kinds_of(key)[0], run, *how, lambda: None)
     return run
 
 
@@ -178,28 +219,24 @@ def look_at_kind(
 
     See `Run.look_at_kind`. What was found until an interruption stays in `run` and `records`.
     """
-    keeper = None
-    if records is not None:
-        keeper = Keeper(records, kind, run, selection, links, examples, seed)
+    keeper = Keeper(records, kind, run, selection, links, examples, seed)
 
     def after_case() -> None:
-        if keeper is not None:
-            keeper.save()
+        keeper.save()
         on_case()
 
     try:
         run.look_at_kind(kind, selection, links, examples, seed, after_case)
     finally:
         run.finish(selection)
-    if keeper is not None:
-        keeper.finish()
+    keeper.finish()
 
 
 class Keeper:
     """Keeps the validation of one kind of scene in `records`, in place of an earlier one.
 
     Args:
-        records: where.
+        records: where, or None to keep nothing.
         kind: the kind of scene.
         run: the run, of which nothing was kept yet.
         selection: what takes part.
@@ -210,7 +247,7 @@ class Keeper:
 
     def __init__(
         self,
-        records: Records,
+        records: Records | None,
         kind: type[Scene],
         run: Run,
         selection: Selection,
@@ -218,24 +255,20 @@ class Keeper:
         examples: int,
         seed: int,
     ):
-        self._records, self._kind, self._run = records, kind, run
-        self._selection = selection
-        self._asked = {
-            "examples": examples,
-            "seed": seed,
-            "first links": links[0],
-            "last links": links[1],
-        }
+        self._records, self._kind, self._run, self._selection = records, kind, run, selection
+        first, last = links
+        asked = {"examples": examples, "seed": seed, "first links": first, "last links": last}
+        self._asked = asked
         self._saved = self._cases = 0
-        earlier = records.all(STATES, scene=kind.key)
-        records.forget(STATES, [record.settings for record in earlier])
+        if records is not None:
+            earlier = records.all(STATES, scene=kind.key)
+            records.forget(STATES, [record.settings for record in earlier])
         self._keep_run("failed", UNFINISHED)
 
     def save(self) -> None:
         """Keep the Findings made since the last call, state by state."""
-        for end in self._run.ends:
-            if end > self._saved:
-                self._save(self._run.findings[self._saved : end])
+        for findings in cases_of(self._run, self._saved):
+            self._save(findings)
 
     def finish(self) -> None:
         """Keep what is left, what was said of the run as a whole, and that it came to its end."""
@@ -245,29 +278,22 @@ class Keeper:
         self._keep_run("done")
 
     def _save(self, findings: list[Finding]) -> None:
-        scene, state = findings[0].scene, findings[0].state
-        settings = {"scene": self._kind.key, "links": links_of(scene), "case": self._cases}
-        # as_dict has no infinities, for JSON has none; a Record has.
-        rows = [f.as_dict() | {"observed": f.observed, "allowed": f.allowed} for f in findings]
-        self._records.add(record_of(STATES, settings, rows, python_of(scene, state)))
+        if self._records is not None:
+            self._records.add(record_of(kept_of(findings, self._kind.key, self._cases)))
         self._saved += len(findings)
         self._cases += 1
 
     def _keep_run(self, status, reason: str = "") -> None:
+        if self._records is None:
+            return
         run, selection = self._run, self._selection
-        self._records.add(
-            Record(
-                RUNS,
-                {"scene": self._kind.key},
-                status,
-                reason,
-                counts=self._asked | {"states": run.cases},
-                series={
-                    "formulations": [formulation.key for formulation in selection.formulations],
-                    "engines": [engine.key for engine in selection.engines],
-                    "engine versions": [engine.version() for engine in selection.engines],
-                    "claims": list(selection.claims),
-                    "seconds": [run.seconds.get(one, 0.0) for one in selection.claims],
-                },
-            )
-        )
+        counts = self._asked | {"states": run.cases}
+        series = {
+            "formulations": [formulation.key for formulation in selection.formulations],
+            "engines": [engine.key for engine in selection.engines],
+            "engine versions": [engine.version() for engine in selection.engines],
+            "claims": list(selection.claims),
+            "seconds": [run.seconds.get(one, 0.0) for one in selection.claims],
+        }
+        where = {"scene": self._kind.key}
+        self._records.add(Record(RUNS, where, status, reason, counts=counts, series=series))

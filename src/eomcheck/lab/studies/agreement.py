@@ -18,8 +18,8 @@ from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.figures import joints
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.snake import joints
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import run_time
-from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.motion import Motion

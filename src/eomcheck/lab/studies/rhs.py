@@ -34,8 +34,8 @@ from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Kind, Repeats, at_least_one
 from eomcheck.lab.run_time import slope
-from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.scene import Scene

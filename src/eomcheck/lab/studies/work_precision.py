@@ -20,8 +20,8 @@ from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import CASES
 from eomcheck.lab.run_time import RUNS, disturbed, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
-from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, select, values
 from eomcheck.lab.study import REFERENCES, Formulations, References, Study
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of

@@ -11,8 +11,8 @@ from flint import fmpq_poly
 
 from eomcheck.formulations import formulation_of
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
-from eomcheck.lab.show.layout import grouped
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.text import grouped
 from eomcheck.lab.store.records import Record, rows_of
 from eomcheck.lab.studies.operations.absent import Saving
 from eomcheck.lab.studies.operations.counting import Operations, Springs, operations_of

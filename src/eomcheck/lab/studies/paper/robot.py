@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from eomcheck.lab.show.by_matplotlib import plt, save
-from eomcheck.lab.show.figures import joints
+from eomcheck.lab.show.snake import joints
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of
 from eomcheck.lab.studies.paper.show import POSES, robot

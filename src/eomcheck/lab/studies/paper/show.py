@@ -7,8 +7,8 @@ from itertools import product
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
-from eomcheck.lab.show.layout import seconds_text
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.operations.fits import fit_order
 from eomcheck.lab.studies.operations.show import signed_sum

@@ -1,13 +1,8 @@
-"""What figures share."""
+"""Where the links of a snake are, for figures of it."""
 
 from __future__ import annotations
 
 import numpy as np
-
-from eomcheck.lab.show.style import STYLES
-
-COLORS = {key: style.color for key, style in STYLES.items()}
-MARKERS = {key: style.marker for key, style in STYLES.items()}
 
 
 def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:

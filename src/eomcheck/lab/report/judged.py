@@ -1,0 +1,151 @@
+"""What Findings come to: those on a claim, on a scene, of a level of evidence, about a party."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+from eomcheck.claims import CLAIMS, Claim
+from eomcheck.lab.show.sheet import Cell
+from eomcheck.lab.store.findings import Kept
+
+LEVELS = ("proved", "enclosed", "property-tested", "compared")
+"""Levels of evidence, strongest first."""
+
+T = TypeVar("T")
+
+
+def group(things: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
+    """Return things by `key`, in order."""
+    groups: dict[Any, list[T]] = {}
+    for thing in things:
+        groups.setdefault(key(thing), []).append(thing)
+    return groups
+
+
+def parties(row: Kept) -> set[str]:
+    """Return the formulations and engines that a Finding is about."""
+    return set(re.findall(r"\w+", row.subject))
+
+
+def anchor(row: Kept) -> str:
+    """Return the id of the state, or the structure, of a Finding in the page."""
+    return "state-" + re.sub(r"\W+", "-", row.place).strip("-")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Findings, all of one claim, and what they come to together.
+
+    Attributes:
+        rows: the Findings.
+    """
+
+    rows: tuple[Kept, ...]
+
+    @property
+    def claim(self) -> Claim:
+        """The claim; of one that is not registered only its id is known."""
+        key = self.rows[0].claim
+        return CLAIMS.get(key) or Claim(key, "", "", "", None)
+
+    @cached_property
+    def worst(self) -> Kept | None:
+        """A failed Finding, else the one with the largest observed / allowed that counts."""
+        rank = {"failed": 2, "passed": 1}
+        ranked = sorted(self.rows, key=lambda row: (rank.get(row.verdict, 0), row.ratio))
+        return ranked[-1] if ranked else None
+
+    @property
+    def kind(self) -> str:
+        """ "failed", "passed", "open" where nothing could be checked, or "none"."""
+        verdict = self.worst.verdict if self.worst else "none"
+        return "open" if verdict == "inconclusive" else verdict
+
+    @property
+    def text(self) -> str:
+        """The largest observed / allowed, in whole percent."""
+        if self.worst is None or self.kind != "passed":
+            return {"none": "·", "failed": "FAIL"}.get(self.kind, "?")
+        ratio = self.worst.ratio
+        return "0" if ratio == 0 else "<1%" if ratio < 0.01 else f"{100 * ratio:.0f}%"
+
+    @property
+    def cell(self) -> Cell:
+        """What a table shows of them."""
+        if self.worst is None:
+            return Cell(self.text, self.kind)
+        said = f"{self.worst}; {len(self.rows)} findings, {self.open} inconclusive"
+        return Cell(self.text, self.kind, said=said)
+
+    @property
+    def evidence(self) -> str:
+        """Levels of evidence, number of Findings, and how many of them say nothing."""
+        open_ = f", {self.open} open" if self.open else ""
+        return f"{', '.join(self.levels)}, {len(self.rows)}{open_}"
+
+    @property
+    def states(self) -> int:
+        """Number of states looked at."""
+        return len({(row.scene, row.case) for row in self.rows if row.case is not None})
+
+    @property
+    def open(self) -> int:
+        """Number of Findings that are inconclusive."""
+        return sum(row.verdict == "inconclusive" for row in self.rows)
+
+    @property
+    def links(self) -> str:
+        """The numbers of links covered, "" for scenes that have none."""
+        return ranges(row.links for row in self.rows if row.links is not None)
+
+    @property
+    def failed(self) -> list[Kept]:
+        """The first failure of each subject on each scene."""
+        failures = [row for row in self.rows if row.verdict == "failed"]
+        return [rows[0] for rows in group(failures, lambda r: (r.subject, r.scene)).values()]
+
+    @property
+    def failure_probability(self) -> float | None:
+        """Bound on the probability that any of its proofs is a mistake, None without proofs."""
+        found = [row.proof.failure_probability for row in self.rows if row.proof is not None]
+        return sum(found) if found else None
+
+    def by(self, key: Callable[[Kept], Any]) -> dict[Any, Judged]:
+        """Return those that are alike in `key`, in order."""
+        return {value: Judged(tuple(rows)) for value, rows in group(self.rows, key).items()}
+
+    def of(self, name: str) -> Judged:
+        """Return those about one formulation or engine."""
+        return Judged(tuple(row for row in self.rows if name in parties(row)))
+
+    @cached_property
+    def scenes(self) -> dict[str, Judged]:
+        """Key of a scene -> those on it."""
+        return self.by(lambda row: row.scene)
+
+    @cached_property
+    def levels(self) -> dict[str, Judged]:
+        """Level of evidence -> those of that level, strongest first."""
+        found = self.by(lambda row: row.level)
+        return {level: found[level] for level in (*LEVELS, *found) if level in found}
+
+
+def by_claim(rows: Iterable[Kept]) -> list[Judged]:
+    """Return the Findings by claim, in the order of the registry, those not in it last."""
+    found = Judged(tuple(rows)).by(lambda row: row.claim)
+    return [found[key] for key in dict.fromkeys((*CLAIMS, *found)) if key in found]
+
+
+def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
+    """Return whole numbers as "1 to 4, 20"."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)

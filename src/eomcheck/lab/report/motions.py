@@ -1,0 +1,174 @@
+"""What formulations say of a scene: accelerations at one state, motions, and many motions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from eomcheck.errors import RefusedError, distinct
+from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.lab.show.chart import Axis, Band, Chart, Panel
+from eomcheck.lab.show.sheet import Sheet, print_sheets, say
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.errors import constraint_error, energy_error
+from eomcheck.motion.many import Trajectories
+from eomcheck.motion.trajectory import Trajectory
+from eomcheck.numbers.contract import Array
+
+# ---- One state -----------------------------------------------------------------------------------
+
+
+def print_accelerations(scene: Scene, u, keys: Iterable[str] | None = None) -> int:
+    """Print the accelerations in the pose of the scene, and return how many refused.
+
+    Args:
+        scene: the scene.
+        u: generalized speeds (p,); at rest they need not exist.
+        keys: formulations, all by default.
+
+    Raises:
+        InputError, UnknownNameError: bad speeds, no such formulation.
+        RefusedError: the scene has no such speeds here.
+    """
+    chosen = [formulation_of(key).key for key in distinct("formulation", keys or FORMULATIONS)]
+    q, v = scene.initial_state()
+    if np.any(u):
+        v = velocity(scene, q, u)
+    rows, refusals = [], []
+    for key in chosen:
+        try:
+            found = acceleration(scene, key, q, v)
+        except RefusedError as refusal:
+            refusals.append(f"{key} refuses: {refusal}")
+            continue
+        matrix = min(found.rcond, key=found.rcond.__getitem__)
+        numbers = f"{largest(found.vdot):.10g}", f"{found.error_bound:.2g}"
+        rows.append((key, *numbers, f"{found.rcond[matrix]:.2g}", matrix))
+    columns = ("formulation", "largest |q̈|", "error bound", "smallest rcond", "of")
+    print_sheets([Sheet("accelerations", "", columns, rows)])
+    for refusal in refusals:
+        say(refusal)
+    return len(refusals)
+
+
+# ---- Motions -------------------------------------------------------------------------------------
+
+
+def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
+    """Print one line per motion of one scene, then why motions failed."""
+    found = list(trajectories)
+    scene = found[0].scene
+    rows = [
+        (
+            one.key,
+            f"{one.times[-1]:g}" if one.times.size else "0",
+            str(one.steps),
+            str(one.right_hand_sides),
+            f"{one.seconds:.2g}",
+            _energy(one),
+            f"{constraint_error(one).max():.1e}" if scene.r and one.times.size else "",
+        )
+        for one in found
+    ]
+    energy = "energy error" if scene.conserves_energy else "energy left"
+    kept = "s", energy, "constraint error / (m/s)"
+    columns = ("formulation", "end / s", "steps", "right-hand sides", *kept)
+    said = f"The energy is no error here: {scene.why_not_conserved}."
+    note = "" if scene.conserves_energy else said
+    print_sheets([Sheet("motions", "", columns, rows, note=note)])
+    for one in found:
+        if one.status != "finished":
+            say(f"{one.key} {one.status}: {one.reason}")
+
+
+def _energy(one: Trajectory) -> str:
+    if not one.times.size:
+        return ""
+    if one.scene.conserves_energy:
+        return f"{np.abs(energy_error(one)).max():.1e} J"
+    return f"{one.energy[-1]:.6g} J of {one.energy[0]:.6g} J"
+
+
+# ---- Many motions: how far they are apart --------------------------------------------------------
+
+QUANTILES = {"least": 0.0, "quartile": 0.25, "median": 0.5, "3rd quartile": 0.75, "largest": 1.0}
+PANELS = 12
+"""Coordinates in a figure at most, even ones where there are more."""
+ACROSS = 3
+"""Panels of a row."""
+
+
+def units(scene: Scene) -> list[str]:
+    """Return the unit of each coordinate (n,)."""
+    angles = set(range(scene.n)[scene.angle_coordinates])
+    return ["rad" if i in angles else "m" for i in range(scene.n)]
+
+
+def print_many(found: Trajectories) -> None:
+    """Print the ends of the motions that came to theirs, their errors, and why others did not."""
+    good = found.status == "finished"
+    title = f"{found.key}, t = {found.t[-1]:g} s"
+    rows = list(_quantile_rows(found, good)) if good.any() else []
+    counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
+    note = f"{len(found)} motions: {counts}; {found.seconds:.2g} s of integration"
+    print_sheets([Sheet("many", title, ("", *QUANTILES), rows, note=note)])
+    for i in np.flatnonzero(~good)[:3]:
+        say(f"motion {i} {found.status[i]}: {found.reason[i]}")
+
+
+def _quantile_rows(found: Trajectories, good: Array) -> Iterator[tuple[str, ...]]:
+    """Yield the quantiles of each coordinate at the end, and of the errors."""
+    scene = found.scenes[0]
+    for name, unit, x in zip(
+        scene.coordinate_names, units(scene), found.q[good, -1].T, strict=True
+    ):
+        yield f"{name} / {unit}", *(f"{value:.5g}" for value in _quantiles(x))
+    energy = found.energy[good]
+    errors = {"energy / J": energy[:, -1]}
+    if scene.conserves_energy:
+        errors = {"energy error / J": np.abs(energy - energy[:, :1]).max(axis=1)}
+    if found.constraint_residual is not None:
+        worst = found.constraint_residual[good].max(axis=(1, 2))
+        errors["constraint error / (m/s)"] = worst
+    for name, x in errors.items():
+        yield name, *(f"{value:.2e}" for value in _quantiles(x))
+
+
+def _quantiles(x: Array) -> Array:
+    """Return the `QUANTILES` along the first axis."""
+    return np.quantile(x, list(QUANTILES.values()), axis=0)
+
+
+def chart_of_many(found: Trajectories) -> Chart:
+    """Return how far half and all of the motions are from the median, coordinate by coordinate."""
+    scene, q = found.scenes[0], found.q[found.status == "finished"]
+    shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
+    whole = f"{len(q)} motions of {scene.name} by {found.key}"
+    panels: dict[tuple[str, ...], Panel] = {}
+    for i in shown:
+        name = scene.coordinate_names[i]
+        quantiles = _quantiles(q[:, :, i])
+        least, low, _, high, most = (quantiles - quantiles[2]).tolist()
+        panels[name,] = Panel(
+            Axis("t / s"),
+            Axis(f"({name} - median) / {units(scene)[i]}"),
+            (),
+            bands=(
+                Band(found.key, found.t.tolist(), least, most, whole),
+                Band(found.key, found.t.tolist(), low, high, "the middle half of them"),
+            ),
+            level=0.0,
+        )
+    chosen = list(panels)
+    return Chart(
+        "many",
+        f"How far {whole} are from their median",
+        {"coordinate": [name for (name,) in chosen]},
+        panels,
+        grid=[chosen[i : i + ACROSS] for i in range(0, len(chosen), ACROSS)],
+        size=(3.6, 2.3),
+    )

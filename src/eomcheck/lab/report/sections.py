@@ -1,0 +1,59 @@
+"""The sections of a report below its claims, each present only where there is data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from eomcheck.lab.report.findings import digits_sheet
+from eomcheck.lab.report.overview import Overview
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.studies import STUDIES, study_of
+
+
+class Section(NamedTuple):
+    """A section of a report.
+
+    Attributes:
+        id: its anchor.
+        title: its heading.
+        text: what it shows and how to read it.
+        tables: its tables.
+        charts: makes its charts, of which only HTML has any.
+    """
+
+    id: str
+    title: str
+    text: str
+    tables: Sequence[Sheet]
+    charts: Callable[[], Sequence[Chart]] = tuple
+
+
+def sections_of(overview: Overview) -> list[Section]:
+    """Return the sections for which there is data."""
+    digits = _digits(overview)
+    studies = [_of_study(key, overview) for key in STUDIES if overview.of(key)]
+    return [*([digits] if digits.tables[0].rows else []), *studies]
+
+
+def _of_study(key: str, overview: Overview) -> Section:
+    study = study_of(key)
+    found = study.of(overview.records)
+    text = " ".join((STUDIES[key], study.reading, *study.said(found)))
+    tables = [sheet for sheet in study.sheets(found) if sheet.rows and not sheet.detail]
+    return Section(key, key.capitalize(), text, tables, lambda: list(study.charts(found)))
+
+
+def _digits(overview: Overview) -> Section:
+    """Return the certified digits of each formulation on each scene."""
+    # Where an acceleration is nothing but rounding it has no digits to be right.
+    sheet = digits_sheet(row for row in overview.rows if row.verdict != "inconclusive")
+    return Section(
+        "digits",
+        "Certified digits",
+        "Decimal digits of q̈ in doubles that are certainly right, against the true value in ball "
+        "arithmetic: the worst state, and in brackets the median. States whose acceleration is no "
+        "larger than its rounding error are left out.",
+        [sheet],
+    )

@@ -1,0 +1,29 @@
+"""Numbers as text, and documents as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from eomcheck import __version__
+
+
+def seconds_text(value: float) -> str:
+    """Return a time with its unit."""
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= scale:
+            return f"{value / scale:.3g} {unit}"
+    return f"{value / 1e-9:.3g} ns"
+
+
+def grouped(value: int) -> str:
+    """Return a whole number with its digits in groups of three."""
+    return f"{value:,}".replace(",", " ")
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document as JSON, with the version that made it."""
+    text = json.dumps({"eomcheck": __version__, **document}, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")

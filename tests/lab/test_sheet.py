@@ -1,0 +1,93 @@
+"""Tables as data: what a terminal of any width, Markdown and CSV make of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from tests import reports
+
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.report.findings import evidence_sheet, party_sheet, proof_sheet, scene_sheet
+from eomcheck.lab.report.judged import by_claim
+from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.store.findings import Kept, kept_in, kept_of_runs
+from eomcheck.lab.store.records import Records
+from eomcheck.scenes import SCENES
+
+REGISTRIES = ("formulations", "scenes", "engines", "claims")
+
+
+def printed(sheet: Sheet, width: int) -> str:
+    file = io.StringIO()
+    Console(file=file, width=width).print(sheet.text(width))
+    return file.getvalue()
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> list[Kept]:
+    path = tmp_path_factory.mktemp("kept") / "r.db"
+    run = reports.validated(path, reports.Heavy)
+    with Records(path) as records:
+        assert [(k.claim, k.verdict, k.python) for k in kept_in(records.all())] == [
+            (k.claim, k.verdict, k.python) for k in kept_of_runs({"heavy": run})
+        ]
+    return kept_of_runs({"heavy": run})
+
+
+def tables(kept: list[Kept]) -> list[Sheet]:
+    claims = by_claim(kept)
+    proofs = Proofs(proof_jobs("sleigh", None, 1, 0, reports.KEYS))
+    proofs.run()
+    names = ("im", "au", "el", "gw", "em", "ml", "kane", "banded", "pinocchio", "casadi")
+    return [
+        *map(registry_sheet, REGISTRIES),
+        party_sheet(claims, names, {"mass-matrix": 0.1}),
+        scene_sheet(claims, SCENES),
+        *map(evidence_sheet, claims),
+        proof_sheet(by_claim(one for found in proofs.findings.values() for one in found)),
+    ]
+
+
+@pytest.mark.parametrize("width", [40, 80, 140])
+def test_a_table_fits_into_a_terminal_and_says_all_there(kept: list[Kept], width: int):
+    for sheet in tables(kept):
+        text = printed(sheet, width)
+        assert max(map(cell_len, text.splitlines())) <= width, sheet.name
+        words = {word for row in sheet.rows for cell in row for word in cell.split()} - {"·"}
+        assert all(word in text for word in words if len(word) <= 30), sheet.name
+        assert "…" not in text
+
+
+def test_headings_break_at_hyphens_where_they_do_not_fit():
+    sheet = Sheet("x", "", ("claim", "flyball-governor"), [("a", "1")])
+    assert "flyball-governor" in printed(sheet, 40)
+    assert re.search("flyball-.*\n.*governor", printed(sheet, 24))
+    assert "claim a" in printed(sheet, 12)
+
+
+def test_numbers_end_at_the_right_whatever_stands_between_them():
+    rows = [("a", "<1%"), ("b", "FAIL"), ("c", "·"), ("d", "12 %"), ("e", "?")]
+    assert Sheet("x", "", ("key", "ratio"), rows).of_numbers(1)
+    assert not Sheet("x", "", ("key", "ratio"), rows).of_numbers(0)
+
+
+def test_markdown_reads_nothing_as_markup_but_names_as_code():
+    sheet = Sheet("x", "", ("key", "|q̈|"), [(Cell("a_1", "name"), "<1% of a_1")])
+    assert sheet.markdown().splitlines() == [
+        r"| key | \|q̈\| |",
+        "| --- | --- |",
+        r"| `a_1` | \<1% of a\_1 |",
+    ]
+
+
+def test_csv_reads_back():
+    rows = [["a", 'x, "y"'], ["b", "two\nlines"]]
+    sheet = Sheet("x", "", ["key", "text"], rows)
+    assert list(csv.reader(io.StringIO(sheet.csv()))) == [["key", "text"], *rows]
+    assert sheet.without("text").csv() == "key\na\nb\n"
