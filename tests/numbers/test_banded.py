@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import flint
 import numpy as np
@@ -15,6 +16,7 @@ from tests.machine_code import MachineCode, in_machine_code
 from eomcheck import acceleration, enclose, simulate, velocity
 from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
+from eomcheck.evaluation import sensitivity
 from eomcheck.evaluation.certified import true_error
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity
@@ -31,7 +33,7 @@ from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import Degrees
 from eomcheck.numbers.entries import each
 from eomcheck.numbers.linear import EPS, eliminate, singular_below, watching
-from eomcheck.numbers.noise import STEP, Noise
+from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
 from eomcheck.scenes import Snake
 
@@ -267,6 +269,23 @@ def test_where_factors_are_far_above_the_matrix_the_error_is_bounded_or_refused(
     truth = enclose(scene, "banded", q, v=v, digits=20)
     assert largest(true_error(found.vdot, truth)) <= found.error_bound
     assert found.error_bound < 1e-10 * largest(truth.doubles())
+
+
+def test_the_bound_is_above_the_error_whatever_the_noise_is(monkeypatch):
+    """Half of these bounds were below the error."""
+    scene, q, v = OFF_BY_A_MILLIONTH
+    banded = FORMULATIONS["banded"]
+    found = Evaluation(scene, q, v).acceleration(banded).vdot
+    error = largest(true_error(found, enclose(scene, "banded", q, v=v, digits=20)))
+    bounds = set()
+    for first in range(0, 100 * SAMPLES, SAMPLES):
+        with monkeypatch.context() as patch:
+            seeded = partial(lambda first, seed, *step: Noise(first + seed, *step), first)
+            patch.setattr(sensitivity, "Noise", seeded)
+            at = Evaluation(scene, q, v)
+            bounds.add(allowed_error(acceleration_sensitivity(at, banded)))
+    assert len(bounds) > 90, "noise matters"
+    assert min(bounds) >= error > 0
 
 
 def factors_above_the_matrix() -> tuple[Array, Array]:

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eomcheck import acceleration, velocity
-from eomcheck.errors import RefusedError
+from eomcheck import acceleration, check, velocity
+from eomcheck.claims import case
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import (
     acceleration_sensitivity,
@@ -20,8 +21,10 @@ from eomcheck.evaluation.sensitivity import (
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
+from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles
-from eomcheck.numbers.linear import EPS, solve, watching
+from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, solve, watching
 from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise
 from eomcheck.scenes import SCENES, Snake
 
@@ -67,6 +70,23 @@ def test_the_same_seed_makes_the_same_noise_and_another_seed_another(seed):
 def test_noise_that_is_drawn_twice_is_not_the_same():
     noise = Noise(0)
     assert not np.array_equal(noise.entries(np.ones(20)), noise.entries(np.ones(20)))
+
+
+def test_a_change_is_a_function_of_seed_stream_and_number():
+    """Not of what was drawn before, for another stream or inside of this one."""
+    noise, fresh = Noise(3), Noise(3)
+    with fresh.stream("A"):
+        expected = fresh.changes((3000,))
+    noise.changes((5,))
+    with noise.stream("A"):
+        begun = noise.changes((7,))
+        with noise.stream("B"):
+            other = noise.changes((3000,))
+        rest = [noise.changes((1,)) for _ in range(13)]
+        found = np.concatenate((begun, *rest, noise.changes((2980,))))
+    assert np.array_equal(found, expected)
+    assert not (other == expected).any()
+    assert np.unique(expected).size == 3000
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-324, 1e-310, NORMAL])
@@ -116,9 +136,13 @@ def test_terms_that_cancel_identically_leave_the_rounding_of_each():
     assert 0.1 * STEP < np.abs(left).max() / 2.1 < 2 * STEP
 
 
-def test_a_zero_that_is_added_moves_nothing():
+@pytest.mark.parametrize(
+    "operation",
+    [lambda x: 0 + x, lambda x: x - 0, lambda x: 1 * x, lambda x: x * 1, lambda x: x + 0 * x],
+)
+def test_what_rounds_nothing_moves_nothing(operation):
     x = np.array([3.0])
-    assert np.array_equal(Moves().run(Noise(0), lambda x: 0 + x, x), x)
+    assert np.array_equal(Moves().run(Noise(0), operation, x), x)
 
 
 def test_a_function_that_is_not_rational_is_not_run_on_moved_numbers():
@@ -252,11 +276,145 @@ def test_the_spread_of_a_difference_is_that_of_its_terms_however_little_is_left(
     assert spread >= 1e-3
 
 
+SEVERAL = {
+    "F": lambda e: e.F,
+    "u": lambda e: e.u,
+    "W u": lambda e: e.velocity,
+    "M v": lambda e: e.terms.M @ e.v,
+    "bodies": lambda e: e.bodies.partial_velocity,
+    "gw": lambda e: e.acceleration(FORMULATIONS["gw"]).vdot,
+    "kane": lambda e: e.acceleration(FORMULATIONS["kane"]).vdot,
+    "x": lambda e: e.x,
+}
+
+
 def test_the_spread_does_not_depend_on_what_was_asked_before(at):
-    fresh = Evaluation(at.scene, at.q, at.v)
-    sensitivity_of(at, lambda e: e.F)
-    sensitivity_of(at, lambda e: e.u)
-    assert sensitivity_of(at, lambda e: e.terms.M) == sensitivity_of(fresh, lambda e: e.terms.M)
+    def spreads(names) -> dict[str, float]:
+        here = Evaluation(at.scene, at.q, at.v)
+        return {name: sensitivity_of(here, SEVERAL[name]) for name in names}
+
+    alone = {name: spreads([name])[name] for name in SEVERAL}
+    assert spreads(SEVERAL) == spreads(reversed(SEVERAL)) == alone
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_a_check_and_an_acceleration_state_one_bound_for_one_state(kind, monkeypatch):
+    scene, seen = kind.example(), []
+
+    def recorded(at, formulation, *arguments, **options):
+        found = acceleration_sensitivity(at, formulation, *arguments, **options)
+        if (arguments or ("vdot",)) == ("vdot",) and not any(options.values()):
+            seen.append((at, formulation, found))
+        return found
+
+    monkeypatch.setattr(case, "acceleration_sensitivity", recorded)
+    q, v = scene.initial_state()
+    v = velocity(scene, q, np.random.default_rng(0).uniform(0.5, 1, scene.p)) if scene.p else v
+    check(scene, q, v)
+    judged = {f.key for at, f, found in seen if np.array_equal(at.v, v)}
+    assert judged == {f.key for f in FORMULATIONS.values() if solves(scene, f.key, q, v)}
+    for at, formulation, found in seen:
+        bound = acceleration(at.scene, formulation.key, at.q, at.v, at.t).error_bound
+        assert allowed_error(found) == bound
+
+
+def solves(scene, key, q, v) -> bool:
+    try:
+        return acceleration(scene, key, q, v) is not None
+    except (RefusedError, InputError):
+        return False
+
+
+class Tallied:
+    """A number of no value that counts the operations it takes part in, those that round."""
+
+    def __init__(self, tally: list[int]):
+        self.tally = tally
+
+    def counted(self, other=None):
+        self.tally[0] += 1
+        return self
+
+    def added(self, other):
+        return self if type(other) is int and other == 0 else self.counted()
+
+    __add__ = __radd__ = __sub__ = added
+    __neg__ = __truediv__ = __rtruediv__ = counted
+
+    def __rsub__(self, other):
+        return -self + other
+
+    def __mul__(self, other):
+        if type(other) is int and other in (0, 1):
+            return self if other else 0
+        return self.counted()
+
+    __rmul__ = __mul__
+
+
+def tallied_solve(A, b, name):
+    # A, b, the backward error of each right-hand side, and the solution.
+    tally = next(x.tally for x in (*A.flat, *b.flat) if isinstance(x, Tallied))
+    tally[0] += A.size + 3 * b.size
+    out = np.empty(b.shape, object)
+    out.fill(Tallied(tally))
+    return out
+
+
+def tallied_product(A, B):
+    tally = next(x.tally for x in (*A.flat, *B.flat) if isinstance(x, Tallied))
+    out = np.empty((A.shape[0], B.shape[1]), object)
+    out.fill(Tallied(tally))
+    tally[0] += out.size
+    return out
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
+    """As many changes are taken as operations are done, whole matrices entry by entry."""
+    for table, count in (
+        (SOLVERS, tallied_solve),
+        (BANDED_SOLVERS, tallied_solve),
+        (PRODUCTS, tallied_product),
+    ):
+        monkeypatch.setitem(table, Tallied, count)
+    scene, formulation = kind.example(), FORMULATIONS[key]
+    if not formulation.applies_to(scene):
+        return
+    q, v = scene.initial_state()
+    q = q + 0.1  # away from a singular partition
+    at, tally, counted = Evaluation(scene, q, v), [0], []
+
+    def tallied(function, *arguments):
+        def number(x):
+            if not isinstance(x, np.ndarray) or x.dtype != np.float64:
+                return x
+            out = np.empty(x.shape, object)
+            out.fill(Tallied(tally))
+            return out
+
+        if function is formulation.solution:
+            function(*map_record(number, arguments))
+            counted.append(tally[0])
+        return Evaluation.call(at, function, *arguments)
+
+    monkeypatch.setattr(at, "call", tallied)
+    at.solution(formulation)
+    (copy, *_) = perturbed_copies(Evaluation(scene, q, v))
+    taken, inside = [], copy.call
+
+    def taking(function, *arguments):
+        before = copy._noise._taken
+        result = inside(function, *arguments)
+        if function is formulation.solution:
+            taken.append(copy._noise._taken - before)
+        return result
+
+    monkeypatch.setattr(copy, "call", taking)
+    copy.acceleration(formulation)
+    assert counted == taken
+    assert taken[0] > 0
 
 
 def test_the_spread_is_the_same_every_time(at):

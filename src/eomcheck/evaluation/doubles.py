@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.point import Quantities, quantity
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -75,14 +74,15 @@ class Evaluation(Quantities):
     def kept(self, function: Callable[[Evaluation], T]) -> T:
         """Return function(self), found when it is first asked for."""
         if function not in self._kept:
-            self._kept[function] = function(self)
+            with self.computing(function.__qualname__):
+                self._kept[function] = function(self)
         return self._kept[function]
 
     def watched(self) -> AbstractContextManager[Watch]:
         """Watch the matrices that are solved."""
         return watching()
 
-    @cached_property
+    @quantity
     def kinematics(self) -> Any:
         """What speeds and bodies share.
 
@@ -94,11 +94,12 @@ class Evaluation(Quantities):
             return super().kinematics
         # A partition solves for velocities: in Python, where a singular matrix is refused.
         with self.watched() as watch, np.errstate(all="ignore"):
-            found = self.scene.kinematics(self.parameters, self.prepared, self.q, self.u)
+            here = self.parameters, self.prepared, self.q, self.u
+            found = self.call(self.scene.kinematics, *here)
         self._speeds_rcond = watch.rcond
         return found
 
-    @cached_property
+    @quantity
     def pivoted_partition(self) -> Partition:
         """The partition by pivoted QR of a."""
         if self.terms.a is None:
@@ -137,7 +138,8 @@ class Evaluation(Quantities):
 
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
         partition = self.partition_for(formulation, pivoted)
-        with self.watched() as watch, np.errstate(all="ignore"):
+        name = f"{formulation.key}, pivoted" if pivoted else formulation.key
+        with self.computing(name), self.watched() as watch, np.errstate(all="ignore"):
             vdot, multipliers = self.solution(formulation, partition)
         self.check_finite(vdot, multipliers, formulation)
         rcond = watch.rcond
@@ -171,7 +173,8 @@ class Evaluation(Quantities):
         M, _, _, a, gamma, _ = self.terms
         back = np.linalg.inv(T)
         with self.watched() as watch:
-            xdd, multipliers = formulation.solution(
+            xdd, multipliers = self.call(
+                formulation.solution,
                 back.T @ M @ back,
                 back.T @ self.F,
                 None if a is None else a @ back,

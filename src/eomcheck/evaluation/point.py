@@ -8,8 +8,9 @@ field, bounds and counters all pass through it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
-from typing import Any, NamedTuple
+from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property, wraps
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.dual import Dual, Recorder, Replay, duals
 from eomcheck.numbers.entries import each, map_record
 from eomcheck.numbers.generic import NotRationalError, generic
+
+T = TypeVar("T")
 
 
 class Solution(NamedTuple):
@@ -71,6 +74,17 @@ def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
     return map_record(numbers, record)
 
 
+def quantity(function: Callable[[Any], T]) -> cached_property[T]:
+    """Return what `function` computes on first use, in the context `computing` of its name."""
+
+    @wraps(function)
+    def computed(at: Any) -> T:
+        with at.computing(function.__name__):
+            return function(at)
+
+    return cached_property(computed)
+
+
 class Quantities:
     """The quantities of `scene` at one point, in the numbers of `arithmetic`.
 
@@ -86,6 +100,10 @@ class Quantities:
     def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
         self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
 
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which what is called `name` is computed."""
+        return nullcontext()
+
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function."""
         return function(*arguments)
@@ -99,18 +117,18 @@ class Quantities:
         literal = getattr(self.arithmetic, "literal", None)
         return record if literal is None else with_literals(record, literal)
 
-    @cached_property
+    @quantity
     def parameters(self) -> Any:
         """The scene's parameters."""
         return self.keep(self.scene.parameters(self.arithmetic))
 
-    @cached_property
+    @quantity
     def prepared(self) -> Any:
         """What is not rational in q and t."""
         prepare, parameters = self.scene.prepare, self.parameters
         return self.in_numbers(prepare(self._recorder, parameters, self.q, self.t))
 
-    @cached_property
+    @quantity
     def _recorder(self) -> Recorder:
         return Recorder(self.preparing)
 
@@ -131,53 +149,53 @@ class Quantities:
         replay = Replay(self._recorder.made)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
-    @cached_property
+    @quantity
     def v(self) -> Array:
         """Velocities (n,): those of u."""
         return self.velocity
 
-    @cached_property
+    @quantity
     def u(self) -> Array:
         """Generalized speeds (p,): those of v."""
         return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
 
-    @cached_property
+    @quantity
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.keep(self.call(self.scene.terms, *arguments))
 
-    @cached_property
+    @quantity
     def F(self) -> Array:
         """F = Q - B (n,)."""
         M, Q, B, *_ = self.terms
         return net_force(M, Q, B)
 
-    @cached_property
+    @quantity
     def kinematics(self) -> Any:
         """What speeds and bodies share."""
         arguments = self.parameters, self.prepared, self.q, self.u
         return self.keep(self.call(self.scene.kinematics, *arguments))
 
-    @cached_property
+    @quantity
     def speeds(self) -> Speeds:
         """W, rest, offset."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.keep(self.call(self.scene.speeds, *arguments))
 
-    @cached_property
+    @quantity
     def bodies(self) -> Bodies:
         """Partial velocities and what goes with them."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.keep(self.call(self.scene.bodies, *arguments))
 
-    @cached_property
+    @quantity
     def x(self) -> Array:
         """Quasi-velocities (s,) of a chain: those of v."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.keep(self.call(self.scene.quasi_velocities, *arguments))
 
-    @cached_property
+    @quantity
     def chain(self) -> Chain:
         """The bodies as a chain."""
         arguments = self.parameters, self.prepared, self.q, self.x
@@ -188,20 +206,20 @@ class Quantities:
         function = self.scene.dissipation
         return None if function is None else function(self.parameters, self.prepared, self.q, v)
 
-    @cached_property
+    @quantity
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""
         with np.errstate(all="ignore"):
             return velocity(self.u, self.speeds.W, self.speeds.offset)
 
-    @cached_property
+    @quantity
     def qdot(self) -> Array:
         """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
         if self.scene.qdot is None:
             return self.velocity
         return self.call(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
 
-    @cached_property
+    @quantity
     def partition(self) -> Partition:
         """The paper's partition: the first r columns of a are dependent."""
         columns = np.arange(self.scene.n)
@@ -225,13 +243,14 @@ class Quantities:
         if formulation.uses == "terms":
             M, _, _, a, gamma, _ = self.terms
             partition = self.partition if partition is None else partition
-            return Solution(*formulation.solution(M, self.F, a, gamma, self.v, partition))
+            read = M, self.F, a, gamma, self.v, partition
+            return Solution(*self.call(formulation.solution, *read))
         if formulation.uses == "speeds":
             W, rest, _ = self.speeds
-            return Solution(formulation.solution(self.terms.M, self.F, W, rest), None)
+            return Solution(self.call(formulation.solution, self.terms.M, self.F, W, rest), None)
         if formulation.uses == "bodies":
-            return Solution(formulation.solution(*self.bodies), None)
-        return Solution(*formulation.solution(*self.chain))
+            return Solution(self.call(formulation.solution, *self.bodies), None)
+        return Solution(*self.call(formulation.solution, *self.chain))
 
     def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
         """Return v̇ and λ by `formulation`; see `rates`."""

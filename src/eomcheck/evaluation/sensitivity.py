@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation, violation
+from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
@@ -29,6 +29,9 @@ from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, Noisy
 NOISY = 2.0**-12
 """A change by this share of a solution, at so small a step, asks whether anything is left of it."""
 
+MOVES = Moves()
+"""What has been listed of functions of scenes and formulations."""
+
 
 class Perturbed(Evaluation):
     """A copy of an evaluation in which every number is perturbed.
@@ -37,14 +40,18 @@ class Perturbed(Evaluation):
         original: the evaluation.
         noise: what its numbers are changed by.
         coordinates: whether the coordinates are perturbed too.
-        moves: runs generic functions with every operation perturbed; shared by all copies.
     """
 
-    def __init__(self, original: Evaluation, noise: Noise, coordinates: bool, moves: Moves):
-        q = noise.entries(original.q) if coordinates else original.q
-        v = original.v + _change_of_velocity(original, noise)
+    def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
+        with noise.stream("state"):
+            q = noise.entries(original.q) if coordinates else original.q
+            v = original.v + _change_of_velocity(original, noise)
         super().__init__(original.scene, q, v, original.t)
-        self._original, self._noise, self._moves = original, noise, moves
+        self._original, self._noise = original, noise
+
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which noise is that of what is called `name`, from its start."""
+        return self._noise.stream(name)
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
@@ -53,7 +60,7 @@ class Perturbed(Evaluation):
         """
         with np.errstate(all="ignore"):
             with suppress(TypeError):
-                return self._moves.run(self._noise, function, *arguments)
+                return MOVES.run(self._noise, function, *arguments)
             return function(*arguments)
 
     def keep(self, record: Any) -> Any:
@@ -65,7 +72,7 @@ class Perturbed(Evaluation):
         """What prepares: cosines, sines and roots are perturbed as well."""
         return Noisy(FLOAT64, self._noise)
 
-    @cached_property
+    @quantity
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
         scene = self.scene
@@ -80,7 +87,7 @@ class Perturbed(Evaluation):
         """Watch the matrices that are solved, and perturb them."""
         return watching(self._noise)
 
-    @cached_property
+    @quantity
     def pivoted_partition(self) -> Partition:
         """That of the original."""
         return self._original.pivoted_partition
@@ -111,10 +118,6 @@ def _constraint_factors(at: Evaluation) -> Any:
     return qr(at.terms.a.T, mode="economic", check_finite=False)
 
 
-def _moves(at: Evaluation) -> Moves:
-    return Moves()
-
-
 def _copies(at: Evaluation) -> tuple[Perturbed, ...]:
     return _perturbed(at, coordinates=False)
 
@@ -125,7 +128,7 @@ def _copies_everywhere(at: Evaluation) -> tuple[Perturbed, ...]:
 
 def _perturbed(at: Evaluation, coordinates: bool) -> tuple[Perturbed, ...]:
     noises = (*(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP))
-    return tuple(Perturbed(at, noise, coordinates, at.kept(_moves)) for noise in noises)
+    return tuple(Perturbed(at, noise, coordinates) for noise in noises)
 
 
 def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Perturbed, ...]:
@@ -162,7 +165,7 @@ def sensitivity_of(
     with np.errstate(all="ignore"):
         try:
             copies = perturbed_copies(at, coordinates)
-            changes = [largest(np.asarray(quantity(copy)) - here) for copy in copies]
+            changes = [largest(np.asarray(_of(copy, quantity)) - here) for copy in copies]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
     *changes, stretched = changes
@@ -173,6 +176,11 @@ def sensitivity_of(
     if seen and stretched < STRETCH / 2 * changes[0]:
         return float("inf")
     return size + max(changes) / STEP
+
+
+def _of(copy: Perturbed, quantity: Callable[[Evaluation], Any]) -> Any:
+    with copy.computing("quantity"):
+        return quantity(copy)
 
 
 def acceleration_sensitivity(

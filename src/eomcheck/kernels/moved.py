@@ -1,8 +1,9 @@
 """Generic functions of doubles, every operation of which is moved by noise of its own.
 
 A function is run once on numbers that list their operations, none merged and none left out but
-x + 0. The list is then gone through in machine code, for one noise after another: what noise
-measures takes many runs, and Python would spend them on objects.
+those that round nothing: x + 0, 0 x and 1 x. The list is then gone through in machine code, for one
+noise after another: what noise measures takes many runs, and Python would spend them on objects.
+Matrices are multiplied and solved between stretches of the list, as they are in doubles.
 """
 
 from __future__ import annotations
@@ -10,43 +11,66 @@ from __future__ import annotations
 import ctypes
 from array import array
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import cache, partial
-from itertools import count
-from typing import Any
+from itertools import chain, count
+from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eomcheck.kernels.code import Code
+from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
 ADD, SUB, MUL, DIV, NEG = range(5)
 
 
+MOST = 2**21
+"""Places in all lists that are kept, but for the newest list."""
+
+
 class Moves:
     """Runs generic functions on doubles with every operation moved.
 
-    What was listed is kept for further runs, with arguments of the same shapes.
+    What was listed is kept for further runs, with arguments of the same shapes: functions without a
+    branch on a value do the same with all numbers.
     """
 
     def __init__(self):
         self._known: dict[Hashable, _List | None] = {}
+        self._lock = Lock()
 
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles, each of its operations moved.
 
+        Matrices that it solves are moved by the noise of `eomcheck.numbers.linear.watching`.
+
         Raises:
-            TypeError: the function does more than rational operations.
+            TypeError: the function does more than rational operations and solves.
         """
         key = function, map_record(_shape, arguments)
-        if key not in self._known:
-            self._known[key] = None  # unless it is rational
-            self._known[key] = _List(function, arguments)
-        listed = self._known[key]
+        try:
+            listed = self._known[key]
+        except KeyError:
+            listed = None
+            with suppress(TypeError):
+                listed = _List(function, arguments)
+            self._keep(key, listed)
         if listed is None:
             raise TypeError(f"{function.__qualname__} does more than rational operations")
         return listed.run(noise, arguments)
+
+    def _keep(self, key: Hashable, listed: _List | None) -> None:
+        with self._lock:
+            self._known[key] = listed
+            places = sum(one.places for one in self._known.values() if one)
+            while places > MOST and len(self._known) > 1:
+                forgotten = self._known.pop(next(iter(self._known)))
+                places -= forgotten.places if forgotten else 0
 
 
 def _is_moved(x: Any) -> bool:
@@ -54,13 +78,24 @@ def _is_moved(x: Any) -> bool:
 
 
 def _shape(x: Any) -> Hashable:
-    return x.shape if _is_moved(x) else x
+    if _is_moved(x):
+        return x.shape
+    return (x.shape, x.tobytes()) if isinstance(x, np.ndarray) else x
 
 
 def _doubles(arguments: tuple) -> list[Array]:
     found: list[Array] = []
     map_record(lambda x: found.append(x.ravel()) if _is_moved(x) else None, arguments)
     return found
+
+
+class _Group(NamedTuple):
+    """What is done with whole matrices: after how many operations, and where they stand."""
+
+    after: int
+    function: Callable
+    read: list[Array]
+    found: Array
 
 
 class _List:
@@ -72,19 +107,24 @@ class _List:
 
     def __init__(self, function: Callable, arguments: tuple):
         self._operations, self._next = array("q"), count().__next__
+        self._groups: list[_Group] = []
         self._literals: dict[float, int] = {}
         self._read = sum(x.size for x in _doubles(arguments))
         found = function(*map_record(self._inputs, arguments))
         self._found = map_record(self._places, found)
-        self._start = np.empty(self._next())
+        self.places = self._next()
+        self._start = np.empty(self.places)
         self._start[list(self._literals.values())] = list(self._literals)
 
     def _inputs(self, x: Any) -> Any:
         if not _is_moved(x):
             return x
-        numbers = np.empty(x.size, object)
-        numbers[:] = [_Number(self._next(), self) for _ in range(x.size)]
-        return numbers.reshape(x.shape)
+        return self._numbers(x.shape)
+
+    def _numbers(self, shape: tuple[int, ...]) -> Array:
+        numbers = np.empty(shape, object)
+        numbers.ravel()[:] = [_Number(self._next(), self) for _ in range(numbers.size)]
+        return numbers
 
     def _places(self, part: Any) -> Array:
         part = np.asarray(part, object)
@@ -104,16 +144,32 @@ class _List:
         self._operations.extend((operation, x, y, place))
         return _Number(place, self)
 
+    def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
+        """Return the result, of this shape, of a function of arrays of doubles."""
+        read, numbers = [self._places(x) for x in arrays], self._numbers(shape)
+        after = len(self._operations) // 4
+        self._groups.append(_Group(after, function, read, self._places(numbers)))
+        return numbers
+
     def run(self, noise: Noise, arguments: tuple) -> Any:
         """Return the function's result, arrays of doubles, of arguments of the same shapes."""
         values = self._start.copy()
         np.concatenate([np.empty(0), *_doubles(arguments)], out=values[: self._read])
-        operations = len(self._operations) // 4
-        if operations:
-            address, _ = self._operations.buffer_info()
-            changes = noise.changes((operations,))
-            _code()(operations, address, changes.ctypes.data, values.ctypes.data)
+        done = 0
+        for after, function, read, found in self._groups:
+            done = self._through(noise, values, done, after)
+            values[found] = function(*(noise.array(values[places]) for places in read))
+        self._through(noise, values, done, len(self._operations) // 4)
         return map_record(lambda places: np.asarray(values[places]), self._found)
+
+    def _through(self, noise: Noise, values: Array, first: int, last: int) -> int:
+        """Do the operations from `first` up to `last` on the doubles at their places."""
+        if last > first:
+            address, _ = self._operations.buffer_info()
+            address += 4 * self._operations.itemsize * first
+            changes = noise.changes((last - first,))
+            _code()(last - first, address, changes.ctypes.data, values.ctypes.data)
+        return last
 
 
 class _Number:
@@ -143,6 +199,8 @@ class _Number:
         return -self + other
 
     def __mul__(self, other):
+        if type(other) is int and other in (0, 1):
+            return self if other else 0
         return self._with(MUL, other)
 
     def __truediv__(self, other):
@@ -158,6 +216,25 @@ class _Number:
 
     __radd__ = __add__
     __rmul__ = __mul__
+
+
+def _list_of(*arrays: Array) -> _List:
+    return next(x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _Number)
+
+
+def _listed(solver: Callable) -> Callable:
+    def listed(A: Array, b: Array, name: str) -> Array:
+        return _list_of(A, b).group(partial(solver, name=name), b.shape, A, b)
+
+    return listed
+
+
+def _listed_product(A: Array, B: Array) -> Array:
+    return _list_of(A, B).group(product, (A.shape[0], B.shape[1]), A, B)
+
+
+SOLVERS[_Number], BANDED_SOLVERS[_Number] = _listed(solve), _listed(solve_banded)
+PRODUCTS[_Number] = _listed_product
 
 
 @cache

@@ -9,11 +9,18 @@ Inputs and results are not enough: where large terms cancel identically, as thos
 acceleration do, moving what they are made of moves them alike, and only the rounding of each by
 itself is left. So every operation of a generic function adds a change of its own
 (`eomcheck.kernels.moved`; Monte Carlo arithmetic: Parker 1997).
+
+A change is a function of three things: the seed, the name of what is being computed, and how many
+were taken for it before. So a quantity is changed alike whatever was asked for before it.
 """
 
 from __future__ import annotations
 
 import math
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,34 +42,51 @@ STRETCH = 8.0
 """The first noise is also tried this many times larger: a change that does not grow is saturated,
 and says nothing about smaller noise."""
 
-BLOCK = 1024
-"""Changes are drawn so many at a time, or more."""
+LEAST, KEPT = 2**10, 2**14
+"""Changes are drawn so many at a time, or more; up to so many are kept for other states."""
+
+
+def _draw(seed: int, stream: str, size: int) -> np.ndarray:
+    """Return numbers (size,) of magnitude 1/2 to 1, the first of those that a larger size gives."""
+    # Magnitudes vary so that two equal contributions never cancel exactly.
+    x = np.random.default_rng([seed, zlib.crc32(stream.encode())]).uniform(-1.0, 1.0, size)
+    x = 0.5 * (x + np.copysign(1.0, x))
+    x.setflags(write=False)
+    return x
+
+
+_kept = lru_cache(256)(_draw)
 
 
 class Noise:
-    """A seeded source of relative changes of size between h/2 and h, either sign.
+    """A source of relative changes of size between h/2 and h, either sign.
 
     Below the smallest normal number the spacing of doubles stays that at this number, and so does
     the size of the changes: what has underflowed, to 0 perhaps, shows.
     """
 
     def __init__(self, seed: int, step: float = STEP):
-        self._random = np.random.default_rng(seed)
-        self.step = step
-        self._drawn = np.empty(0)
+        self.seed, self.step = seed, step
+        self._stream, self._drawn, self._taken = "", np.empty(0), 0
+
+    @contextmanager
+    def stream(self, name: str) -> Iterator[None]:
+        """Take changes from the first of those called `name`; afterwards go on as before."""
+        before = self._stream, self._drawn, self._taken
+        self._stream, self._drawn, self._taken = name, np.empty(0), 0
+        try:
+            yield
+        finally:
+            self._stream, self._drawn, self._taken = before
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return random numbers of magnitude h/2 to h."""
-        size = math.prod(shape)
-        if size > len(self._drawn):
-            self._drawn = self._draw(max(size, BLOCK))
-        taken, self._drawn = self._drawn[:size], self._drawn[size:]
-        return taken.reshape(shape)
-
-    def _draw(self, size: int) -> np.ndarray:
-        # Magnitudes vary so that two equal contributions never cancel exactly.
-        x = self._random.uniform(-1.0, 1.0, size)
-        return self.step * 0.5 * (x + np.copysign(1.0, x))
+        """Return numbers of magnitude h/2 to h, those that come next."""
+        first = self._taken
+        self._taken += math.prod(shape)
+        if self._taken > len(self._drawn):
+            size = max(LEAST, 1 << (self._taken - 1).bit_length())
+            self._drawn = (_kept if size <= KEPT else _draw)(self.seed, self._stream, size)
+        return self.step * self._drawn[first : self._taken].reshape(shape)
 
     def entries(self, x: np.ndarray) -> np.ndarray:
         """Change each entry of x relative to itself: numbers that were read or rounded."""
