@@ -122,7 +122,6 @@ def simulate(
     from dataclasses import replace
 
     import eomcheck
-    from eomcheck.console import progress
     from eomcheck.formulations import formulations_for
     from eomcheck.lab.report.motions import print_trajectories
 
@@ -144,24 +143,21 @@ def simulate(
     asked = formulations_for(scene, formulation)
     if formulation is None and (baumgarte is not None or projection is not None):
         asked = tuple(one for one in asked if one.level == "acceleration")
-    found = []
-    with progress("integrating", len(asked)) as advance:
-        for one in asked:
-            found.append(
-                eomcheck.simulate(
-                    scene,
-                    one.key,
-                    t_end,
-                    rtol=tolerance,
-                    atol=tolerance,
-                    integrator=integrator,
-                    u0=speeds,
-                    max_steps=max_steps,
-                    baumgarte=baumgarte,
-                    projection=projection,
-                )
-            )
-            advance()
+    found = [
+        eomcheck.simulate(
+            scene,
+            one.key,
+            t_end,
+            rtol=tolerance,
+            atol=tolerance,
+            integrator=integrator,
+            u0=speeds,
+            max_steps=max_steps,
+            baumgarte=baumgarte,
+            projection=projection,
+        )
+        for one in asked
+    ]
     print_trajectories(found)
     if any(one.status != "finished" for one in found):
         raise typer.Exit(1)

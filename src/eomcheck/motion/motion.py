@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from eomcheck.console import watched
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.scene import Scene
@@ -14,6 +15,12 @@ from eomcheck.motion.stabilization import check_stabilization, in_pieces, projec
 from eomcheck.motion.state import number_of_speeds, state_of, take_speeds
 from eomcheck.motion.trace import ACCELERATION, block_of
 from eomcheck.numbers.contract import Array
+
+AT_ONCE = 2**20
+"""Numbers that are seen at once, of as many states as that makes."""
+
+SEEN = "v", "energy", "constraint"
+"""What is kept of what `observations_on` shows."""
 
 
 class Motion:
@@ -62,6 +69,11 @@ class Motion:
             options: of `integrate`.
         """
         self.rates.reset()
+        label = f"{self.formulation.key}: integrating"
+        with watched(label, t_end, lambda: self.rates.time):
+            return self._solve(t_end, projection, **options)
+
+    def _solve(self, t_end: float, projection: float | None, **options) -> Steps:
         call = self.rates.address, self.rates.arguments
         if projection is None:
             return integrate(*call, self.y0, t_end, **options)
@@ -104,15 +116,30 @@ class Motion:
         return at.q, at.v
 
     def seen(self, t: Array, y: Array) -> dict[str, Array]:
-        """Return v, u, energy, constraint and multipliers, each (k, ·), of states y (k, size)."""
+        """Return v, energy, constraint and multipliers, each (k, ·), of states y (k, size).
+
+        Constraint and multipliers only where there are any. States are seen a few at a time, so
+        that little memory is taken but for what is returned.
+        """
         observer = observer_of(self.scene, self.formulation)
         solving = kernel_of(self.scene, self.formulation, also=ACCELERATION)
-        kernels = (observer, solving) if "multipliers" in solving.outputs else (observer,)
-        found: dict[str, Array] = {}
-        for kernel in kernels:
-            block = block_of(kernel, self.scene)
-            rows = kernel.rows(block, t[:, None], y[:, :, None])
-            found |= {name: x[:, :, 0] for name, x in rows.items()}
+        looks = []
+        for kernel, wanted in ((observer, SEEN), (solving, ("multipliers",))):
+            names = [name for name in wanted if name in kernel.outputs]
+            if names:
+                looks.append((kernel, block_of(kernel, self.scene), names))
+        found = {
+            name: np.empty((len(t), k.outputs[name])) for k, _, names in looks for name in names
+        }
+        rows = max(1, AT_ONCE // max(kernel.size for kernel, *_ in looks))
+        first = 0
+        with watched(f"{self.formulation.key}: looking at states", len(t), lambda: first):
+            for first in range(0, len(t), rows):
+                some = slice(first, first + rows)
+                for kernel, block, names in looks:
+                    seen = kernel.rows(block, t[some, None], y[some, :, None])
+                    for name in names:
+                        found[name][some] = seen[name][:, :, 0]
         return found
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME
+from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back
@@ -134,6 +134,11 @@ class RightHandSide:
     def failure_time(self) -> float:
         """When the first of these was evaluated, s; NaN without any."""
         return float(self.block[FAILURE_TIME])
+
+    @property
+    def time(self) -> float:
+        """Where the last of them was evaluated, s; another thread may ask while they run."""
+        return float(self.block[TIME])
 
     def reset(self) -> None:
         """Set the counts to zero."""

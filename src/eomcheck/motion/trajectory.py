@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from eomcheck.console import watched
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
@@ -96,7 +97,7 @@ def trajectory(
         course.seen["v"][: course.kept],
         course.rows("multipliers"),
         energy[:, 0],
-        None if residual is None else np.abs(residual),
+        None if residual is None else np.abs(residual, out=residual),
         motion.rates.calls,
         found.steps,
         "failed" if reason else "finished",
@@ -126,31 +127,38 @@ class _Course:
         self.kept = count if whole.all() else int(np.argmin(whole))
         self.rcond: dict[str, float] = {}
         self.refused: tuple[str, RefusedError] | None = None
-        self._looked: dict[int, Evaluation] = {}
-        self._worst = (math.inf, 0)
+        self._looked: dict[str, Evaluation] = {}
+        self._worst = math.inf
         places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
         if "multipliers" in self.seen:
-            places |= set(np.flatnonzero(np.isnan(self.seen["multipliers"]).any(axis=1)).tolist())
-        for place in sorted(place for place in places if place < self.kept):
-            try:
-                self._look(motion, place, float(found.t[place]), found.y[place])
-            except RefusedError as refusal:
-                self.refused = (
-                    f"the state at t = {found.t[place]:.9g} s is refused: {refusal}",
-                    refusal,
-                )
-                self.kept = place
-                break
+            without = np.isnan(self.seen["multipliers"]).any(axis=1)
+            places |= set(np.flatnonzero(without)[:LOOKED_AT].tolist())
+        looks = sorted(place for place in places if place < self.kept)
+        place = 0
+        with watched(f"{self.formulation.key}: looking at matrices", count, lambda: place):
+            for place in looks:
+                t = float(found.t[place])
+                try:
+                    self._look(motion, t, found.y[place])
+                except RefusedError as refusal:
+                    self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
+                    self.kept = place
+                    break
         self.whole = self.kept == count
 
-    def _look(self, motion: Motion, place: int, t: float, y: Array) -> None:
+    def _look(self, motion: Motion, t: float, y: Array) -> None:
         at = motion.evaluation(y, t)
         if at is None:
             raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
-        for name, rcond in at.acceleration(self.formulation).rcond.items():
+        found = at.acceleration(self.formulation).rcond
+        for name, rcond in found.items():
             self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
-            self._worst = min(self._worst, (rcond, place))
-        self._looked[place] = at
+        # No more of them than are asked again: what they know grows with the matrices.
+        self._looked.setdefault("first", at)
+        self._looked["last"] = at
+        if min(found.values(), default=math.inf) < self._worst:
+            self._worst = min(found.values())
+            self._looked["worst"] = at
 
     def rows(self, name: str) -> Array | None:
         """Return what was seen at the states kept (k, ·), or None."""
@@ -159,8 +167,7 @@ class _Course:
     def rate_error(self) -> float:
         """Return the largest relative error bound of v̇ at the first, last and worst state."""
         worst = 0.0
-        for place in {0, self._worst[1], max(self._looked)} if self._looked else ():
-            at = self._looked[place]
+        for at in {id(at): at for at in self._looked.values()}.values():
             size = largest(at.acceleration(self.formulation).vdot)
             bound = allowed_error(acceleration_sensitivity(at, self.formulation))
             worst = max(worst, bound / size if size > 0 else 0.0)
