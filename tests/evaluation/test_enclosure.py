@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import flint
@@ -126,3 +128,43 @@ def test_bad_input_is_named(change: dict, error: type, says: str):
     arguments = {"key": "kane", "q": Q, "u": U} | change
     with pytest.raises(error, match=says):
         eomcheck.enclose(PAPER, **arguments)
+
+
+def test_threads_enclose_as_one_alone_does_and_leave_the_caller_s_precision():
+    digits = [5, 15, 30, 60, 120, 240]
+    alone = [eomcheck.enclose(PAPER, "kane", Q, U, digits=d) for d in digits]
+    before, interval = flint.ctx.prec, sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(len(digits)) as pool:
+            for _ in range(20):
+                found = pool.map(lambda d: eomcheck.enclose(PAPER, "kane", Q, U, digits=d), digits)
+                for one, other in zip(alone, found, strict=True):
+                    assert (one.bits, one.digits) == (other.bits, other.digits)
+                    for x, y in zip(one.vdot, other.vdot, strict=True):
+                        assert x.mid() == y.mid()
+                        assert x.rad() == y.rad()
+                assert flint.ctx.prec == before
+    finally:
+        sys.setswitchinterval(interval)
+        flint.ctx.prec = before
+
+
+@pytest.mark.parametrize("bits", [2, 2000])
+def test_no_result_depends_on_the_caller_s_precision(bits: int):
+    found, true = eomcheck.accuracy(PAPER, "kane", Q, U), eomcheck.enclose(PAPER, "kane", Q, U)
+    before = flint.ctx.prec
+    flint.ctx.prec = bits
+    try:
+        here, truth = eomcheck.accuracy(PAPER, "kane", Q, U), eomcheck.enclose(PAPER, "kane", Q, U)
+        same = truth.overlaps(true), truth.doubles() == true.doubles()
+        after = flint.ctx.prec
+    finally:
+        flint.ctx.prec = before
+    assert after == bits
+    assert np.all(same)
+    assert truth.digits == true.digits
+    assert here.relative == found.relative
+    assert here.relative_bound == found.relative_bound
+    assert np.array_equal(here.error, found.error)
+    assert np.array_equal(here.ulps, found.ulps)

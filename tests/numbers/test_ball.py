@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from threading import Thread
 
 import flint
 import numpy as np
@@ -72,6 +73,26 @@ def test_the_precision_is_restored_after_the_block():
     before = flint.ctx.prec
     with pytest.raises(ZeroDivisionError), precision(999):
         raise ZeroDivisionError
+    assert flint.ctx.prec == before
+
+
+def test_one_thread_at_a_time_has_its_precision():
+    before, seen = flint.ctx.prec, []
+
+    def other():
+        with precision(400):
+            seen.append(flint.ctx.prec)
+
+    thread = Thread(target=other)
+    with precision(100):
+        thread.start()
+        thread.join(0.3)
+        with precision(150):  # the same thread may
+            assert flint.ctx.prec == 150
+        assert flint.ctx.prec == 100
+        assert seen == []
+    thread.join(10)
+    assert seen == [400]
     assert flint.ctx.prec == before
 
 

@@ -14,7 +14,7 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.ball import ball, midpoints
+from eomcheck.numbers.ball import ball, midpoints, precision
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 
@@ -95,23 +95,29 @@ def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluatio
 
 def true_error(vdot: Array, truth: Enclosure) -> Array:
     """Return |v̇ - true v̇| (n,), rounded up."""
-    errors = [abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True)]
+    errors = _errors(vdot, truth)
     nearest = midpoints(np.array(errors, object))
     return np.where([error == 0 for error in errors], 0.0, np.nextafter(nearest, np.inf))
 
 
+def _errors(vdot: Array, truth: Enclosure) -> list:
+    with precision(truth.bits):
+        return [abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True)]
+
+
 def relative_error(vdot: Array, truth: Enclosure) -> float:
     """Return max |v̇ - true v̇| / max |true v̇|, rounded up."""
-    error = max(abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True))
+    error = max(_errors(vdot, truth))
     return math.nextafter(_over(error, truth), math.inf) if error > 0 else 0.0
 
 
 def _over(error, truth: Enclosure) -> float:
     """Return an error over the largest true entry, which may be too small for doubles."""
-    size = max(y.abs_lower() for y in truth.vdot)
-    if error == 0 or not size > 0:
-        return 0.0 if error == 0 else math.inf
-    return float((ball(error) / size).mid())
+    with precision(truth.bits):
+        size = max(y.abs_lower() for y in truth.vdot)
+        if error == 0 or not size > 0:
+            return 0.0 if error == 0 else math.inf
+        return float((ball(error) / size).mid())
 
 
 def accuracy(

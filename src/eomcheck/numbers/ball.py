@@ -2,6 +2,9 @@
 
 Doubles are taken for the numbers that they are; sines and cosines are those of exactly these
 angles. The working precision is python-flint's own, set by `precision(bits)` around a computation.
+It is one for all threads of a process: `precision` lets one of them compute at a time, and leaves
+the caller's as it was. (A thread that computes with python-flint by itself may do so within
+`precision` as well, lest it has the bits of another.)
 """
 
 from __future__ import annotations
@@ -9,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from threading import RLock
 
 import flint
 import numpy as np
@@ -19,11 +23,13 @@ from eomcheck.numbers.contract import Angles, Array
 from eomcheck.numbers.entries import each
 from eomcheck.numbers.linear import SOLVERS
 
+_computing = RLock()
+
 
 @contextmanager
 def precision(bits: int) -> Iterator[None]:
-    """Compute balls with `bits` bits inside the block."""
-    with flint.ctx.workprec(bits):
+    """Compute balls with `bits` bits inside the block, which one thread at a time is in."""
+    with _computing, flint.ctx.workprec(bits):
         yield
 
 
