@@ -1,0 +1,75 @@
+"""Faults as data, in the product and in what judges it, each with the test that must notice it.
+
+`python -m tests.mutants` plants them one at a time and says which are caught, and by name. Faults of
+scenes and formulations are those of `tests.faults`, which are planted without a copy of the source.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+PACKAGE = ROOT / "src" / "eomcheck"
+KINDS = ("scene", "formulation", "arithmetic", "motion", "harness", "report")
+
+
+class LostFaultError(Exception):
+    """The place of a fault is not in the source, or there are several."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of the source.
+
+    Attributes:
+        id: its name.
+        kind: what it is planted in, one of `KINDS`.
+        file: path in the package.
+        before: text that is there exactly once.
+        after: what it becomes.
+        catcher: what must fail: arguments of pytest, or a command that begins with `python`.
+        named: what it must print then.
+        equivalent: why nothing can notice it, "" where something must.
+        quick: whether `.ci/run` plants it.
+    """
+
+    id: str
+    kind: str
+    file: str
+    before: str
+    after: str
+    catcher: str
+    named: str
+    equivalent: str = ""
+    quick: bool = False
+
+    def planted(self, package: Path = PACKAGE) -> str:
+        """Return the source of `file` with the fault.
+
+        Raises:
+            LostFaultError: `before` is not there exactly once.
+        """
+        source = (package / self.file).read_text(encoding="utf-8")
+        count = source.count(self.before)
+        if count != 1:
+            raise LostFaultError(f"{self.id}: {self.before!r} is {count} times in {self.file}")
+        return source.replace(self.before, self.after)
+
+
+def mutants() -> list[Mutant]:
+    """Return all faults that are kept here, kind by kind."""
+    return [one for path in sorted(HERE.glob("*.toml")) for one in _read(path)]
+
+
+def _read(path: Path) -> Iterator[Mutant]:
+    """Yield the faults of a file: its name is their kind, its tables are files of the source."""
+    with path.open("rb") as file:
+        document = tomllib.load(file)
+    for place in document["file"]:
+        known = {"kind": path.stem, "file": place["path"], "catcher": place.get("catcher", "")}
+        for fault in place["fault"]:
+            yield Mutant(**(known | fault))

@@ -1,0 +1,310 @@
+"""Plant faults one at a time, each in its own copy of the source, and see who notices.
+
+    python -m tests.mutants [--kind harness] [--only id,...] [--quick] [--jobs 2] [--table FILE]
+
+A fault is *named* if its catcher fails and prints what it should, *caught* if it only fails, and
+has *survived* if nothing happens. Every catcher runs once on the source as it is, where it must
+pass. Results are kept as they come: the same command goes on where it was stopped, and runs again
+only what has changed. The exit code is 0 if every fault is named or explained.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tests.faults import FAULTS
+from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants
+
+RESULTS = ROOT / "build" / "mutants.jsonl"
+LONGEST = 60.0
+"""What a catcher may take, s."""
+PLANTED = "tests/claims/test_planted_faults.py::test_a_planted_fault_is_caught_and_named"
+"""Plants the faults of scenes and formulations itself, and passes if each is named."""
+NOTHING_RUN = (4, 5)
+"""Exit codes of pytest for arguments that name no test."""
+NEW_SOURCE = "the source as it is"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a fault: "named", "caught", "survived", or "error" where nothing was tried."""
+
+    id: str
+    kind: str
+    outcome: str
+    seconds: float
+    said: str = ""
+
+
+def command_of(catcher: str) -> list[str]:
+    """Return the command of a catcher."""
+    first, *rest = shlex.split(catcher)
+    if first == "python":
+        return [sys.executable, *rest]
+    pytest = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    return [*pytest, "--tb", "short", first, *rest]
+
+
+def run(command: list[str], package: Path, longest: float) -> tuple[int, str]:
+    """Return (exit code, output) of a command that imports this copy; -1 after too long."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join((str(package.parent), str(ROOT))),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "HYPOTHESIS_STORAGE_DIRECTORY": str(package.parent / "hypothesis"),
+    }
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+    try:
+        return _ended(process, longest)
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        raise
+
+
+def _ended(process: subprocess.Popen, longest: float) -> tuple[int, str]:
+    try:
+        said, _ = process.communicate(timeout=longest)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        said, _ = process.communicate()
+        return -1, f"{said}\nnot done after {longest:g} s"
+    return process.returncode, said
+
+
+def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
+    """Plant one fault into a copy of the source and run its catcher."""
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
+        package = Path(folder) / PACKAGE.name
+        shutil.copytree(PACKAGE, package)
+        try:
+            (package / mutant.file).write_text(mutant.planted(package), encoding="utf-8")
+        except LostFaultError as error:
+            return Result(mutant.id, mutant.kind, "error", 0.0, str(error))
+        code, said = run(command_of(mutant.catcher), package, longest)
+    seconds = time.perf_counter() - start
+    if code == -1 or (code in NOTHING_RUN and not mutant.catcher.startswith("python")):
+        return Result(mutant.id, mutant.kind, "error", seconds, said[-2000:])
+    outcome = "survived" if code == 0 else "named" if mutant.named in said else "caught"
+    return Result(mutant.id, mutant.kind, outcome, seconds, "" if code == 0 else said[-2000:])
+
+
+def unplanted(catcher: str, longest: float = LONGEST) -> Result:
+    """Run a catcher on the source as it is: "named" if it passes, as it must."""
+    start = time.perf_counter()
+    code, said = run(command_of(catcher), PACKAGE, longest)
+    outcome = "named" if code == 0 else "error"
+    return Result(catcher, NEW_SOURCE, outcome, time.perf_counter() - start, said[-2000:])
+
+
+def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
+    """Return what became of the faults of `tests.faults`, of scenes and formulations."""
+    with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
+        report = Path(folder) / "planted.xml"
+        _, said = run([*command_of(PLANTED), f"--junitxml={report}"], PACKAGE, longest)
+        if not report.is_file():
+            return [Result("planted", "scene", "error", 0.0, said[-2000:])]
+        cases = {case.get("name", ""): case for case in ElementTree.parse(report).iter("testcase")}
+    results = []
+    for fault in FAULTS:
+        kind = "formulation" if fault.file.startswith("formulations/") else "scene"
+        case = cases.get(f"{PLANTED.partition('::')[2]}[{fault.id}]")
+        problem = None if case is None else case.find("failure")
+        text = "" if problem is None else f"{problem.get('message')}"
+        missed = "survived" if "not caught" in text else "caught"
+        outcome = "error" if case is None else "named" if problem is None else missed
+        seconds = 0.0 if case is None else float(case.get("time", 0.0))
+        results.append(Result(fault.id, kind, outcome, seconds, text))
+    return results
+
+
+# ---- What is known already -----------------------------------------------------------------------
+
+
+def digest(*parts: str | bytes) -> str:
+    """Return a key for what a result depends on."""
+    found = hashlib.sha256()
+    for part in parts:
+        found.update(part.encode() if isinstance(part, str) else part)
+    return found.hexdigest()
+
+
+def test_files(catcher: str) -> bytes:
+    """Return the tests that a catcher runs."""
+    names = (word.partition("::")[0] for word in shlex.split(catcher))
+    return b"".join((ROOT / x).read_bytes() for x in names if x.endswith(".py"))
+
+
+def all_sources() -> str:
+    """Return a digest of the package and of what its tests share."""
+    files = [*sorted(PACKAGE.rglob("*.py")), *sorted((ROOT / "tests").glob("*.py"))]
+    return digest(*(path.read_bytes() for path in files))
+
+
+class Kept:
+    """Results in a file of lines, each with the digest of what it depends on."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.known: dict[str, Result] = {}
+        if path.is_file():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                try:
+                    row = json.loads(line)
+                    self.known[row.pop("key")] = Result(**row)
+                except (ValueError, TypeError, KeyError):  # the line at which a run was killed
+                    continue
+
+    def add(self, key: str, result: Result) -> None:
+        """Keep a result."""
+        self.known[key] = result
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"key": key} | asdict(result)) + "\n")
+
+
+def campaign(
+    chosen: list[Mutant],
+    kept: Kept,
+    jobs: int,
+    planted: Callable[[], list[Result]] | None = None,
+    tell: Callable[[str], None] = print,
+) -> list[Result]:
+    """Return what became of the faults, planted several at a time; of `planted` as well."""
+    now = all_sources()
+    work: dict[str, tuple[str, Callable[[], list[Result]]]] = {}
+    for catcher in dict.fromkeys(one.catcher for one in chosen):
+        key = digest(NEW_SOURCE, catcher, test_files(catcher), now)
+        work[f"{NEW_SOURCE}: {catcher}"] = key, lambda c=catcher: [unplanted(c)]
+    for one in chosen:
+        key = digest(repr(one), (PACKAGE / one.file).read_bytes(), test_files(one.catcher))
+        work[one.id] = key, lambda m=one: [attempt(m)]
+    results: list[Result] = []
+    if planted is not None:
+        results += planted()
+        tell(f"{len(results)} faults of scenes and formulations: {_counted(results)}")
+    left = {name: job for name, job in work.items() if job[0] not in kept.known}
+    results += [kept.known[key] for name, (key, _) in work.items() if name not in left]
+    with ThreadPoolExecutor(jobs) as pool:
+        running = {pool.submit(job): (name, key) for name, (key, job) in left.items()}
+        try:
+            for count, done in enumerate(as_completed(running), 1):
+                name, key = running[done]
+                (result,) = done.result()
+                if result.outcome != "error":
+                    kept.add(key, result)
+                results.append(result)
+                said = f"{result.outcome:8} {result.seconds:5.1f} s  {name}"
+                tell(f"[{count}/{len(left)}] {said}")
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return results
+
+
+def _counted(results: Iterable[Result]) -> str:
+    found = Counter(result.outcome for result in results)
+    return ", ".join(f"{count} {outcome}" for outcome, count in found.items())
+
+
+# ---- What is said --------------------------------------------------------------------------------
+
+
+def table(results: list[Result], explained: dict[str, str]) -> str:
+    """Return the table of kinds, and why the survivors survive, in Markdown."""
+    lines = [
+        "| kind | faults | caught and named | caught | survived | of them explained |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    mutated = [result for result in results if result.kind in KINDS]
+    for kind in (*KINDS, "all"):
+        of = [result for result in mutated if kind in (result.kind, "all")]
+        found = Counter(result.outcome for result in of)
+        why = sum(result.outcome == "survived" and result.id in explained for result in of)
+        counts = len(of), found["named"], found["caught"], found["survived"], why
+        lines.append(f"| {kind} | {' | '.join(map(str, counts))} |")
+    survived = [result.id for result in mutated if result.outcome == "survived"]
+    if survived:
+        lines.append("")
+    lines += [f"- `{one}`: {explained.get(one, 'not explained')}" for one in sorted(survived)]
+    return "\n".join(lines) + "\n"
+
+
+def open_questions(results: Iterable[Result], explained: dict[str, str]) -> list[Result]:
+    """Return what is neither named nor explained, and what is explained and caught all the same."""
+    return [
+        result
+        for result in results
+        if result.outcome != ("survived" if result.id in explained else "named")
+    ]
+
+
+def main() -> int:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser("python -m tests.mutants", description=__doc__)
+    parser.add_argument("--kind", choices=KINDS, help="only faults of this kind")
+    parser.add_argument("--only", help="only these faults: ids with commas between them")
+    parser.add_argument("--quick", action="store_true", help="only those for every run of the CI")
+    parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
+    parser.add_argument("--table", type=Path, help="file to write the table to")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="file to keep results in")
+    asked = parser.parse_args()
+    chosen = mutants()
+    if asked.only:
+        wanted = asked.only.split(",")
+        if unknown := set(wanted) - {one.id for one in chosen}:
+            parser.error(f"no such fault: {', '.join(sorted(unknown))}")
+        chosen = [one for one in chosen if one.id in wanted]
+    if asked.kind:
+        chosen = [one for one in chosen if one.kind == asked.kind]
+    if asked.quick:
+        chosen = [one for one in chosen if one.quick]
+    whole = not (asked.only or asked.quick) and asked.kind in (None, "scene", "formulation")
+    start = time.perf_counter()
+    results = campaign(
+        chosen,
+        Kept(asked.results),
+        asked.jobs,
+        planted_elsewhere if whole else None,
+        lambda line: print(line, flush=True),
+    )
+    explained = {one.id: one.equivalent for one in chosen if one.equivalent}
+    text = table(results, explained)
+    print(text, end="")
+    if asked.table:
+        asked.table.write_text(text, encoding="utf-8")
+    left = open_questions(results, explained)
+    for result in left:
+        print(f"\n{result.id}: {result.outcome}\n{result.said}")
+    print(f"{time.perf_counter() - start:.0f} s; {len(left)} to be looked at")
+    return 1 if left else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
