@@ -16,6 +16,7 @@ from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, certified_digits, t
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
+from eomcheck.numbers.ball import ball
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
 
@@ -54,6 +55,14 @@ def test_the_true_error_of_a_number_that_was_moved_is_by_how_much():
     right = truth.doubles()
     assert (true_error(right, truth) <= np.spacing(np.abs(right))).all()
     assert true_error(right + 1e-3, truth) == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_a_true_error_is_never_rounded_down():
+    truth = eomcheck.enclose(PAPER, "kane", Q, U)
+    for shift in 10.0 ** -np.arange(1.0, 16.0):
+        vdot = truth.doubles() + shift
+        for error, x, y in zip(true_error(vdot, truth), vdot, truth.vdot, strict=True):
+            assert ball(float(error)) >= abs(ball(float(x)) - y).upper()
 
 
 @keys

@@ -16,6 +16,7 @@ from tests.exact import ExactFloats
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError, UnknownNameError
+from eomcheck.evaluation.enclosure import _certain_digits
 from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
@@ -49,6 +50,19 @@ def test_every_entry_has_the_digits_asked_for(key: str, digits: int):
     assert found.digits >= digits
     for x in found.vdot:
         assert x.rad() <= x.abs_upper() * flint.arb(10) ** -digits
+
+
+@keys
+def test_the_digits_stated_are_those_of_the_worst_radius(key: str):
+    found = eomcheck.enclose(PAPER, key, Q, U)
+    left = [float((x.abs_lower() / x.rad()).log_base(10)) for x in found.vdot]
+    assert found.digits == pytest.approx(min(left))
+
+
+def test_an_entry_much_smaller_than_the_others_has_its_digits_too():
+    large, small = flint.arb(1, 1e-30), flint.arb(1e-20, 1e-30)
+    still = np.array([flint.arb(0)] * 2, object)
+    assert _certain_digits(np.array([large, small], object), still) == pytest.approx(10.0, abs=0.01)
 
 
 @keys

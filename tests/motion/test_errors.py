@@ -71,6 +71,16 @@ def test_an_error_at_one_time_is_found_with_its_size():
     assert found.mescd == pytest.approx(-np.log10(mixed), rel=1e-6)
 
 
+def test_nothing_is_judged_below_what_the_reference_itself_is_known_to():
+    differences = np.zeros(len(REFERENCE.times))
+    differences[3] = 1e-9
+    rough = replace(REFERENCE, differences=differences)
+    assert rough.uncertainty == 1e-9
+    top = max(np.abs(REFERENCE.q).max(), np.abs(REFERENCE.v).max())
+    assert rough.rounding == np.spacing(top) / 2
+    assert errors_of(exact(), rough).floor == 1e-9 + rough.rounding
+
+
 def test_energy_and_constraint_errors_are_those_of_the_paper():
     off = exact()
     off.energy[2] -= 0.03

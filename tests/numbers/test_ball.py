@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.ball import Balls, ball, midpoints, precision
+from eomcheck.numbers.banded import HALF, WIDTH, solve_banded
 from eomcheck.numbers.linear import solve
 
 finite = st.floats(-1e6, 1e6)
@@ -99,3 +100,38 @@ def test_one_thread_at_a_time_has_its_precision():
 def test_literal_integers_among_results_are_balls_too():
     assert ball(3) == flint.arb(3)
     assert midpoints(np.array([1, flint.arb(2)], object)).tolist() == [1.0, 2.0]
+
+
+def test_a_root_contains_the_positive_root():
+    with precision(60):
+        two, nine = Balls().root(Balls().numbers(np.array([2.0, 9.0])))
+    with precision(300):
+        assert two.contains(flint.arb(2).sqrt())
+    assert nine.contains(3)
+
+
+def test_a_midpoint_is_in_the_middle():
+    assert midpoints(np.array([flint.arb(1, 0.5)], object)).tolist() == [1.0]
+
+
+def band(*rows: list) -> np.ndarray:
+    """Return the bands of a full matrix of order 2 or less."""
+    bands = np.zeros((len(rows), WIDTH), object)
+    for i, row in enumerate(rows):
+        for j, x in enumerate(row):
+            bands[i, HALF + j - i] = ball(x)
+    return bands
+
+
+PERHAPS_ZERO = flint.arb(0.25, 0.5)
+
+
+def test_a_band_whose_pivots_may_all_be_zero_is_refused():
+    for bands in (band([PERHAPS_ZERO]), band([PERHAPS_ZERO, 1], [PERHAPS_ZERO, 1])):
+        with pytest.raises(RefusedError, match="matrix K is singular"):
+            solve_banded(bands, np.array([ball(1)] * len(bands), object), "K")
+
+
+def test_a_band_takes_the_pivot_that_is_farthest_from_zero():
+    x = solve_banded(band([PERHAPS_ZERO, 1], [4, 1]), np.array([ball(1), ball(2)], object), "K")
+    assert all(y.is_finite() for y in x)

@@ -116,6 +116,21 @@ def test_each_angle_is_one_pair_of_cosine_and_sine():
     assert counting.tally == Tally(trigonometric_pairs=7)
 
 
+def test_square_roots_are_counted_by_themselves():
+    counting = Counting()
+    counting.root(counting.vector(3))
+    assert counting.tally == Tally(roots=3)
+
+
+def test_a_tally_starts_again_from_nothing():
+    counting = Counting()
+    x = counting.vector(2)
+    counting.root(counting.angles(x).cos / x + x * x)
+    solve(np.outer(x, x), x, "A")
+    counting.tally.clear()
+    assert counting.tally == Tally()
+
+
 def test_a_solve_is_listed_with_its_order_and_its_right_hand_sides_and_costs_nothing_else():
     counting = Counting()
     A, B = counting.numbers(np.zeros((3, 3))), counting.numbers(np.zeros((3, 4)))

@@ -71,6 +71,27 @@ def test_every_number_is_replaced_by_an_element_of_its_own():
     assert one.vector(0).shape == (0,)
 
 
+def test_elements_come_from_the_whole_field():
+    one = field()
+    quarters = [4 * int(x) // one.prime for x in one.vector(400)]
+    # 100 in each quarter, with a standard deviation of 9.
+    assert all(60 < quarters.count(quarter) < 140 for quarter in range(4))
+
+
+def test_a_root_is_an_element_of_its_own():
+    one = field()
+    x = one.vector(5)
+    roots = one.root(x)
+    assert of_field(roots, one.prime)
+    assert (roots != x).all() and (roots * roots != x).all()
+
+
+def test_a_literal_is_that_element():
+    one = field()
+    assert one.literal(3) == flint.nmod(3, one.prime)
+    assert one.literal(-1) + 1 == 0
+
+
 def test_the_same_source_gives_the_same_elements():
     assert (field(3).vector(5) == field(3).vector(5)).all()
     assert (field(3).vector(5) != field(4).vector(5)).all()

@@ -1,0 +1,43 @@
+"""A Finding: how far beyond what is allowed, and the code that shows it again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.reports import Heavy
+
+import eomcheck
+from eomcheck.claims.finding import Finding, ratio
+from eomcheck.mechanics.records import State
+
+SCENE = Heavy()
+STATE = State(np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0]), 1.5)
+FOUND = Finding("bias", "au", SCENE, STATE, 3.0, 2.0, "failed", "compared", "row x")
+
+
+def test_the_ratio_is_observed_over_allowed():
+    assert FOUND.ratio == ratio(3.0, 2.0) == 1.5
+    assert ratio(1.0, 4.0) == 0.25
+
+
+def test_an_error_where_none_is_allowed_is_infinitely_too_large():
+    assert ratio(1e-300, 0.0) == float("inf")
+    assert ratio(0.0, 0.0) == 0.0
+
+
+def test_the_code_of_a_finding_prints_the_finding(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """Whatever the velocity is: a fault may be in the constraints themselves."""
+    asked = []
+
+    def check(scene, q, v, t=0.0, *, consistent=True):
+        asked.append((repr(scene), q, v, t, consistent))
+        return [FOUND, replace(FOUND, verdict="passed"), replace(FOUND, verdict="inconclusive")]
+
+    monkeypatch.setattr(eomcheck, "check", check)
+    exec(FOUND.as_python(), {})
+    assert asked == [(repr(SCENE), STATE.q.tolist(), STATE.v.tolist(), 1.5, False)]
+    assert capsys.readouterr().out == f"{FOUND}\n"

@@ -1,0 +1,70 @@
+"""Refusals are judged by a condition number of our own, and few states may be refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.claims.test_checks import SNAKE, Q, V
+
+from eomcheck.claims import CLAIMS, Case, Finding, State
+from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import FORMULATIONS
+
+AU = FORMULATIONS["au"]
+
+
+def judged(rcond: float, threshold: float) -> Finding:
+    """Return the Finding on a refusal of an ordinary state that says this of itself."""
+
+    class Refusing(Evaluation):
+        def acceleration(self, formulation, pivoted=False):
+            raise RefusedError("M_Au", rcond, threshold, "no")
+
+    case = Case(Refusing(SNAKE, Q, V), (AU,), (), CLAIMS["refusals"])
+    (finding,) = case.look(CLAIMS["refusals"])
+    return finding
+
+
+def independent() -> float:
+    refusal = RefusedError("M_Au", 0.0, 0.0, "no")
+    return independent_rcond(AU, refusal, Case(Evaluation(SNAKE, Q, V), (AU,), ()))
+
+
+def test_a_refusal_of_what_is_well_conditioned_is_in_vain():
+    finding = judged(0.0, 1e-14)
+    assert (finding.verdict, finding.detail) == ("failed", "au, M_Au: refused in vain")
+    assert 1e-6 < finding.observed < 1.0
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(0.1, "failed"), (10.0, "passed")])
+def test_a_refusal_above_its_threshold_is_in_vain(times: float, verdict: str):
+    assert judged(0.0, times * independent()).verdict == verdict
+
+
+def test_an_overflow_of_ordinary_numbers_is_in_vain():
+    assert judged(math.nan, 0.0).verdict == "failed"
+
+
+def share(refused: int, states: int) -> str:
+    """Return the verdict on so many refused states, each by one formulation."""
+    state = State(Q, V)
+    drawn = [Drawn(SNAKE, state, ("el",) if i < refused else ()) for i in range(states)]
+    finding = coverage(drawn)
+    assert finding.observed == pytest.approx(refused / states)
+    return finding.verdict
+
+
+def test_coverage_fails_where_more_than_5_percent_are_refused():
+    assert share(5, 100) == share(0, 20) == "passed"
+    assert share(6, 100) == share(100, 100) == "failed"
+    assert share(0, 19) == share(19, 19) == "inconclusive"
+
+
+def test_coverage_names_who_refused():
+    finding = coverage([Drawn(SNAKE, State(Q, np.zeros(5)), ("el", "em"))] * 30)
+    assert "0 of 30 ordinary states" in finding.detail
+    assert "el refused 30; em refused 30" in finding.detail

@@ -1,0 +1,76 @@
+"""A run: which states it looks at, and that nothing it finds is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.reports import Heavy
+
+import eomcheck
+from eomcheck.claims import State
+from eomcheck.claims.run import Run, Selection
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES, Sleigh, Snake
+
+KINETIC = {"engines": [], "claims": ["kinetic-energy"]}
+
+
+def moving(scene) -> State:
+    q, _ = scene.initial_state()
+    return State(q, eomcheck.velocity(scene, q, [1.0, 0.5]))
+
+
+def test_a_failure_of_the_initial_state_is_among_the_findings():
+    scene, run = Heavy(), Run()
+    new = run.look_at(scene, moving(scene), Selection.of(**KINETIC, scenes=[scene]))
+    assert "failed" in {finding.verdict for finding in new}
+    assert run.findings == new
+
+
+def test_terms_that_are_no_numbers_fail():
+    class Broken(Sleigh):
+        @staticmethod
+        def terms(*arguments):
+            terms = Sleigh.terms(*arguments)
+            return terms._replace(M=terms.M * np.nan)
+
+    scene, run = Broken(), Run()
+    run.look_at(scene, moving(scene), Selection.of(engines=[], scenes=[scene]))
+    failed = [finding for finding in run.findings if finding.verdict == "failed"]
+    assert [finding.claim for finding in failed] == ["finite-terms"]
+
+
+def states(seed: int) -> list[list[float]]:
+    found = eomcheck.validate(Snake.coil(2), examples=6, seed=seed, **KINETIC)
+    return [finding.state.q.tolist() for finding in found if finding.state is not None]
+
+
+def test_another_seed_draws_other_states_and_the_same_seed_the_same():
+    assert states(1) == states(1)
+    assert states(1) != states(2)
+
+
+def test_scenes_of_all_numbers_of_links_are_drawn():
+    run, selection = Run(), Selection.of(**KINETIC)
+    run.look_at_kind(Snake, selection, (1, 3), 30, 0)
+    assert {one.scene.n - 2 for one in run.drawn[1:]} == {1, 2, 3}
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_example_of_a_kind_is_looked_at_as_it_starts_and_moving(kind: type[Scene], seed: int):
+    run, selection = Run(), Selection.of(**KINETIC, scenes=[kind])
+    run.look_at_kind(kind, selection, (1, 2), 1, seed)
+    assert run.cases == 3
+    start, moving, _ = (run.findings[end - 1] for end in run.ends)
+    assert repr(start.scene) == repr(moving.scene) == repr(kind.example())
+    assert start.state is not None and moving.state is not None
+    assert np.array_equal(start.state.v, kind.example().initial_state()[1])
+    assert moving.state.v.any()
+
+
+def test_a_run_counts_who_refused():
+    scene = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
+    run = Run()
+    run.look_at(scene, State(*scene.initial_state()), Selection.of(engines=[]))
+    assert run.refused == ("el", "em")

@@ -1,0 +1,192 @@
+"""Perturbed copies: every number and every operation of them is moved, independently."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from eomcheck import velocity
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.sensitivity import (
+    acceleration_sensitivity,
+    perturbed_copies,
+    sensitivity_of,
+)
+from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
+from eomcheck.scenes import ChainPendulum, Snake
+
+SNAKE = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [4.0], [0.125, -0.5])
+Q = np.array([0.4, -0.2, 0.3, 1.1])
+
+
+@pytest.fixture
+def at() -> Evaluation:
+    return Evaluation(SNAKE, Q, velocity(SNAKE, Q, [1.5, -0.75]))
+
+
+def moved_by(copy: Evaluation, at: Evaluation) -> np.ndarray:
+    """Return the changes of masses and lengths, in steps of their own size."""
+    moved, still = (np.concatenate((x.parameters.mass, x.parameters.length)) for x in (copy, at))
+    return (moved - still) / np.abs(still) / STEP
+
+
+# ---- What is moved -------------------------------------------------------------------------------
+
+
+def test_every_number_that_is_read_is_moved(at: Evaluation):
+    for copy in perturbed_copies(at):
+        assert (np.abs(moved_by(copy, at)) > 0.4).all()
+        assert (copy.v != at.v).all()
+        moved, still = copy.terms.M, at.terms.M
+        assert (np.asarray(moved)[still != 0] != still[still != 0]).all()
+
+
+def test_what_is_returned_is_moved_as_what_is_read(at: Evaluation):
+    record = at.parameters
+    assert (np.asarray(perturbed_copies(at)[0].keep(record).mass) != record.mass).all()
+
+
+def test_copies_are_moved_independently(at: Evaluation):
+    changes = [moved_by(copy, at) for copy in perturbed_copies(at)[:SAMPLES]]
+    for first, second in combinations(changes, 2):
+        assert (np.abs(first - second) > 1e-3).any()
+
+
+def test_the_last_copy_is_the_first_stretched(at: Evaluation):
+    *copies, stretched = perturbed_copies(at)
+    mass = at.parameters.mass
+    by, further = (np.asarray(x.parameters.mass) - mass for x in (copies[0], stretched))
+    assert further == pytest.approx(STRETCH * by, rel=0.05)
+
+
+def test_cosines_sines_and_roots_are_moved(at: Evaluation):
+    arithmetic, x = perturbed_copies(at)[0].preparing, np.array([0.3, 2.0])
+    angles = arithmetic.angles(x)
+    for moved, exact in (
+        (angles.cos, np.cos(x)),
+        (angles.sin, np.sin(x)),
+        (arithmetic.root(x), np.sqrt(x)),
+    ):
+        steps = np.abs(np.asarray(moved) - exact) / np.abs(exact) / STEP
+        assert ((0.4 < steps) & (steps < 1.1)).all()
+
+
+def test_terms_that_cancel_show_what_rounding_does_to_them(at: Evaluation):
+    x, y = np.full(20, 3.0), np.full(20, 0.7)
+    left = perturbed_copies(at)[0].call(lambda x, y: x * y - y * x, x, y)
+    assert 0.1 * STEP < np.abs(left).max() / 2.1 < 2 * STEP
+
+
+def test_jacobians_that_terms_are_made_of_are_moved():
+    scene = next(ChainPendulum.structures(3))
+    q = np.array([0.3, 0.8, -0.4])
+    at = Evaluation(scene, q, np.array([1.0, -0.5, 2.0]))
+    copy, given = perturbed_copies(at)[0], []
+    calling = copy.call
+
+    def recording(function, *arguments):
+        if function == scene.assemble:
+            given.append(arguments[-1])
+        return calling(function, *arguments)
+
+    copy.call = recording  # type: ignore[method-assign]
+    assert copy.terms is not None
+    here = copy.parameters, copy.prepared, copy.q, copy.v
+    ((linear, *_),) = given
+    exact = np.asarray(scene.jacobians(*here)[0], float)
+    seen = np.abs(exact) > 0.1
+    assert (np.asarray(linear) != exact)[seen].all()
+
+
+def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
+    """Turning about its wheel a link has v = 0 there, which has no rounding; a v + b has."""
+    snake = Snake([1.0], [1.0], [0.1], None, [0.0])
+    at = Evaluation(snake, np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 0.0]))
+    row = at.terms.a[0]
+    # A speed along the constraint's row is what is let pass, as much as rounding allows of |a||v|.
+    at = Evaluation(snake, at.q, velocity(snake, at.q, [1.0, 0.5]))
+    size = np.abs(row) @ np.abs(at.v)
+    slips = np.array([row @ (copy.v - at.v) for copy in perturbed_copies(at)]) / (STEP * size)
+    still = [Noise(seed).entries(at.v) - at.v for seed in range(SAMPLES)]
+    by_entries = np.array([row @ change for change in still]) / (STEP * size)
+    assert np.abs(slips[:-1] - by_entries).max() > 0.4
+
+
+def test_copies_take_the_partition_of_the_original(at: Evaluation):
+    assert all(copy.pivoted_partition is at.pivoted_partition for copy in perturbed_copies(at))
+
+
+# ---- What is made of it --------------------------------------------------------------------------
+
+
+def test_the_copy_that_moves_most_counts(at: Evaluation):
+    copies = perturbed_copies(at)
+
+    def quantity(e: Evaluation):
+        return 0.0 if e is at else STEP * (1 + [copy is e for copy in copies].index(True))
+
+    assert sensitivity_of(at, quantity) == SAMPLES
+
+
+@pytest.mark.parametrize("solved", [True, False])
+def test_a_solution_that_does_not_move_further_by_more_noise_has_nothing_left(
+    at: Evaluation, solved: bool
+):
+    *_, stretched = perturbed_copies(at)
+    lost = sensitivity_of(at, lambda e: 1.0 if e is at else 2.0, solved=solved)
+    assert np.isinf(lost) == solved
+
+    def grows(e: Evaluation):
+        return 1.0 if e is at else 1.0 + 2.0**-10 * (STRETCH if e is stretched else 1.0)
+
+    assert np.isfinite(sensitivity_of(at, grows, solved=solved))
+
+
+def test_a_result_that_is_lost_has_a_bound_of_its_own_size(at: Evaluation):
+    lost = sensitivity_of(at, lambda e: 1.0 if e is at else 2.0)
+    assert 0.1 < allowed_error(lost) < 10.0
+
+
+@pytest.mark.parametrize("name", ["a'T", "M_El"])
+def test_the_worst_matrix_decides(at: Evaluation, name: str):
+    el = FORMULATIONS["el"]
+    assert np.isfinite(acceleration_sensitivity(at, el))
+    rcond = at.acceleration(el).rcond
+    assert name in rcond and len(rcond) > 1
+    rcond[name] = 1e-14
+    assert np.isinf(acceleration_sensitivity(at, el))
+
+
+def test_a_cancellation_is_hardly_ever_missed():
+    """Two equal numbers are moved alike in one of two copies, in one of 2^SAMPLES in all."""
+    one = np.ones(80)
+    snake = Snake(one, one, one, None, 0 * one)
+    at = Evaluation(snake, np.zeros(82), np.zeros(82))
+    found = [
+        sensitivity_of(at, lambda e, i=i: e.parameters.mass[i] - e.parameters.mass[i + 1])
+        for i in range(0, 80, 2)
+    ]
+    assert np.mean(np.array(found) < 0.5) < 0.25
+
+
+# ---- Noise ---------------------------------------------------------------------------------------
+
+
+def test_equal_contributions_do_not_cancel():
+    noise = Noise(0)
+    apart = noise.entries(np.ones(200)) - noise.entries(np.ones(200))
+    assert np.count_nonzero(apart) > 190
+
+
+def test_sums_and_differences_of_whole_arrays_move():
+    x, y = np.full(50, 3.0), np.full(50, 0.7)
+    moved = Noise(0).array(x.copy())
+    changed = Noise(1).array(x.copy())
+    changed += y
+    for found, exact in ((moved + y, x + y), (moved - y, x - y), (changed, x + y)):
+        steps = np.abs(np.asarray(found) - exact) / exact / STEP
+        assert ((0.4 < steps) & (steps < 1.1)).all()
