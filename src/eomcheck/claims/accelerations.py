@@ -201,4 +201,6 @@ def machine_code(case: Case) -> Iterator[Finding]:
         except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
             continue
         # Velocities that differ by rounding have the same sensitivity.
-        yield case.compare(formulation.key, found, public, 2 * case.vdot_sensitivity(formulation))
+        sensitivity = 2 * case.vdot_sensitivity(formulation)
+        names = (scene.coordinate_names,)
+        yield case.compare(formulation.key, found, public, sensitivity, names=names)

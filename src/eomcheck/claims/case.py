@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eomcheck.claims.finding import Finding, diagnose, judge, worst_entry
-from eomcheck.claims.registry import Against, Claim, Names, Sides
+from eomcheck.claims.registry import Against, Claim, Names, Sides, names_of_term
 from eomcheck.engines import DerivingEngine, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
@@ -182,7 +182,9 @@ class Case:
             expected, size = term.theirs(engine, self.state)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.
             scale, evidence = sensitivity + size, f"compared: {engine.version()}"
-            yield self.compare(engine.key, found, expected, scale, scale=scale, evidence=evidence)
+            names = names_of_term(self.at.scene, term.term)
+            here = engine.key, found, expected, scale
+            yield self.compare(*here, names=names, scale=scale, evidence=evidence)
 
     def compare(
         self,
@@ -191,9 +193,9 @@ class Case:
         expected: Any,
         sensitivity: float,
         *,
+        names: Names,
         scale: float | None = None,
         evidence: str = "property-tested",
-        names: Names | None = None,
     ) -> Finding:
         """Return the Finding of found = expected.
 
@@ -202,9 +204,9 @@ class Case:
             found: ours.
             expected: what it should be, same shape.
             sensitivity: κ · scale of both computations together.
+            names: names along each axis.
             scale: size of what is compared, by default the largest entry of `expected`.
             evidence: level and what it rests on.
-            names: names along each axis, by default those of coordinates and constraints.
         """
         assert self.claim is not None
         found, expected = np.asarray(found, np.float64), np.asarray(expected, np.float64)
@@ -215,15 +217,10 @@ class Case:
             verdict = "inconclusive"  # nothing to compare with
         detail = ""
         if verdict == "failed":
-            names = tuple(map(self._rows, found.shape)) if names is None else names
             where = worst_entry(found - expected, names)
             what = diagnose(found, expected, allowed) if found.ndim else ""
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
         return self.finding(subject, observed, allowed, verdict, evidence, detail)
-
-    def _rows(self, length: int) -> tuple[str, ...]:
-        scene = self.at.scene
-        return scene.coordinate_names if length == scene.n else scene.constraint_names
 
     def finding(self, subject: str, *outcome: Any) -> Finding:
         """Return a Finding about this state; `outcome` from `observed` on."""

@@ -149,4 +149,6 @@ def invariance(case: Case) -> Iterator[Finding]:
                     sensitivity += acceleration_sensitivity(there, formulation, coordinates=True)
                 except RefusedError:
                     sensitivity = np.inf
-            yield case.compare(f"{symmetry.name}: {formulation.key}", found, expected, sensitivity)
+            names = (at.scene.coordinate_names,)
+            subject = f"{symmetry.name}: {formulation.key}"
+            yield case.compare(subject, found, expected, sensitivity, names=names)

@@ -17,6 +17,7 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
 if TYPE_CHECKING:
@@ -117,14 +118,19 @@ class Against(NamedTuple):
     """A term, and what engines say that it is.
 
     Attributes:
-        ours: the term, or None where there is none to compare.
+        term: a field of `Terms`; there is nothing to compare where it is None, but for B, then 0.
         theirs: the same by an engine, and the size of what it forms it from, where that cancels.
         derived: whether only engines can say it that differentiate.
     """
 
-    ours: Callable[[Any], Array | None]
+    term: str
     theirs: Callable[[Any, State], tuple[Array, float]]
     derived: bool = True
+
+    def ours(self, at: Quantities) -> Array | None:
+        """Return the term."""
+        found = getattr(at.terms, self.term)
+        return np.zeros(at.scene.n) if found is None and self.term == "B" else found
 
 
 @dataclass(frozen=True)
@@ -201,6 +207,19 @@ def size(*factors: Any) -> float:
 def numbered(prefix: str, count: int) -> tuple[str, ...]:
     """Return (prefix)1, (prefix)2, ..."""
     return tuple(f"{prefix}{i + 1}" for i in range(count))
+
+
+def names_of_term(scene: Scene, term: str) -> Names:
+    """Return names along the axes of a field of `Terms`."""
+    coordinates, constraints = scene.coordinate_names, scene.constraint_names
+    return {
+        "M": (coordinates, coordinates),
+        "Q": (coordinates,),
+        "B": (coordinates,),
+        "a": (constraints, coordinates),
+        "gamma": (constraints,),
+        "b": (constraints,),
+    }[term]
 
 
 def speed_names(at: Quantities) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.entries import objects
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -63,10 +64,9 @@ def speeds_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
     if not look.has_speeds:
         return
     names = (at.scene.coordinate_names,)
-    if look.exact:
-        u = at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v)
-        yield Sides("ml, kane", u, at.u, (speed_names(at),))
-    else:
+    u = at.call(at.scene.speeds_of, at.parameters, at.prepared, at.q, at.velocity)
+    yield Sides("u", u, at.u, (speed_names(at),))
+    if not look.exact:
         # v may violate what nearly dependent constraints amplify, and u leaves out.
         yield Sides("ml, kane", at.velocity, at.v, names)
     if at.scene.qdot is not None:
@@ -90,18 +90,20 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
     if not look.has_speeds:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
+    if at.speeds.W is not None:
+        parameters, (prepared, q) = objects(at.parameters), at.moving(at.v)
+        steady = duals(at.u, np.zeros(at.scene.p, object))
+        W, _, offset = at.scene.speeds(
+            parameters, prepared, at.scene.kinematics(parameters, prepared, q, steady)
+        )
+        expected = rate(W) @ at.u if offset is None else rate(W) @ at.u + rate(offset)
+        # Where nothing moves both are 0, and rightly so.
+        yield Sides("rest", rest, expected, (at.scene.coordinate_names,), may_vanish=True)
     if a is not None:
         names, terms = (at.scene.constraint_names,), size(a, rest) + size(gamma)
-        yield vanishing("ml, kane", a @ rest + gamma, names, terms)
-    if at.speeds.W is None or not look.exact:
-        return
-    prepared, q = at.moving(at.v)
-    steady = duals(at.u, np.zeros(at.scene.p, object))
-    W, _, offset = at.scene.speeds(
-        at.parameters, prepared, at.scene.kinematics(at.parameters, prepared, q, steady)
-    )
-    expected = rate(W) @ at.u if offset is None else rate(W) @ at.u + rate(offset)
-    yield Sides("rest", rest, expected, (at.scene.coordinate_names,))
+        sides = vanishing("ml, kane", a @ rest + gamma, names, terms)
+        # Rods that stay parallel leave nothing of gamma, and of rest.
+        yield sides._replace(may_vanish=True)
 
 
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")

@@ -10,7 +10,7 @@ import numpy as np
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.point import Point
-from eomcheck.claims.registry import Against, Look, Sides, along, check, claim, size
+from eomcheck.claims.registry import Against, Look, Sides, along, check, claim, names_of_term, size
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.numbers.contract import Array
@@ -28,7 +28,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
         if term is not None and not (overflow and not np.isfinite(term).all()):
             zero = np.zeros(np.shape(term))
             bad = np.where(np.isfinite(term), 0.0, np.inf)
-            yield case.compare(name, bad, zero, 0.0)
+            yield case.compare(name, bad, zero, 0.0, names=names_of_term(at.scene, name))
 
 
 @claim(
@@ -37,7 +37,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     "(5), (25)",
     "mass matrix",
     against=Against(
-        lambda e: e.terms.M,
+        "M",
         lambda engine, at: (engine.mass_matrix(at.q, at.t), engine.mass_matrix_size(at.q, at.t)),
         derived=False,
     ),
@@ -61,7 +61,7 @@ def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
     "bias",
     rate_of="B",
     against=Against(
-        lambda e: np.zeros(e.scene.n) if e.terms.B is None else e.terms.B,
+        "B",
         lambda engine, at: (engine.bias(*at), engine.bias_size(*at)),
         derived=False,
     ),
@@ -86,7 +86,7 @@ def bias(at: Point, look: Look) -> Iterator[Sides]:
     "(26)-(27)",
     "generalized forces",
     rate_of="Q",
-    against=Against(lambda e: e.terms.Q, lambda engine, at: (engine.forces(*at), 0.0)),
+    against=Against("Q", lambda engine, at: (engine.forces(*at), 0.0)),
 )
 def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
@@ -121,7 +121,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     "a = ∂c/∂q̇",
     "(2), (28)",
     "constraint Jacobian",
-    against=Against(lambda e: e.terms.a, lambda engine, at: (engine.constraint_jacobian(*at), 0.0)),
+    against=Against("a", lambda engine, at: (engine.constraint_jacobian(*at), 0.0)),
 )
 def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
     """The constraints are a v + b for every v, and none is forgotten."""
@@ -176,9 +176,7 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     "(3)",
     "constraint drift",
     rate_of="gamma",
-    against=Against(
-        lambda e: e.terms.gamma, lambda engine, at: (engine.constraint_drift(*at), 0.0)
-    ),
+    against=Against("gamma", lambda engine, at: (engine.constraint_drift(*at), 0.0)),
 )
 def constraint_drift(at: Point, look: Look) -> Iterator[Sides]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""

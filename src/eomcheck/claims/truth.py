@@ -70,10 +70,6 @@ def true_errors(case: Case) -> Iterator[Finding]:
     for formulation in true.solved:
         found = certify(formulation, truth, at)
         sensitivity = true.vdot_sensitivity(formulation)
-        yield replace(
-            true.compare(
-                formulation.key, found.vdot, truth.doubles(), sensitivity, evidence=EVIDENCE
-            ),
-            digits=found.digits,
-            state=case.state,
-        )
+        both, names = (found.vdot, truth.doubles()), (here.scene.coordinate_names,)
+        judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
+        yield replace(judged, digits=found.digits, state=case.state)

@@ -1,0 +1,501 @@
+"""No claim is empty: each fails where what it is about is wrong, and by how much is measured.
+
+`ABOUT` says what each claim is about: parts of scenes and of what formulations, engines and machine
+code say. A claim that is not in it, and is no question of yes or no, fails the first test, so that
+none can be added without being tested.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+from typing import Any
+from unittest.mock import patch
+
+import flint
+import numpy as np
+import pytest
+from tests.claims.wrong import (
+    BITS,
+    MANY,
+    Entry,
+    Part,
+    shape_in,
+    share,
+    with_entry,
+    wrong_formulation,
+    wrong_scene,
+)
+from tests.samples import ordinary
+
+import eomcheck
+from eomcheck.claims import CLAIMS, Case, Finding, accelerations, speeds, truth
+from eomcheck.claims.draws import look_at
+from eomcheck.claims.finding import entry_name
+from eomcheck.claims.point import Point
+from eomcheck.claims.proof import prove_structure
+from eomcheck.claims.refusals import ENOUGH, MAY_REFUSE, Drawn, coverage, independent_rcond
+from eomcheck.claims.registry import Claim, Sides, Skipped, names_of_term
+from eomcheck.engines import ENGINES
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.ball import precision
+from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.scenes import SCENES, Snake
+
+SNAKE = Snake([1, 2], [1, 0.5], [0.1, 0.2], [3], [0.1, -0.2])
+Q = np.array([0.3, -0.2, 0.3, 0.9])
+MOVING = State(Q, eomcheck.velocity(SNAKE, Q, [1.0, 0.5]))
+
+
+def moving() -> Evaluation:
+    """Return a new evaluation of the snake in motion."""
+    return Evaluation(SNAKE, MOVING.q, MOVING.v)
+
+
+@cache
+def sample(key: str) -> tuple[Scene, State]:
+    """Return a scene of a kind in motion."""
+    return (SNAKE, MOVING) if key == "snake" else ordinary(SCENES[key])
+
+
+# ---- What claims are about -----------------------------------------------------------------------
+
+# x_3, how fast the second body moves along, follows from the others.
+NOT_ALONG = (0,), (1,), (3,)
+RATES = tuple(Part(key, 0, NOT_ALONG if key == "banded" else None) for key in FORMULATIONS)
+IN_VELOCITIES = tuple(part for part in RATES if not FORMULATIONS[part.of].in_speeds)
+MULTIPLIERS = tuple(Part(key, 1) for key, f in FORMULATIONS.items() if f.multipliers)
+M, FORCES, B, JACOBIAN, DRIFT, MOVED = (
+    Part("terms", name) for name in ("M", "Q", "B", "a", "gamma", "b")
+)
+W, REST, OFFSET = (Part("speeds", name) for name in ("W", "rest", "offset"))
+T, U = (Part("energies", i, relative=True) for i in (0, 1))
+CONSTRAINT = Part("constraint")
+GRADIENT = replace(CONSTRAINT, relative=True)
+"""Of the constraint; a constant has none."""
+VELOCITIES, RESIDUAL = (
+    Part("velocities", 0, relative=True),
+    Part("position_residual", relative=True),
+)
+PARTIAL, TURNING, REMAINDER, SWING, GYROSCOPIC, ACTIVE, MASS = (
+    Part("bodies", name)
+    for name in (
+        "partial_velocity",
+        "partial_angular_velocity",
+        "remainder",
+        "angular_remainder",
+        "gyroscopic",
+        "force",
+        "mass",
+    )
+)
+CHAIN_MASS, CHAIN_FORCE, BEFORE, AFTER, CHAIN_REST = (
+    Part("chain", name) for name in ("mass", "force", "before", "after", "rest")
+)
+QUASI, OF_QUASI = Part("quasi_velocities"), Part("chain_velocity")
+TURNS = (1,), (3,)
+"""Where x is a rate of turning."""
+EMBEDDING = Part("w of the embedding method", "", ((0, 0), (0, 1), (1, 0), (1, 1)), relative=True)
+ENGINE_RATES = Part("casadi", "vdot", relative=True), Part("pinocchio", "vdot", relative=True)
+MACHINE_CODE = Part("machine code", relative=True)
+ENGINE_MULTIPLIERS = (
+    Part("casadi", "multipliers", relative=True),
+    Part("pinocchio", "multipliers", relative=True),
+)
+
+ABOUT: dict[str, dict[str, tuple[Part, ...]]] = {
+    "mass-matrix": {"snake": (M, T)},
+    "bias": {"snake": (B, T), "turntable-ball": (B,)},
+    "generalized-forces": {"snake": (FORCES, U), "bricard": (FORCES,)},
+    "constraint-jacobian": {"snake": (JACOBIAN, GRADIENT), "bricard": (JACOBIAN,)},
+    "constraint-velocity": {
+        "snake": (JACOBIAN, CONSTRAINT),
+        "turntable-ball": (JACOBIAN, MOVED, CONSTRAINT),
+    },
+    "position-rate": {"four-bar-chain": (JACOBIAN, RESIDUAL)},
+    "constraint-drift": {"snake": (DRIFT, GRADIENT), "turntable-ball": (DRIFT,)},
+    "kinetic-energy": {"snake": (M, T)},
+    "null-space-embedding": {"snake": (EMBEDDING,)},
+    "null-space-speeds": {"snake": (W, JACOBIAN)},
+    "speeds-velocity": {"snake": (W, Part("speeds_of"), Part("qdot")), "turntable-ball": (OFFSET,)},
+    "speeds-remainder": {"snake": (REST, DRIFT), "turntable-ball": (REST, DRIFT)},
+    # Springs act on the angles alone.
+    "active-forces": {"snake": (ACTIVE, FORCES, replace(W, entries=((2, 0), (3, 1))))},
+    "kane-ml-mass": {"snake": (MASS, PARTIAL, TURNING, M, W)},
+    "kane-ml-force": {
+        "snake": (REMAINDER, ACTIVE, B, REST),
+        "rolling-disk": (GYROSCOPIC, SWING),
+    },
+    "kane-n-matrix": {
+        # The first body has no remainder.
+        "snake": (REMAINDER, replace(MASS, entries=((1,),)), VELOCITIES),
+        "rolling-disk": (GYROSCOPIC, SWING),
+    },
+    "chain-velocity": {"snake": (OF_QUASI, replace(QUASI, entries=NOT_ALONG))},
+    "chain-energy": {"snake": (CHAIN_MASS, QUASI, T)},
+    "chain-forces": {"snake": (CHAIN_FORCE, FORCES, replace(QUASI, entries=TURNS))},
+    "chain-coupling": {"snake": (BEFORE, AFTER, QUASI)},
+    "chain-remainder": {"snake": (CHAIN_REST,)},
+    "chain-acceleration": {"snake": (Part("chain_acceleration"),)},
+    "equations-residual": {"snake": (*RATES, *MULTIPLIERS)},
+    # Those in speeds satisfy the constraints by their remainder, whatever u̇ is.
+    "constraint-acceleration": {"snake": (*IN_VELOCITIES, REST)},
+    "equivalence": {"snake": RATES},
+    "multipliers": {"snake": MULTIPLIERS},
+    "engine-acceleration": {"snake": (*RATES, *ENGINE_RATES)},
+    "engine-multipliers": {"snake": (*MULTIPLIERS, *ENGINE_MULTIPLIERS)},
+    "machine-code": {"snake": (MACHINE_CODE,)},
+    "power-balance": {"snake": (*RATES, T)},
+    # An error in u̇_1, the speed ahead, moves with the scene.
+    "invariance": {"snake": (FORCES, B, replace(ACTIVE, entries=((1,),)))},
+    "true-error": {"snake": RATES},
+}
+
+YES_OR_NO = {"finite-terms", "enclosures", "refusals", "coverage"}
+"""Claims without a tolerance."""
+
+
+def test_of_every_claim_it_is_said_what_it_is_about():
+    assert ABOUT.keys() | YES_OR_NO == CLAIMS.keys()
+    assert not ABOUT.keys() & YES_OR_NO
+    assert all(parts for about in ABOUT.values() for parts in about.values())
+
+
+def test_claims_about_accelerations_are_about_those_of_every_formulation():
+    solved = {
+        claim for claim in ABOUT if CLAIMS[claim].term == "acceleration" and claim != "enclosures"
+    }
+    for claim in solved | {"equations-residual", "power-balance", "true-error"}:
+        assert set(RATES) <= {part for parts in ABOUT[claim].values() for part in parts}
+
+
+# ---- In doubles ----------------------------------------------------------------------------------
+
+
+def wrong_result(function: Callable, part: Part, entry: Entry, k: int) -> Callable:
+    """Return `function` with one number wrong in what it returns, by a share of itself."""
+
+    def error_of(x: Any) -> Any:
+        # A quotient of literals would be a double.
+        return x * k // 2**BITS if isinstance(x, int) else x * k / 2**BITS
+
+    def changed(*arguments: Any) -> Any:
+        returned = function(*arguments)
+        value = with_entry(part.take(returned), entry, lambda x: x + error_of(x))
+        return part.put(returned, value)
+
+    return changed
+
+
+def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Finding]:
+    """Look at a claim where one number is wrong."""
+    scene, state = sample(key)
+    with ExitStack() as stack:
+        if part.of in FORMULATIONS:
+            # The truth is enclosed by the same functions.
+            only = float if claim == "true-error" else None
+            wrong = wrong_formulation(part, entry, k, only)
+            stack.enter_context(patch.dict(FORMULATIONS, {part.of: wrong}))
+        elif part == MACHINE_CODE:
+            name = "acceleration_in_machine_code"
+            changed = wrong_result(getattr(accelerations, name), part, entry, k)
+            stack.enter_context(patch.object(accelerations, name, changed))
+        elif part == EMBEDDING:
+            changed = wrong_result(speeds.embedding, part, entry, k)
+            stack.enter_context(patch.object(speeds, "embedding", changed))
+        elif part.of not in ENGINES:
+            scene = wrong_scene(scene, part, entry, k)
+        engines = tuple(kind(scene) for kind in ENGINES.values() if kind.represents(scene))
+        for engine in engines:
+            if engine.key == part.of:
+                changed = wrong_result(engine.acceleration, part, entry, k)
+                stack.enter_context(patch.object(engine, "acceleration", changed))
+        formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+        return Case(Evaluation(scene, *state), formulations, engines).look(CLAIMS[claim])
+
+
+def worst(found: list[Finding]) -> Finding:
+    return max((f for f in found if f.verdict != "inconclusive"), key=lambda f: f.ratio)
+
+
+def shape_of(key: str, part: Part) -> tuple[int, ...]:
+    scene, state = sample(key)
+    at = Evaluation(scene, *state)
+    if part.of in ENGINES or part == MACHINE_CODE:
+        return (scene.r if part.name == "multipliers" else scene.n,)
+    if part == EMBEDDING:
+        return scene.n, scene.p
+    return shape_in(at, part)
+
+
+cases = pytest.mark.parametrize(
+    ("claim", "key", "part"),
+    [
+        pytest.param(claim, key, part, id=f"{claim}, {key}, {part}")
+        for claim, about in ABOUT.items()
+        for key, parts in about.items()
+        for part in parts
+    ],
+)
+
+SLIGHT = 2.0**-30
+"""An error of 1e-9: no tolerance may be so wide at an ordinary state."""
+
+
+@pytest.mark.parametrize(
+    ("claim", "key"), [(c, key) for c, about in ABOUT.items() for key in about]
+)
+def test_where_nothing_is_wrong_no_claim_fails_and_some_finding_passes(claim: str, key: str):
+    found = findings(claim, key, Part("terms", "M"), (0, 0), 0)
+    assert {f.verdict for f in found} == {"passed"}
+    assert worst(found).ratio < 0.1
+
+
+@cases
+def test_a_claim_fails_where_any_number_that_it_is_about_is_slightly_wrong(claim, key, part):
+    for entry in part.each_entry(shape_of(key, part)):
+        found = findings(claim, key, part, entry, share(SLIGHT))
+        assert worst(found).verdict == "failed", (entry, str(worst(found)))
+        assert all(f.claim == claim for f in found)
+
+
+@cases
+def test_ten_times_the_allowed_error_fails_and_a_tenth_passes(claim, key, part):
+    entry = next(part.each_entry(shape_of(key, part)))
+    slight = worst(findings(claim, key, part, entry, share(SLIGHT)))
+    as_allowed = SLIGHT / slight.ratio
+    at_ten = {f.subject: f for f in findings(claim, key, part, entry, share(10 * as_allowed))}
+    assert at_ten[slight.subject].verdict == "failed"
+    assert at_ten[slight.subject].ratio == pytest.approx(10, rel=0.2)
+    at_a_tenth = findings(claim, key, part, entry, share(as_allowed / 10))
+    assert {f.verdict for f in at_a_tenth} == {"passed"}
+
+
+# ---- Every row of every side ---------------------------------------------------------------------
+
+
+class Shifted(Case):
+    """A case in which each number found is wrong in turn, by a multiple of what is allowed."""
+
+    by = 0.0
+    judged: list[tuple[str, Finding]]
+
+    def compare(self, subject: str, found: Any, expected: Any, sensitivity: float, **options: Any):
+        found = np.asarray(found, np.float64)
+        right = super().compare(subject, found, expected, sensitivity, **options)
+        for entry in np.ndindex(found.shape):
+            wrong = found.copy()
+            wrong[entry] = np.asarray(expected, np.float64)[entry] + self.by * right.allowed
+            name = entry_name(entry, options["names"])
+            finding = super().compare(subject, wrong, expected, sensitivity, **options)
+            self.judged.append((name, finding))
+        return right
+
+
+def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
+    """Return what is found with every number wrong in turn, and the name of that number."""
+    scene, state = sample(key)
+    engines = tuple(kind(scene) for kind in ENGINES.values() if kind.represents(scene))
+    formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+    case = Shifted(Evaluation(scene, *state), formulations, engines)
+    case.by, case.judged = by, []
+    with patch.object(truth, "Case", lambda *arguments: take_over(Shifted(*arguments), case)):
+        case.look(CLAIMS[claim])
+    return case.judged
+
+
+def take_over(made: Shifted, case: Shifted) -> Shifted:
+    made.by, made.judged = case.by, case.judged
+    return made
+
+
+@pytest.mark.parametrize(
+    ("claim", "key"), [(c, key) for c, about in ABOUT.items() for key in about]
+)
+def test_an_error_in_any_row_is_judged_by_its_size_and_named_by_its_row(claim: str, key: str):
+    failed = shifted(claim, key, 10.0)
+    assert failed
+    for name, finding in failed:
+        assert finding.verdict == "failed", str(finding)
+        assert f"{name}:" in f"{finding.detail}:", str(finding)
+    assert {f.verdict for _, f in shifted(claim, key, 0.1)} == {"passed"}
+
+
+# ---- In a finite field ---------------------------------------------------------------------------
+
+PROVED = [
+    (claim, key, part)
+    for claim, about in ABOUT.items()
+    if CLAIMS[claim].proved
+    for key, parts in about.items()
+    for part in parts
+    # In a proof a stands beside the constraints in a claim of its own.
+    if (claim, part) != ("position-rate", JACOBIAN)
+]
+
+
+def test_every_identity_is_disproved_somewhere_below():
+    assert {claim for claim, _, _ in PROVED} == {id for id in CLAIMS if CLAIMS[id].proved}
+
+
+@pytest.mark.parametrize(
+    ("claim", "key", "part"),
+    [pytest.param(*case, id=", ".join(map(str, case))) for case in PROVED],
+)
+def test_an_identity_is_disproved_where_any_number_that_it_is_about_is_wrong(claim, key, part):
+    for entry in part.each_entry(shape_of(key, part)):
+        (scene, _), twice = sample(key), 2**BITS
+        with ExitStack() as stack:
+            if part.of in FORMULATIONS:
+                wrong = {part.of: wrong_formulation(part, entry, twice)}
+                stack.enter_context(patch.dict(FORMULATIONS, wrong))
+            elif part == EMBEDDING:
+                changed = wrong_result(speeds.embedding, part, entry, twice)
+                stack.enter_context(patch.object(speeds, "embedding", changed))
+            else:
+                scene = wrong_scene(scene, part, entry, twice)
+            formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+            found = prove_structure(scene, formulations, 1, 0)
+        assert "failed" in {f.verdict for f in found if f.claim == claim}, entry
+
+
+@pytest.mark.parametrize("claim", [id for id in CLAIMS if CLAIMS[id].proved])
+def test_an_identity_is_disproved_by_any_row_of_its_sides_and_named_by_that_row(claim: str):
+    key = next(iter(ABOUT[claim]))
+    (scene, _), right = sample(key), CLAIMS[claim]
+    formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+    sides = [
+        found
+        for key, found in look_at(point(scene), right)
+        if key[0] == claim and isinstance(found, Sides)
+    ]
+    assert sides
+    for one in sides:
+        axes = tuple(map(len, one.names))
+        assert axes == np.shape(one.found) == np.shape(one.expected)
+        for entry in list(np.ndindex(axes))[:MANY]:
+            with patch.dict(CLAIMS, {claim: replace(right, sides=off_by_one(right, one, entry))}):
+                found = prove_structure(scene, formulations, 1, 0)
+            (failure,) = [f for f in found if f.claim == claim and f.verdict == "failed"]
+            assert failure.subject == one.subject
+            name = entry_name(entry, one.names)
+            if name == "row any direction":
+                name = f"row {scene.coordinate_names[0]}"  # looked at along the axes then
+            assert f"{name}:" in f"{failure.detail}:"
+
+
+def point(scene: Scene) -> Point:
+    source = random.Random(0)
+    field = FiniteField(random_prime(source), source)
+    formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+    return Point(scene, field, formulations)
+
+
+def off_by_one(claim: Claim, which: Sides, entry: Entry) -> Callable:
+    """Return the sides of a claim, one number of one of them too large by 1."""
+
+    assert claim.sides is not None
+    right = claim.sides
+
+    def changed(at: Any, look: Any) -> Iterator[Sides | Skipped]:
+        for one in right(at, look):
+            if isinstance(one, Sides) and one.subject == which.subject:
+                one = one._replace(found=with_entry(one.found, entry, lambda x: x + 1))
+            yield one
+
+    return changed
+
+
+# ---- Yes or no -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [M, FORCES, B, JACOBIAN, DRIFT], ids=str)
+def test_a_term_with_an_entry_that_is_not_finite_is_named(part: Part):
+    for entry in part.each_entry(shape_of("snake", part)):
+        at = moving()
+        at.terms = part.put(at.terms, with_entry(part.take(at.terms), entry, lambda _: np.nan))
+        found = Case(at, (), ()).look(CLAIMS["finite-terms"])
+        (failure,) = [f for f in found if f.verdict == "failed"]
+        assert failure.subject == part.name
+        place = entry_name(entry, names_of_term(SNAKE, str(part.name)))
+        assert failure.detail.startswith(f"term that is not finite, {place}")
+
+
+def test_what_overflows_in_a_huge_state_is_no_term_that_is_not_finite():
+    at = Evaluation(SNAKE, Q, 1e200 * MOVING.v)
+    assert not np.isfinite(at.terms.B).all()
+    found = Case(at, (), ()).look(CLAIMS["finite-terms"])
+    assert {f.verdict for f in found} == {"passed"}
+
+
+@pytest.mark.parametrize("part", RATES, ids=str)
+def test_enclosures_that_are_wrong_in_the_tenth_digit_are_disjoint(part: Part):
+    wrong = wrong_formulation(part, (0,), share(1e-10), only=flint.arb)
+    formulations = tuple((FORMULATIONS | {part.of: wrong}).values())
+    found = Case(moving(), formulations, ()).look(CLAIMS["enclosures"])
+    assert len(found) == math.comb(len(FORMULATIONS), 2)
+    apart = {f.subject for f in found if f.verdict == "failed"}
+    assert apart == {f.subject for f in found if part.of in f.subject.split(" ~ ")}
+
+
+@pytest.mark.parametrize(("by", "verdict"), [(10, "failed"), (Fraction(1, 10), "passed")])
+def test_enclosures_ten_radii_apart_are_disjoint_and_a_tenth_of_a_radius_they_are_not(by, verdict):
+    au = eomcheck.enclose(SNAKE, "au", Q, [1.0, 0.5])
+
+    def of_au(case: Case, formulation: Any, known: Any) -> Any:
+        apart = au.vdot.copy()
+        if formulation.key == "kane":
+            with precision(400):
+                apart[1] = apart[1] + flint.arb(apart[1].rad()) * by.numerator / by.denominator
+        return replace(au, vdot=apart)
+
+    formulations = FORMULATIONS["au"], FORMULATIONS["kane"]
+    with patch.object(truth, "_enclosed", of_au):
+        found = Case(moving(), formulations, ()).look(CLAIMS["enclosures"])
+    (finding,) = found
+    assert finding.verdict == verdict
+    assert ("row y" in finding.detail) == (verdict == "failed")
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+@pytest.mark.parametrize(("times", "verdict"), [(10.0, "failed"), (0.1, "passed")])
+def test_a_refusal_is_justified_below_its_threshold_only(key: str, times: float, verdict: str):
+    """The threshold of the refusal is set to a tenth, or to ten times, of what is found."""
+    at, f = moving(), FORMULATIONS[key]
+    rcond = independent_rcond(f, RefusedError("M", 0.0, 0.0, "refused"), Case(at, (f,), ()))
+    assert 1e-6 < rcond < 1
+    refusal = RefusedError("M", 0.0, rcond / times, "refused")
+    at._solutions[key, False] = refusal
+    (finding,) = Case(at, (f,), ()).look(CLAIMS["refusals"])
+    assert (finding.verdict, finding.subject) == (verdict, key)
+    assert finding.observed == pytest.approx(times * finding.allowed)
+
+
+@pytest.mark.parametrize(
+    ("states", "refusing", "verdict"),
+    [
+        (200, 1, "passed"),
+        (200, 10, "passed"),
+        (200, 11, "failed"),
+        (200, 100, "failed"),
+        (ENOUGH, 1, "passed"),
+        (ENOUGH, 2, "failed"),
+        (ENOUGH - 1, 19, "inconclusive"),
+    ],
+)
+def test_coverage_fails_above_one_state_in_twenty(states: int, refusing: int, verdict: str):
+    assert MAY_REFUSE == 1 / 20
+    drawn = [Drawn(SNAKE, MOVING, ("em",) if i < refusing else ()) for i in range(states)]
+    finding = coverage(drawn)
+    assert finding.verdict == verdict
+    assert finding.observed == refusing / states
+    assert f"em refused {refusing}" in finding.detail
