@@ -93,7 +93,7 @@ def test_an_engine_that_needs_a_tree_does_not_represent_a_scene_without_one():
         if engine.represents(scene):
             assert engine(scene).mass_matrix(np.zeros(4)).shape == (4, 4)
         else:
-            with pytest.raises(EngineError, match=r"snake\[2\]"):
+            with pytest.raises(EngineError, match=r"treeless\[2\]"):
                 engine(scene)
 
 

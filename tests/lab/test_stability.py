@@ -150,7 +150,7 @@ def test_a_cell_holds_the_true_error_what_was_foreseen_and_every_condition_numbe
         assert record.settings == settings_of(*PLACE, method)
         assert record.status == "done"
         assert record.errors["relative"] == found.relative
-        assert record.errors["bound"] == pytest.approx(found.relative_bound, rel=0.7), "noise"
+        assert record.errors["bound"] == found.relative_bound, "one state, one bound"
         assert record.errors["predicted"] == pytest.approx(record.errors["bound"] / C)
         names = {name.removeprefix("condition ") for name in record.errors if " " in name}
         assert names == set(found.condition)

@@ -169,7 +169,9 @@ class Run:
         self.look_at(example, State(*example.initial_state()), selection)
         on_case()
         # hypothesis tries what is simplest first: a state at rest.
-        states = strategies.states(example).filter(lambda state: bool(state.v.any()) or example.p == 0)
+        states = strategies.states(example).filter(
+            lambda state: bool(state.v.any()) or example.p == 0
+        )
         moving = states.map(lambda state: (example, state))
         self.explore(moving, selection, 1, seed, on_case)
         if self.minimal is None:
