@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
-from eomcheck import acceleration, speeds_of, strategies, velocity
+from eomcheck import acceleration, check, enclose, simulate, speeds_of, strategies, velocity
 from eomcheck.claims.point import Point
 from eomcheck.errors import (
     InconsistentVelocityError,
@@ -19,12 +19,12 @@ from eomcheck.errors import (
     UnknownNameError,
 )
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.dynamics import consistent_velocity
+from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers import banded, linear
-from eomcheck.scenes import Snake
+from eomcheck.scenes import Bicycle, Snake
 from eomcheck.strategies import NEGLIGIBLE
 
 IN_SPEEDS = [f.key for f in FORMULATIONS.values() if f.in_speeds]
@@ -422,6 +422,94 @@ def test_the_velocity_of_any_speeds_is_consistent(case, u):
     scene, (q, _, _) = case
     v = velocity(scene, q, u)
     assert acceleration(scene, "au", q, v).vdot.shape == (scene.n,)
+
+
+ACROSS = np.pi / 2
+AMPLIFYING = {
+    "three wheels across, to 1e-11": (
+        [1.8, 0.8, 0.8, 1.2],
+        [ACROSS + 1e-11, 0.6, ACROSS + 1e-11, ACROSS + 5e-4],
+        ([0.5, 0.0, 2.9, -0.8, -0.4, 0.1], [-0.9, -1.0]),
+    ),
+    "three wheels across, to 2e-12": (
+        [1.0, 0.6, 0.9, 1.7],
+        [ACROSS + 2e-4, ACROSS + 1e-6, 1.5707963267968965, -1.4],
+        ([1.6, -0.1, -1.4, -1.1, -2.9, -0.6], [0.5, 1.0]),
+    ),
+    "two wheels across, to 5e-15": (
+        [0.6, 1.3, 0.7, 1.5],
+        [1.4, ACROSS + 1e-6, 1.5707963267949017, 1.0],
+        ([-1.4, -2.4, 2.2, 2.4, -1.2, 2.5], [-0.4, -0.7]),
+    ),
+}
+"""Lengths, wheel angles, q and u. Velocities grow from link to link by up to 1e14: the smallest
+correction that made all rows consistent left some violated."""
+
+
+@pytest.mark.parametrize("case", AMPLIFYING.values(), ids=AMPLIFYING)
+def test_a_velocity_that_velocity_returns_is_taken_by_acceleration(case):
+    length, wheel_angle, (q, u) = case
+    one = np.ones(len(length))
+    scene = Snake(one, length, one, None, wheel_angle)
+    v = velocity(scene, q, u)
+    check_consistent(Evaluation(scene, q, v))
+    found = enclose(scene, "au", q, v=v, digits=20).doubles()
+    for key in FORMULATIONS:
+        try:
+            result = acceleration(scene, key, q, v)
+        except InconsistentVelocityError:
+            raise
+        except RefusedError:
+            continue
+        assert np.abs(result.vdot - found).max() <= result.error_bound
+
+
+@settings(max_examples=50)
+@given(strategies.scene_states(strategies.hostile_snakes(), strategies.hostile_states), speeds)
+def test_velocity_returns_nothing_that_acceleration_refuses(case, u):
+    scene, (q, _, _) = case
+    try:
+        v = velocity(scene, q, u)
+    except RefusedError:
+        return
+    check_consistent(Evaluation(scene, q, v))
+
+
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_the_upright_bicycle_whose_wheel_does_not_rise_is_no_violation(key):
+    """Its row is 1 and cos(π/2) = 6e-17, the velocities that they stand beside 0 and 0.5."""
+    scene = Bicycle()
+    if not FORMULATIONS[key].applies_to(scene):
+        return
+    q, v = scene.initial_state()
+    v[2] = 0.0
+    expected = acceleration(scene, key, *scene.initial_state())
+    found = acceleration(scene, key, q, v)
+    allowed = expected.error_bound + found.error_bound
+    assert np.abs(found.vdot - expected.vdot).max() <= allowed < 1e-9
+
+
+@pytest.mark.parametrize("row", range(6))
+def test_what_the_coordinates_round_excuses_no_violation_beyond_it(row):
+    scene = Bicycle()
+    q, v = scene.initial_state()
+    a = Evaluation(scene, q, v).terms.a
+    slip = np.linalg.lstsq(a, np.eye(6)[row], rcond=None)[0]
+    with pytest.raises(InconsistentVelocityError, match=scene.constraint_names[row]):
+        acceleration(scene, "au", q, v + 1e-12 * slip)
+
+
+def test_an_inconsistent_velocity_is_told_what_lets_it_pass_only_where_that_is_an_argument():
+    q, v = Q, V + 1.0
+    for ask in (
+        lambda: acceleration(SNAKE, "au", q, v),
+        lambda: check(SNAKE, q, v),
+    ):
+        with pytest.raises(InconsistentVelocityError, match="consistent=False lets it pass"):
+            ask()
+    with pytest.raises(InconsistentVelocityError) as caught:
+        simulate(SNAKE, "au", 1.0, q0=q, v0=v)
+    assert "consistent=False" not in str(caught.value)
 
 
 @pytest.mark.parametrize("u", [[1.0], [1.0, 2.0, 3.0], [np.nan, 0.0], "fast", None])

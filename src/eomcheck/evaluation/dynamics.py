@@ -14,6 +14,7 @@ from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
 from eomcheck.evaluation.sensitivity import (
     acceleration_sensitivity,
+    allowed_violation,
     perturbed_copies,
     sensitivity_of,
 )
@@ -21,6 +22,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, 
 from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
 
 
 def acceleration(
@@ -58,46 +60,68 @@ def acceleration(
     at = Evaluation(scene, q, v, t)
     at.partition_for(formulation, pivoted)
     if consistent:
-        check_consistent(at)
+        check_consistent(at, LETS_PASS)
     result = at.acceleration(formulation, pivoted)
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # What underflows on the way is below what any change of the inputs can show.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
 
 
-def check_consistent(at: Evaluation) -> None:
-    """Check |a v + b| <= C eps (|a| |v| + |b|), row by row.
+LETS_PASS = " (consistent=False lets it pass)"
+
+
+def check_consistent(at: Evaluation, hint: str = "") -> None:
+    """Check |a v + b| against what rounding explains, row by row; see `allowed_violation`.
+
+    Args:
+        at: the evaluation.
+        hint: what the message ends with.
 
     Raises:
         InconsistentVelocityError: names the worst row, its residual and what is allowed.
     """
     if at.terms.a is None:
         return
-    residual, allowed = violation(at, at.v)
+    residual, allowed = violation(at, at.v)[0], at.kept(allowed_violation)
     with np.errstate(invalid="ignore"):
         excess = np.abs(residual) - allowed
     if (excess > 0).any():
         row = int(np.argmax(excess))
         raise InconsistentVelocityError(
             f"v violates the constraint of {at.scene.constraint_names[row]}: |a v + b| = "
-            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g} (consistent=False lets it "
-            "pass)"
+            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g}{hint}"
         )
+
+
+CORRECTIONS = 3
+"""Most corrections of a velocity, of either kind."""
 
 
 def consistent_velocity(at: Evaluation, v: Array) -> Array:
     """Return v (n,) with the smallest correction that makes it satisfy the constraints at `at`.
 
     A v that satisfies them to well within the tolerance of `check_consistent` is returned as it is.
+    Where the smallest one is not small for every row, the smallest relative to the entries of v
+    follows: one can be larger than another by decades. The best v found is returned.
     """
-    if at.terms.a is None:
+    a = at.terms.a
+    if a is None:
         return v
-    for _ in range(3):
+    best, least, left = v, np.inf, v
+    for relative in (*CORRECTIONS * (False,), *CORRECTIONS * (True,), None):
         residual, allowed = violation(at, v)
-        if (np.abs(residual) <= allowed / 4).all():
+        with np.errstate(all="ignore"):
+            worst = np.max(np.abs(residual) / np.maximum(allowed, UNDERFLOW), initial=0.0)
+        if worst < least:
+            best, least, left = v, worst, residual
+        if relative is None or not least > 1 / 4:
             break
-        v = v - np.linalg.lstsq(at.terms.a, residual, rcond=None)[0]
-    return v
+        units = np.maximum(np.abs(best), EPS * largest(best)) if relative else np.ones(len(v))
+        rows = np.abs(a * units).max(axis=1) if relative else np.ones(len(a))
+        rows[rows == 0] = 1.0
+        matrix = a * units / rows[:, None]
+        v = best - units * np.linalg.lstsq(matrix, left / rows, rcond=None)[0]
+    return best
 
 
 CLOSING_STEPS = 50
@@ -137,8 +161,8 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: the scene has no generalized speeds here, v overflows, or rounding may change
-            it by more than 1e-6 of its largest entry.
+        RefusedError: the scene has no generalized speeds here, v overflows, rounding may change
+            it by more than 1e-6 of its largest entry, or no v in doubles satisfies the constraints.
     """
     u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
@@ -146,7 +170,15 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
         one.u = u
     v = representable("v", at.velocity)
     _check_digits("v", at, lambda e: e.velocity)
-    return representable("v", consistent_velocity(at, v))
+    found = representable("v", consistent_velocity(at, v))
+    try:
+        check_consistent(Evaluation(scene, q, found, t))
+    except InconsistentVelocityError as error:
+        raise RefusedError("v", float("nan"), 0.0, f"no doubles are near enough: {error}") from None
+    if largest(found - v) > NOTICEABLE * largest(v):
+        what = "no velocity in doubles near W u satisfies the constraints"
+        raise RefusedError("v", float("nan"), 0.0, what)
+    return found
 
 
 def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:

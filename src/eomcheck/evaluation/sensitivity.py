@@ -103,7 +103,8 @@ def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
     change = noise.entries(at.v) - at.v
     if at.terms.a is None:
         return change
-    residual = violation(at, at.v)[1] / allowed_error(1.0) * noise.changes((at.scene.r,))
+    allowed = at.kept(allowed_violation)
+    residual = allowed / allowed_error(1.0) * noise.changes((at.scene.r,))
     Q, R = at.kept(_constraint_factors)
     with np.errstate(all="ignore"):
         try:
@@ -111,6 +112,24 @@ def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
         except np.linalg.LinAlgError:  # dependent constraints
             return change
     return change + slip if np.isfinite(slip).all() else change
+
+
+def allowed_violation(at: Evaluation) -> Array:
+    """Return how large |a v + b| (r,) may be by rounding alone, m/s, at an `at` with constraints.
+
+    C ε (|a| |v| + |b|), and where that does not explain it, with the largest change of a and b
+    besides that rounding the coordinates makes: a row of nothing but cos(π/2) has no size itself.
+    """
+    residual, allowed = violation(at, at.v)
+    if (np.abs(residual) <= allowed).all():
+        return allowed
+    (_, _, _, a, _, b), changes = at.terms, [np.zeros_like(allowed)]
+    for seed in range(SAMPLES):
+        q = Noise(seed).entries(at.q)
+        near = Evaluation(at.scene, q, at.v, at.t).terms
+        change = np.abs(near.a - a) @ np.abs(at.v)
+        changes.append(change if b is None else change + np.abs(near.b - b))
+    return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
 
 
 def _constraint_factors(at: Evaluation) -> Any:
