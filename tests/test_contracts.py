@@ -156,7 +156,8 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "errors console",
+    "errors console output",
+    "files",
     "numbers",
     "kernels mechanics",
     "scenes",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Event, Lock, Thread
+from threading import Event, Lock, Thread, current_thread, main_thread
 
 from rich.console import Console
 from rich.progress import (
@@ -65,7 +67,14 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
     Without a label there is none.
     """
     with _bar(label, total, MofNCompleteColumn()) as bar:
-        yield lambda: bar.advance(bar.task_ids[0])
+
+        def advance() -> None:
+            bar.advance(bar.task_ids[0])
+            if _stopped.is_set():
+                _stopped.clear()
+                raise KeyboardInterrupt
+
+        yield advance
 
 
 @contextmanager
@@ -95,3 +104,41 @@ def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[
     finally:
         over.set()
         watcher.join()
+
+
+_stopped = Event()
+"""Set when this process was told to end; some callbacks swallow the exception that says so."""
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Raise KeyboardInterrupt at Ctrl-C or SIGTERM inside the block, once.
+
+    At once, or where something swallows that, with the next step of `progress`. What comes after
+    the first is as without this.
+    """
+    before = {}
+
+    def stop(number: int, frame: object) -> None:
+        signal.signal(number, before[number])
+        _stopped.set()
+        raise KeyboardInterrupt
+
+    def swallowed(said) -> None:
+        if said.exc_type is not KeyboardInterrupt:
+            hook(said)
+
+    hook, sys.unraisablehook = sys.unraisablehook, swallowed
+    if current_thread() is main_thread():  # which alone hears signals
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.getsignal(number)
+            if before[number] not in (signal.SIG_IGN, None):
+                signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in before.items():
+            if handler is not None:
+                signal.signal(number, handler)
+        _stopped.clear()

@@ -1,7 +1,9 @@
 """The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
 
-Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted (what was found
-until then is printed and saved). Each command imports what it needs when it runs.
+Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted by Ctrl-C or SIGTERM
+(what was found until then is saved and printed). Files are written before anything is printed, and
+what becomes of the printing changes no exit code, unless it is lost on its way to a reader (2).
+Each command imports what it needs when it runs.
 """
 
 from __future__ import annotations
@@ -9,12 +11,11 @@ from __future__ import annotations
 import os
 import sys
 
-import typer
-
 from eomcheck.cli import checking, motions
 from eomcheck.cli.app import app
 from eomcheck.cli.study import bench, draw, study
 from eomcheck.errors import EomcheckError
+from eomcheck.output import unfailing
 
 for group in (bench, study, draw):
     app.add_typer(group)
@@ -26,11 +27,12 @@ def main() -> None:
     # run. Libraries read this when they are loaded, which is after this line.
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    try:
-        app()
-    except EomcheckError as error:
-        typer.echo(f"eomcheck: {error}", err=True)
-        sys.exit(2)
+    with unfailing():
+        try:
+            app()
+        except EomcheckError as error:
+            print(f"eomcheck: {error}", file=sys.stderr)
+            sys.exit(2)
 
 
 __all__ = ["app", "checking", "main", "motions"]

@@ -21,7 +21,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"eomcheck {__version__}")
+        print(f"eomcheck {__version__}")
         raise typer.Exit
 
 

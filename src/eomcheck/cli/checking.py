@@ -20,11 +20,11 @@ from eomcheck.cli.options import (
     Where,
     check_folder,
     check_output,
-    check_writable,
     records_or_none,
     records_to_report,
 )
 from eomcheck.errors import InputError, WorkerError
+from eomcheck.files import check_writable, write_text
 from eomcheck.lab.options import at_least_one, interval, whole_numbers
 
 
@@ -70,7 +70,7 @@ def validate(
     check_output(report, [records] if records else [])
 
     from eomcheck.claims.run import Run, Selection
-    from eomcheck.console import console, progress
+    from eomcheck.console import console, progress, stoppable
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
@@ -89,6 +89,7 @@ def validate(
     how = selection, bounds, examples, seed
     interrupted, lost = False, None
     with (
+        stoppable(),
         records_to_report(records, report) as kept,
         progress("checking", (examples + 2) * len(kinds)) as advance,
     ):
@@ -101,13 +102,15 @@ def validate(
             interrupted = True
         except WorkerError as error:
             lost = error
+        # Files first: whatever becomes of the printing, they are there.
+        if json is not None:
+            write_json(json, runs.values(), selection)
         if report is not None and kept is not None:
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection)
     if json is not None:
-        write_json(json, runs.values(), selection)
-        typer.echo(f"written: {json}")
+        print(f"written: {json}")
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
         raise typer.Exit(130)
@@ -139,13 +142,14 @@ def prove(
     numbers = None if links is None else whole_numbers(links)
     check_writable(json)
 
+    from eomcheck.console import stoppable
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.findings import print_proofs
     from eomcheck.lab.store.workers import check_place
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
-    with records_or_none(records) as kept:
+    with stoppable(), records_or_none(records) as kept:
         proofs = Proofs(jobs, json, executor, kept)
         try:
             proofs.run()
@@ -154,11 +158,14 @@ def prove(
             raise
         except KeyboardInterrupt:
             print_proofs(proofs)
+            if json is not None:
+                print("interrupted: the same command goes on with the structures that are left")
             raise typer.Exit(130) from None
+        if json is not None:
+            proofs.write()
     print_proofs(proofs)
     if json is not None:
-        proofs.write()
-        typer.echo(f"written: {json}")
+        print(f"written: {json}")
     if proofs.failed:
         raise typer.Exit(1)
 
@@ -179,7 +186,7 @@ def _write_page(records: list[Path], path: Path) -> None:
     from eomcheck.lab.report.page import write_page
 
     write_page(Overview(read(records)), path)
-    typer.echo(f"written: {path}")
+    print(f"written: {path}")
 
 
 @app.command()
@@ -224,8 +231,8 @@ def report(
     ):
         if path is not None:
             write(overview, path)
-            typer.echo(f"written: {path}")
-    typer.echo(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+            print(f"written: {path}")
+    print(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
     if overview.verdict == "failed":
         raise typer.Exit(1)
 
@@ -250,8 +257,8 @@ def export_records(
     if file is None:
         sys.stdout.write(text)
         return
-    file.write_text(text, encoding="utf-8", newline="")
-    typer.echo(f"written: {file}")
+    write_text(file, text)
+    print(f"written: {file}")
 
 
 @app.command()
@@ -281,4 +288,4 @@ def reference(
     for made in produce_all(cases, executor):
         path = write_reference(made, folder)
         print_sheets([reference_sheet([made])])
-        typer.echo(f"written: {path}")
+        print(f"written: {path}")

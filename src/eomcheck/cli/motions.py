@@ -74,7 +74,7 @@ def _many(
         from eomcheck.lab.show.by_matplotlib import draw
 
         draw([chart_of_many(found)], plot)
-        typer.echo(f"written: {plot}")
+        print(f"written: {plot}")
     return not finished.all()
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.errors import InputError
+from eomcheck.files import check_writable
 
 if TYPE_CHECKING:
     from eomcheck.lab.store.records import Records
@@ -61,22 +62,6 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
     spare = TemporaryDirectory() if page is not None and path is None else nullcontext()
     with spare as folder, records_or_none(Path(folder) / "r.db" if folder else path) as records:
         yield records
-
-
-def check_writable(path: Path | None) -> None:
-    """Raise InputError if `path` cannot be written; None needs no file."""
-    if path is None:
-        return
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise InputError(f"{str(path)!r} is not a file in a folder that exists")
-    new = not path.exists()
-    try:
-        with path.open("a", encoding="utf-8"):
-            pass
-        if new:
-            path.unlink()
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
 
 
 def check_output(path: Path | None, records: list[Path]) -> None:

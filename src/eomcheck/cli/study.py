@@ -16,11 +16,12 @@ from eomcheck.cli.options import (
     Measured,
     check_figure,
     check_folder,
-    check_writable,
 )
+from eomcheck.files import check_writable
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
+    from eomcheck.lab.store.records import Record
     from eomcheck.lab.study import Study
 
 Picture = Annotated[Path, typer.Argument(help="File to write, .png, .svg or .pdf.")]
@@ -113,24 +114,43 @@ def _run(
     from eomcheck.lab.show.sheet import print_sheets
     from eomcheck.lab.show.text import write_json
 
-    found = one.run(records, fresh, **options)
-    print_sheets(one.sheets(found))
-    for sentence in one.said(found):
-        typer.echo(sentence)
+    found = _found(one, records, fresh, options)
+    # Files first: whatever becomes of the printing, they are there.
     written = [] if figures is None else one.write(found, figures)
     if json is not None:
         write_json(json, one.document(found))
         written.append(json)
+    print_sheets(one.sheets(found))
+    for sentence in one.said(found):
+        print(sentence)
     if written:
-        typer.echo(f"written: {', '.join(map(str, written))}")
+        print(f"written: {', '.join(map(str, written))}")
     if one.alarm(found):
         raise typer.Exit(1)
+
+
+def _found(one: Study, records: Path | None, fresh: bool, options: dict[str, Any]) -> list[Record]:
+    """Run a study; where it is interrupted, say where it goes on."""
+    from eomcheck.console import stoppable
+
+    try:
+        with stoppable():
+            return one.run(records, fresh, **options)
+    except KeyboardInterrupt:
+        again = " without --fresh" if fresh else ""
+        print(
+            "interrupted: nothing is kept without a file of records"
+            if records is None
+            else f"interrupted: {str(records)!r} has all cells that were finished; the same command"
+            f"{again} goes on with the others"
+        )
+        raise typer.Exit(130) from None
 
 
 def _draw(one: Study, path: Path, records: Path | None, fresh: bool, **options: Any) -> None:
     check_figure(path)
     from eomcheck.lab.show.by_matplotlib import draw
 
-    chart = next(iter(one.charts(one.run(records, fresh, **options))))
+    chart = next(iter(one.charts(_found(one, records, fresh, options))))
     draw(chart.files(), path)
-    typer.echo(f"written: {path}")
+    print(f"written: {path}")

@@ -206,16 +206,16 @@ class Proofs:
                 self.findings[structure] = [Kept.read(row) for row in rows]
 
     def _begin(self) -> None:
-        assert self._part is not None
+        self._save(json.dumps(self._header()), "w")
+
+    def _save(self, line: str, mode: str = "a") -> None:
+        if self._part is None:
+            return
         try:
-            self._part.write_text(json.dumps(self._header()) + "\n", encoding="utf-8")
+            with self._part.open(mode, encoding="utf-8") as file:
+                file.write(line + "\n")
         except OSError as error:
             raise InputError(f"{str(self._part)!r} cannot be written: {error.strerror}") from None
-
-    def _save(self, line: str) -> None:
-        if self._part is not None:
-            with self._part.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
 
     def _keep(self, structure: str) -> None:
         if self.records is not None:

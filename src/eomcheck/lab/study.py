@@ -14,6 +14,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any
 
+from eomcheck.files import write_text
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Records, Settings, rows_of, run_cells
@@ -156,7 +157,7 @@ class Study:
         for sheet in self.sheets(found):
             if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")
-                written[-1].write_text(sheet.markdown(), encoding="utf-8")
+                write_text(written[-1], sheet.markdown())
         return [*written, *self.files(found, folder)]
 
     def of(self, records: Iterable[Record]) -> list[Record]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.files import write_text
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.run import Run, decimals, difference
 from eomcheck.numbers.contract import Array
@@ -116,10 +117,7 @@ def save_reference(reference: Reference, path: Path, **more: Any) -> None:
             for run in reference.runs
         ],
     }
-    try:
-        path.write_text(_text(document) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from None
+    write_text(path, _text(document) + "\n")
 
 
 def load_reference(path: Path | str) -> Reference:

@@ -15,6 +15,7 @@ from typing import Any
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
 from eomcheck.errors import InputError
+from eomcheck.files import write_text
 from eomcheck.lab.report.findings import evidence_sheet
 from eomcheck.lab.report.judged import LEVELS, Judged, group, ranges
 from eomcheck.lab.report.overview import Overview, made
@@ -56,7 +57,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         provenance=list(dict.fromkeys(made(one) for one in of_run)),
         versions={name: version for one in of_run for name, version in one.versions.items()},
     )
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def commands(overview: Overview) -> Iterator[str]:

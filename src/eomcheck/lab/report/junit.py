@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
+from eomcheck.files import replacing
 from eomcheck.lab.report.judged import Judged
 from eomcheck.lab.report.overview import Overview
 
@@ -33,7 +34,8 @@ def write_junit(overview: Overview, path: Path) -> None:
         _count(suite)
     _count(root)
     ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    with replacing(path) as beside:
+        ElementTree.ElementTree(root).write(beside, encoding="utf-8", xml_declaration=True)
 
 
 def _seconds(overview: Overview) -> dict[tuple[str, str], float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from eomcheck.files import write_text
 from eomcheck.lab.report.findings import scene_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of
@@ -19,4 +20,4 @@ def write_markdown(overview: Overview, path: Path) -> None:
     claims = scene_sheet(overview.claims, overview.scenes)
     sections = sections_of(overview)
     text = render("report.md.j2", overview=overview, claims=claims, sections=sections)
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eomcheck import __version__
 from eomcheck.engines import ENGINES
+from eomcheck.files import write_text
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.findings import evidence_sheet, party_sheet
 from eomcheck.lab.report.judged import Judged, anchor
@@ -57,7 +58,7 @@ def write_page(overview: Overview, path: Path) -> None:
         dark={key: on_dark(style.color) for key, style in STYLES.items()},
         plotly=plotly_js() if charts else "",
     )
-    path.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:

@@ -32,6 +32,7 @@ from matplotlib.ticker import (
 )
 from PIL import Image
 
+from eomcheck.files import replacing
 from eomcheck.lab.show.chart import Axis, Chart, Heat, Line, Panel
 from eomcheck.lab.show.style import STYLES, WRONG
 
@@ -46,11 +47,12 @@ HOLLOW = "hollow"
 
 def save(figure: Figure, path: Path, dpi: int = 150) -> None:
     """Write a figure that is finished; a PNG with a palette, which is half the size."""
-    figure.savefig(path, dpi=dpi)
-    plt.close(figure)
-    if path.suffix == ".png":
-        picture = Image.open(path).convert("RGB")
-        picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=dpi)
+        plt.close(figure)
+        if path.suffix == ".png":
+            picture = Image.open(beside).convert("RGB")
+            picture.quantize(256, dither=Image.Dither.NONE).save(beside, optimize=True)
 
 
 def _handles(drawn: Iterable[Axes]) -> dict[str, Any]:

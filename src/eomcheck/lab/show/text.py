@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck import __version__
+from eomcheck.files import write_text
 
 
 def seconds_text(value: float) -> str:
@@ -26,4 +27,4 @@ def grouped(value: int) -> str:
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write a document as JSON, with the version that made it."""
     text = json.dumps({"eomcheck": __version__, **document}, indent=1, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")

@@ -1,0 +1,148 @@
+"""What becomes of the printing changes no file and no exit code."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from eomcheck.errors import InputError
+from eomcheck.lab.store.findings import STATES
+from eomcheck.lab.store.records import Records
+from eomcheck.output import NAMES, plain
+
+COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]
+VALIDATE = "validate", "--scene", "sleigh", "--examples", "1"
+
+
+def start(*words: object, **options) -> subprocess.Popen:
+    env = os.environ | options.pop("env", {})
+    return subprocess.Popen(
+        [*COMMAND, *map(str, words)], env=env, stderr=subprocess.PIPE, **options
+    )
+
+
+@pytest.mark.parametrize("words", [VALIDATE, ("list", "claims")])
+def test_a_reader_that_has_gone_changes_no_exit_code_and_no_file(tmp_path: Path, words: tuple):
+    file = tmp_path / "found.json"
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "wb") as gone:
+        run = start(*words, *(["--json", file] if words is VALIDATE else []), stdout=gone)
+    _, said = run.communicate(timeout=60)
+    assert (run.returncode, said) == (0, b"")
+    assert words is not VALIDATE or json.loads(file.read_text(encoding="utf-8"))["findings"]
+
+
+def test_output_that_is_lost_on_its_way_is_said_and_the_file_is_there(tmp_path: Path):
+    file, full = tmp_path / "found.json", Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("no such device here")
+    with full.open("wb") as output:
+        run = start(*VALIDATE, "--json", file, stdout=output)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 2
+    assert said == b"eomcheck: standard output cannot be written: No space left on device\n"
+    assert json.loads(file.read_text(encoding="utf-8"))["findings"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
+def test_characters_that_an_encoding_lacks_are_written_by_name(tmp_path: Path, encoding: str):
+    file, env = tmp_path / "found.json", {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+    run = start(*VALIDATE, "--json", file, stdout=subprocess.PIPE, env=env)
+    printed, said = run.communicate(timeout=60)
+    assert (run.returncode, said) == (0, b"")
+    text = printed.decode(encoding)
+    assert ("q̈ in doubles" if encoding == "utf-8" else "qddot in doubles") in text
+    assert json.loads(file.read_text(encoding="utf-8"))["findings"]
+
+
+def test_errors_are_written_in_any_encoding():
+    env = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    run = start("validate", "--scene", "θ", env=env, stdout=subprocess.PIPE)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 2
+    assert said.startswith(b"eomcheck: ") and b"theta" in said and b"Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        *[("θ_3 Δκ", "theta_3 Deltakappa"), ("ς", "sigma"), ("v̇ q̈", "vdot qddot"), ("μ", "mu")],
+        *[("12 µs", "12 us"), ("N³·x²", "N^3.x^2"), ("a ≤ b → c…", "a <= b -> c...")],
+        *[("é\ud800漢", "e??"), ("─│┌┼", "-|++"), ("aᵀ", "aT"), ("°", "deg")],
+    ],
+)
+def test_greek_has_names_and_the_rest_a_plain_form(text: str, written: str):
+    assert text.encode("ascii", NAMES) == written.encode()
+
+
+def test_every_character_of_the_package_has_a_plain_form():
+    package = Path(sys.modules["eomcheck"].__file__ or "").parent
+    files = [*package.rglob("*.py"), *package.rglob("*.j2")]
+    used = {x for file in files for x in file.read_text(encoding="utf-8") if not x.isascii()}
+    assert len(used) > 20
+    assert {x for x in used if plain(x) in ("", "?")} == set()
+
+
+def kept(records: Path) -> bool:
+    with suppress(InputError), Records(records, readonly=True) as found:
+        return bool(found.all(STATES))
+    return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_validation_that_is_told_to_end_writes_what_it_has(tmp_path: Path, number: int):
+    file, records = tmp_path / "found.json", tmp_path / "found.db"
+    file.write_text("old")
+    words = "--examples", "1000000", "--json", file, "--records", records
+    script = COMMAND[-1]
+    # A shell that runs the tests in the background has its jobs ignore Ctrl-C.
+    script = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {script}"
+    run = subprocess.Popen(
+        [*COMMAND[:-1], script, "validate", "--scene", "sleigh", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 60
+    while not kept(records):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert file.read_text() == "old"
+    run.send_signal(number)
+    printed, said = run.communicate(timeout=60)
+    assert (run.returncode, said) == (130, b"")
+    assert b"interrupted: the table holds what was checked until then" in printed
+    assert json.loads(file.read_text(encoding="utf-8"))["findings"]
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_standard_output_is_the_same_again_afterwards(monkeypatch, capsys):
+    from eomcheck.output import unfailing
+
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(io.BufferedWriter(Raw(raw)), "ascii")
+    monkeypatch.setattr("sys.stdout", stream)
+    with unfailing():
+        print("θ")
+    assert sys.stdout is stream
+    assert raw.getvalue() == b"theta\n"
+
+
+class Raw(io.RawIOBase):
+    def __init__(self, into: io.BytesIO):
+        self.into = into
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data, /) -> int:
+        return self.into.write(data)
