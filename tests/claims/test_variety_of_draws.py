@@ -28,11 +28,11 @@ def components(states) -> np.ndarray:
     return np.array([basis.T @ state.v for basis, state in zip(bases, states, strict=True)])
 
 
-def test_most_states_move_along_every_direction_and_back(components: np.ndarray):
+def test_states_move_along_every_direction_and_back(components: np.ndarray):
     seen = np.abs(components) > strategies.NEGLIGIBLE / 2
-    assert seen.all(axis=1).mean() > 0.5
+    assert seen.all(axis=1).mean() > 0.3
     for sign in (1, -1):
-        assert ((sign * components > 0) & seen).mean(axis=0).min() > 0.2
+        assert ((sign * components > 0) & seen).mean(axis=0).min() > 0.15
 
 
 def test_numbers_between_nothing_and_one_are_drawn(components: np.ndarray):

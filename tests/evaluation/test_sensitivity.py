@@ -16,6 +16,8 @@ from eomcheck.evaluation.sensitivity import (
 )
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.kernels.moved import Moves
+from eomcheck.numbers.linear import solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.scenes import ChainPendulum, Snake
 
@@ -189,4 +191,37 @@ def test_sums_and_differences_of_whole_arrays_move():
     changed += y
     for found, exact in ((moved + y, x + y), (moved - y, x - y), (changed, x + y)):
         steps = np.abs(np.asarray(found) - exact) / exact / STEP
-        assert ((steps > 0.4) & (steps < 1.1)).all()
+        assert ((0.4 < steps) & (steps < 1.1)).all()
+
+
+# ---- Solves and signs ----------------------------------------------------------------------------
+
+
+def test_a_change_of_sign_is_exact():
+    x = np.full(20, 3.0)
+    assert np.array_equal(Moves().run(Noise(0), lambda x: -x, x), -x)
+
+
+def moved_solution(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    with watching(Noise(0)):
+        return np.asarray(solve(A, b, "A"))
+
+
+def test_a_matrix_is_moved_as_well_as_its_right_hand_side():
+    """Of x = A⁻¹ (A 1) a change of b alone is seen in the size of x, that of A in κ times it."""
+    A = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-10]])
+    apart = moved_solution(A, np.zeros((2, 1)))
+    assert np.abs(apart).max() < 1e-300, "x = 0 whatever A is"
+    x = moved_solution(A, A @ np.array([[1.0], [-1.0]]))
+    assert np.abs(x - [[1.0], [-1.0]]).max() > 2.0**4 * STEP
+
+
+def test_each_right_hand_side_is_moved_by_the_backward_error_of_its_own():
+    """Two equal ones have, but for that, equal solutions up to their own rounding."""
+    A = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-20]])
+    b = A @ np.array([1.0, 2.0])
+    noise = Noise(0)
+    with watching(noise):
+        found = np.asarray(solve(A, np.stack((b, b), axis=1), "A"))
+    by_entries = 2.0**20 * 4 * STEP
+    assert np.abs(found[:, 0] - found[:, 1]).max() > by_entries

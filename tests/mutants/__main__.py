@@ -155,7 +155,7 @@ def digest(*parts: str | bytes) -> str:
     return found.hexdigest()
 
 
-def test_files(catcher: str) -> bytes:
+def files_of(catcher: str) -> bytes:
     """Return the tests that a catcher runs."""
     names = (word.partition("::")[0] for word in shlex.split(catcher))
     return b"".join((ROOT / x).read_bytes() for x in names if x.endswith(".py"))
@@ -177,7 +177,8 @@ class Kept:
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
                     row = json.loads(line)
-                    self.known[row.pop("key")] = Result(**row)
+                    key = row.pop("key")
+                    self.known[key] = Result(**row)
                 except (ValueError, TypeError, KeyError):  # the line at which a run was killed
                     continue
 
@@ -186,7 +187,8 @@ class Kept:
         self.known[key] = result
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": key} | asdict(result)) + "\n")
+            # On a line of its own, whatever was cut off before.
+            file.write("\n" + json.dumps({"key": key} | asdict(result)) + "\n")
 
 
 def campaign(
@@ -200,10 +202,10 @@ def campaign(
     now = all_sources()
     work: dict[str, tuple[str, Callable[[], list[Result]]]] = {}
     for catcher in dict.fromkeys(one.catcher for one in chosen):
-        key = digest(NEW_SOURCE, catcher, test_files(catcher), now)
+        key = digest(NEW_SOURCE, catcher, files_of(catcher), now)
         work[f"{NEW_SOURCE}: {catcher}"] = key, lambda c=catcher: [unplanted(c)]
     for one in chosen:
-        key = digest(repr(one), (PACKAGE / one.file).read_bytes(), test_files(one.catcher))
+        key = digest(repr(one), (PACKAGE / one.file).read_bytes(), files_of(one.catcher))
         work[one.id] = key, lambda m=one: [attempt(m)]
     results: list[Result] = []
     if planted is not None:

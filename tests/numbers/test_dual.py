@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from tests.exact import RandomFractions
 
-from eomcheck.numbers.dual import Dual, dual_angles, duals, rate
+from eomcheck.numbers.dual import Dual, dual_angles, dual_root, duals, rate
+from eomcheck.numbers.linear import solve
 
 SEVEN = 7
 KINDS = {
@@ -95,3 +96,16 @@ def test_angles_turn_along_the_circle():
     assert (rate(angles.cos * angles.cos + angles.sin * angles.sin) == 0).all()
     turned = [value(c) * s.rate - value(s) * c.rate for c, s in zip(*angles[1:], strict=True)]
     assert turned == rates.tolist()
+
+
+def test_roots_change_by_half_of_what_they_are_of_over_themselves():
+    (root,) = dual_root(np.array([Fraction(3)], object), np.array([Fraction(5)], object))
+    assert (root.x, root.rate) == (3, Fraction(5, 6))
+
+
+def test_a_solution_moves_with_its_matrix_and_its_right_hand_side():
+    """x = b / A, of order 1: x′ = (b′ - A′ x) / A."""
+    A = duals(np.array([[Fraction(2)]], object), np.array([[Fraction(3)]], object))
+    b = duals(np.array([Fraction(8)], object), np.array([Fraction(7)], object))
+    (x,) = solve(A, b, "A")
+    assert (x.x, x.rate) == (4, Fraction(7 - 3 * 4, 2))

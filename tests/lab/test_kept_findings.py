@@ -1,0 +1,77 @@
+"""Findings and Records as they are kept: nothing lost, nothing of another kind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck.claims import Finding, State
+from eomcheck.claims.run import Run, Selection
+from eomcheck.errors import InputError
+from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, record_of
+from eomcheck.lab.store.records import Record, Records, select
+from eomcheck.scenes import Snake
+
+SNAKE = Snake.coil(2)
+STATE = State(np.arange(4.0), np.ones(4), 0.5)
+PASSED = Finding("bias", "casadi", SNAKE, STATE, 1e-15, 1e-13, "passed", "compared: casadi 3")
+FAILED = replace(PASSED, subject="au", verdict="failed", observed=math.inf, detail="bias, row x")
+OPEN = replace(PASSED, subject="el", verdict="inconclusive", allowed=math.inf, digits=3.0)
+
+
+def test_what_failed_passed_or_was_open_is_kept_as_it_was(tmp_path: Path):
+    run, made = Run(), [PASSED, FAILED, OPEN]
+    run.findings, run.ends = made, [3]
+    with Records(tmp_path / "r.db") as records:
+        Keeper(records, Snake, run, Selection.of(engines=[]), (1, 2), 1, 0).finish()
+        kept = kept_in(records.all())
+    for names in (("claim", "subject", "verdict", "evidence", "detail", "digits"),):
+        for one, other in zip(kept, made, strict=True):
+            assert [getattr(one, x) for x in names] == [getattr(other, x) for x in names]
+    assert [(one.observed, one.allowed) for one in kept] == [
+        (one.observed, one.allowed) for one in made
+    ]
+
+
+def row(**changed) -> dict:
+    return PASSED.as_dict() | changed
+
+
+def test_findings_of_states_and_proofs_are_read_and_nothing_else():
+    settings = {"scene": "snake", "links": 2}
+    records = [
+        record_of(study, settings, [row(subject=study)], "code")
+        for study in (STATES, PROOFS, "accuracy")
+    ]
+    assert [one.subject for one in kept_in(records)] == [STATES, PROOFS]
+
+
+def test_the_place_of_a_finding_is_scene_links_and_state():
+    settings = {"scene": "snake", "links": 2, "case": 7}
+    (kept,) = kept_in([record_of(STATES, settings, [row()], "code")])
+    assert kept.place == "snake, N = 2, state 7"
+    assert replace(kept, links=None, case=None).place == "snake"
+
+
+def test_of_cells_that_cannot_all_be_forgotten_none_is(tmp_path: Path):
+    with Records(tmp_path / "r.db") as records:
+        for n in (1, 2):
+            records.add(Record("study", {"n": n}))
+        with pytest.raises(InputError):
+            records.forget("study", [{"n": 1}, {"n": Path("x")}])
+        assert len(records) == 2
+
+
+def test_only_timed_records_with_these_settings_are_selected():
+    timed = Record("study", {"n": 1, "key": "au"}, seconds=1.0)
+    other = Record("study", {"n": 2, "key": "au"}, seconds=1.0)
+    untimed = Record("study", {"n": 1, "key": "el"})
+    elsewhere = Record("another", {"n": 1}, seconds=1.0)
+    records = [timed, other, untimed, elsewhere]
+    assert select(records, "study", n=1) == [timed]
+    assert select(records, n=1) == [timed, elsewhere]
+    assert select(records, "study") == [timed, other]

@@ -1,0 +1,158 @@
+"""The faults that are kept as data still fit the source, and what plants them can be believed."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.faults import FAULTS
+from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants
+from tests.mutants.__main__ import (
+    Kept,
+    Result,
+    attempt,
+    campaign,
+    files_of,
+    open_questions,
+    table,
+    unplanted,
+)
+
+ALL = mutants()
+every = pytest.mark.parametrize("mutant", ALL, ids=lambda mutant: mutant.id)
+
+# ---- The data ------------------------------------------------------------------------------------
+
+
+@every
+def test_every_fault_is_found_once_and_makes_another_program(mutant: Mutant):
+    source = (PACKAGE / mutant.file).read_text(encoding="utf-8")
+    assert ast.dump(ast.parse(mutant.planted())) != ast.dump(ast.parse(source))
+
+
+@every
+def test_every_catcher_is_there_and_names_something(mutant: Mutant):
+    text = files_of(mutant.catcher).decode()
+    assert text or mutant.catcher.startswith("python ")
+    assert mutant.named or mutant.equivalent
+    # What it prints is the name of a test of its own, if it is one.
+    if re.fullmatch(r"test_\w{8,}", mutant.named):
+        assert f"def {mutant.named}" in text
+
+
+def test_there_are_200_faults_and_60_in_the_harness_itself():
+    counts = Counter(mutant.kind for mutant in ALL)
+    assert counts.keys() <= set(KINDS)
+    assert counts["harness"] >= 60
+    assert len(ALL) + len(FAULTS) >= 200
+    assert len({mutant.id for mutant in ALL}) == len(ALL)
+    assert sum(mutant.quick for mutant in ALL) >= 10
+
+
+# ---- The campaign --------------------------------------------------------------------------------
+
+CATCHER = "python -c 'from eomcheck.numbers import pivots; assert pivots.STALLED == 0.5, \"named\"'"
+STALLED = Mutant(
+    "stalled",
+    "harness",
+    "numbers/pivots.py",
+    "STALLED = 0.5",
+    "STALLED = 0.6",
+    CATCHER,
+    "AssertionError: named",
+)
+UNSEEN = replace(STALLED, id="unseen", before="= 1, 20", after="= 1, 21")
+
+
+def test_a_fault_is_named_or_caught_or_survives():
+    assert attempt(STALLED).outcome == "named"
+    assert attempt(replace(STALLED, named="another text")).outcome == "caught"
+    assert attempt(UNSEEN).outcome == "survived"
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"before": "STALLED = 0.7"}, "is 0 times in"),
+        ({"before": "EPS"}, "times in numbers/pivots.py"),
+        ({"catcher": "tests/test_mutants.py::test_that_is_not_there"}, "not found"),
+        ({"catcher": "tests/numbers/test_ball.py -k no_such_test"}, "deselected"),
+        ({"catcher": "python -c 'import time; time.sleep(60)'"}, "not done after"),
+    ],
+)
+def test_what_was_not_tried_is_an_error_and_never_caught(change: dict, says: str):
+    result = attempt(replace(STALLED, **change), longest=8.0)
+    assert result.outcome == "error"
+    assert says in result.said
+
+
+def test_a_place_that_is_not_there_once_is_told():
+    for before in ("no such text", "EPS"):
+        with pytest.raises(LostFaultError, match="stalled: "):
+            replace(STALLED, before=before).planted()
+
+
+def test_a_catcher_that_fails_without_the_fault_catches_nothing():
+    assert unplanted("python -c pass").outcome == "named"
+    assert unplanted("python -c 'raise SystemExit(1)'").outcome == "error"
+
+
+def test_the_source_stays_as_it_is():
+    before = (PACKAGE / STALLED.file).read_bytes()
+    attempt(STALLED)
+    assert (PACKAGE / STALLED.file).read_bytes() == before
+
+
+def test_a_campaign_goes_on_where_it_was_stopped(tmp_path: Path):
+    path, said = tmp_path / "results.jsonl", []
+    tell = said.append
+    first = campaign([STALLED], Kept(path), 1, tell=tell)
+    assert [result.outcome for result in first] == ["named", "named"]
+    with path.open("a") as file:
+        file.write('{"key": "cut off')
+    said.clear()
+    both = campaign([STALLED, UNSEEN], Kept(path), 2, tell=tell)
+    assert len(said) == 1 and "survived" in said[0]
+    assert sorted((result.id, result.outcome) for result in both if result.kind == "harness") == [
+        ("stalled", "named"),
+        ("unseen", "survived"),
+    ]
+    changed = campaign([replace(STALLED, after="STALLED = 0.7")], Kept(path), 1, tell=tell)
+    assert len(said) == 2 and {result.outcome for result in changed} == {"named"}
+
+
+# ---- What is said --------------------------------------------------------------------------------
+
+RESULTS = [
+    Result("a", "harness", "named", 1.0),
+    Result("b", "harness", "survived", 1.0),
+    Result("c", "report", "caught", 1.0),
+    Result("d", "report", "survived", 1.0),
+]
+
+
+def test_the_table_counts_by_kind_and_explains_survivors():
+    text = table(RESULTS, {"b": "no number changes"})
+    assert "| harness | 2 | 1 | 0 | 1 | 1 |" in text
+    assert "| report | 2 | 0 | 1 | 1 | 0 |" in text
+    assert "| all | 4 | 1 | 1 | 2 | 1 |" in text
+    assert "- `b`: no number changes\n- `d`: not explained\n" in text
+
+
+def test_what_is_neither_named_nor_explained_is_left_to_be_looked_at():
+    assert [one.id for one in open_questions(RESULTS, {"b": "no number changes"})] == ["c", "d"]
+    assert [one.id for one in open_questions(RESULTS[:1], {"a": "is caught all the same"})] == ["a"]
+
+
+def test_the_page_says_what_the_campaign_found():
+    kept = (ROOT / "docs" / "figures" / "trust-table.md").read_text(encoding="utf-8")
+    explained = {mutant.id for mutant in ALL if mutant.equivalent}
+    assert "not explained" not in kept
+    assert set(re.findall(r"^- `(.+?)`", kept, re.M)) == explained
+    counts = Counter(mutant.kind for mutant in ALL)
+    for kind, count in counts.items():
+        assert f"| {kind} | {count} |" in kept
