@@ -32,6 +32,7 @@ V = eomcheck.velocity(SNAKE, Q, [1.0, 0.5])
         (1e-9, 1.1 * INCONCLUSIVE / allowed_error(1.0), 1.0, "inconclusive"),
         (0.0, 1.0, 0.0, "inconclusive"),
         (0.0, 0.0, 0.0, "passed"),
+        (0.0, 1e-280, 0.0, "passed"),
         (1e-300, 0.0, 0.0, "inconclusive"),
         (1e-270, 0.0, 0.0, "failed"),
     ],

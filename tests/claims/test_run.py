@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 from tests.reports import Heavy
 
 import eomcheck
@@ -25,6 +26,18 @@ def test_a_failure_of_the_initial_state_is_among_the_findings():
     new = run.look_at(scene, moving(scene), Selection.of(**KINETIC, scenes=[scene]))
     assert "failed" in {finding.verdict for finding in new}
     assert run.findings == new
+
+
+def test_the_smallest_failing_case_is_the_last_finding():
+    def build(x: int):
+        scene = Heavy() if x >= 10 else Sleigh()
+        state = moving(scene)
+        return scene, state._replace(q=state.q + np.array([x, 0, 0]))
+
+    run, selection = Run(), Selection.of(**KINETIC, scenes=[Sleigh, Heavy])
+    run.explore(st.integers(0, 10**6).map(build), selection, 30, 0)
+    assert run.minimal is not None and run.minimal.state is not None
+    assert run.minimal.state.q[0] == Sleigh().initial_state()[0][0] + 10
 
 
 def test_terms_that_are_no_numbers_fail():

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 from eomcheck import velocity
 from eomcheck.evaluation.doubles import Evaluation
@@ -42,7 +43,8 @@ def moved_by(copy: Evaluation, at: Evaluation) -> np.ndarray:
 def test_every_number_that_is_read_is_moved(at: Evaluation):
     for copy in perturbed_copies(at):
         assert (np.abs(moved_by(copy, at)) > 0.4).all()
-        assert (copy.v != at.v).all()
+        allowed = null_space(at.terms.a)
+        assert (np.abs(allowed.T @ (copy.v - at.v)) > 1e-3 * STEP).all()
         moved, still = copy.terms.M, at.terms.M
         assert (np.asarray(moved)[still != 0] != still[still != 0]).all()
 
@@ -62,7 +64,7 @@ def test_the_last_copy_is_the_first_stretched(at: Evaluation):
     *copies, stretched = perturbed_copies(at)
     mass = at.parameters.mass
     by, further = (np.asarray(x.parameters.mass) - mass for x in (copies[0], stretched))
-    assert further == pytest.approx(STRETCH * by, rel=0.05)
+    assert further == pytest.approx(STRETCH * by, rel=0.05, abs=0.0)
 
 
 def test_cosines_sines_and_roots_are_moved(at: Evaluation):
@@ -80,7 +82,7 @@ def test_cosines_sines_and_roots_are_moved(at: Evaluation):
 def test_terms_that_cancel_show_what_rounding_does_to_them(at: Evaluation):
     x, y = np.full(20, 3.0), np.full(20, 0.7)
     left = perturbed_copies(at)[0].call(lambda x, y: x * y - y * x, x, y)
-    assert 0.1 * STEP < np.abs(left).max() / 2.1 < 2 * STEP
+    assert STEP / 10 < np.abs(left).max() / 2.1 < 2 * STEP
 
 
 def test_jacobians_that_terms_are_made_of_are_moved():
@@ -95,11 +97,12 @@ def test_jacobians_that_terms_are_made_of_are_moved():
             given.append(arguments[-1])
         return calling(function, *arguments)
 
+    # Of numbers that are read as they are, so that what moves is moved in between.
+    copy.parameters, copy.prepared, copy.q, copy.v = at.parameters, at.prepared, at.q, at.v
     copy.call = recording  # type: ignore[method-assign]
     assert copy.terms is not None
-    here = copy.parameters, copy.prepared, copy.q, copy.v
     ((linear, *_),) = given
-    exact = np.asarray(scene.jacobians(*here)[0], float)
+    exact, *_ = at.call(scene.jacobians, at.parameters, at.prepared, at.q, at.v)
     seen = np.abs(exact) > 0.1
     assert (np.asarray(linear) != exact)[seen].all()
 
@@ -191,7 +194,7 @@ def test_sums_and_differences_of_whole_arrays_move():
     changed += y
     for found, exact in ((moved + y, x + y), (moved - y, x - y), (changed, x + y)):
         steps = np.abs(np.asarray(found) - exact) / exact / STEP
-        assert ((0.4 < steps) & (steps < 1.1)).all()
+        assert ((steps > 0.4) & (steps < 1.1)).all()
 
 
 # ---- Solves and signs ----------------------------------------------------------------------------

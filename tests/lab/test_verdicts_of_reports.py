@@ -91,7 +91,7 @@ def text_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_a_table_says_fail_open_or_percent():
     table = findings_table(found(CLOSE, FAILED, OPEN), SELECTION)
-    cells = [list(column.cells)[0] for column in table.columns]
+    cells = [next(iter(column.cells)) for column in table.columns]
     # all, au, el, casadi
     assert [str(cell) for cell in cells[1:5]] == [
         *("[bold red]FAIL[/]", "[bold red]FAIL[/]", "[yellow]?[/]", "[green]90%[/]")

@@ -1,7 +1,7 @@
 """Faults as data, in the product and in what judges it, each with the test that must notice it.
 
-`python -m tests.mutants` plants them one at a time and says which are caught, and by name. Those of
-scenes and formulations are in `tests.faults`, which are planted without a copy of the source.
+`python -m tests.mutants` plants them one at a time and says which are caught, and by name. Faults
+of scenes and formulations are those of `tests.faults`, which are planted without a copy.
 """
 
 from __future__ import annotations

@@ -67,7 +67,6 @@ def run(command: list[str], package: Path, longest: float) -> tuple[int, str]:
         "PYTHONPATH": os.pathsep.join((str(package.parent), str(ROOT))),
         "PYTHONDONTWRITEBYTECODE": "1",
         "OPENBLAS_NUM_THREADS": "1",
-        "HYPOTHESIS_STORAGE_DIRECTORY": str(package.parent / "hypothesis"),
     }
     process = subprocess.Popen(
         command,
