@@ -163,7 +163,7 @@ def proved(subject: str, chance: float, verdict: str = "passed") -> dict:
 def test_probabilities_of_mistakes_are_added():
     rows = [proved("a", 1e-40), proved("b", 3e-40)]
     (judged,) = Overview([record_of(PROOFS, {"scene": "snake", "links": 2}, rows, "c")]).claims
-    assert judged.failure_probability == pytest.approx(4e-40)
+    assert judged.failure_probability == pytest.approx(4e-40, abs=0.0)
 
 
 def test_proofs_are_printed_with_every_disproof_and_the_sum_of_probabilities(monkeypatch):
