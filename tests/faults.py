@@ -350,7 +350,11 @@ FAULTS = [
         SLEIGH, "u[0] * angle.sin[0], u[1]", "-u[0] * angle.sin[0], u[1]", "speeds-velocity", "q̇"
     ),
     Fault(
-        SLEIGH, "v[1] * angle.sin[0], v[2]", "v[1] * angle.cos[0], v[2]", "speeds-velocity", "ml"
+        SLEIGH,
+        "v[1] * angle.sin[0], v[2]",
+        "v[1] * angle.cos[0], v[2]",
+        "speeds-velocity",
+        "row u_1",
     ),
     Fault(SLEIGH, "[0, offset]", "[0, 2 * offset]", "kane-ml-mass", "M_Kane"),
     Fault(SLEIGH, "[-offset * u[1]", "[offset * u[1]", "kane-ml-force", "N q̇"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 from tests.samples import NOT_OF_SNAKES
 from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 
-from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims import CLAIMS, Finding, draws, proof
+from eomcheck.claims.draws import look_at
 from eomcheck.claims.point import Point
 from eomcheck.claims.proof import failure_probability, prove, prove_structure
+from eomcheck.claims.registry import Sides
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split
@@ -126,6 +129,54 @@ def test_the_probability_is_the_documented_one():
         # A drawn partition is one of at most n that might have been looked at.
         choices *= finding.scene.n if finding.subject.endswith("drawn") else 1
         assert math.isclose(proof.failure_probability, choices * per_point**2)
+
+
+def test_the_primes_of_a_proof_are_those_of_the_points_that_were_looked_at(monkeypatch):
+    looked_at: dict[tuple[str, str], list[int]] = {}
+
+    def look(at: Point, *claims):
+        for key, sides in look_at(at, *claims):
+            looked_at.setdefault(key, []).append(at.q[0].modulus())
+            yield key, sides
+
+    monkeypatch.setattr(draws, "look_at", look)
+    findings = prove(Snake.coil(2), points=3, seed=0)
+    assert {f.claim for f in findings} <= IDENTITIES
+    for finding in findings:
+        assert finding.proof is not None
+        assert list(finding.proof.primes) == looked_at[finding.claim, finding.subject]
+
+
+@pytest.mark.parametrize("order", list(permutations((1, 2, 3))))
+def test_the_degree_and_height_of_a_proof_are_the_largest_of_all_entries(monkeypatch, order):
+    """Entries are x, 4 x y and 3 x y z; the last has the largest degree, not the largest height."""
+
+    def sides(at: Point, look: Point):
+        x, y, z = at.q[:3]
+        numbers = {1: x, 2: 4 * x * y, 3: 3 * x * y * z}
+        found = np.array([numbers[i] for i in order], object)
+        yield Sides("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
+
+    claim = replace(CLAIMS["bias"], id="test", sides=sides, against=None)
+    monkeypatch.setitem(CLAIMS, "test", claim)
+    (finding,) = [f for f in prove(Snake.coil(1), points=2, seed=0) if f.claim == "test"]
+    proof = finding.proof
+    assert proof is not None
+    # A side minus itself is bounded as a sum: coefficients 8 and 6.
+    assert (proof.degree, proof.height) == (3, 3.0)
+    assert proof.failure_probability == failure_probability(3, 3.0, 2, proof.draws)
+
+
+def test_the_probability_of_a_small_identity_is_what_points_of_a_small_field_show(monkeypatch):
+    """x² = 1 has 2 solutions modulo each prime: it holds at 2 / p of all points, or at fewer."""
+    low, high = 2**6, 2**7
+    primes = [p for p in range(low + 1, high, 2) if all(p % k for k in range(3, 12, 2))]
+    for p in primes:
+        solutions = [x for x in range(p) if x * x % p == 1]
+        assert len(solutions) / p <= 2 * 2 / (low - 1)
+    monkeypatch.setattr(proof, "PRIMES", (low, high))
+    monkeypatch.setattr(proof, "PRIME_COUNT", len(primes))
+    assert failure_probability(2, 1.0, 1, 1) >= 2 / min(primes)
 
 
 def test_the_probability_falls_with_points_and_grows_with_what_is_to_be_excluded():

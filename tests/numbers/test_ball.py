@@ -135,3 +135,32 @@ def test_a_band_whose_pivots_may_all_be_zero_is_refused():
 def test_a_band_takes_the_pivot_that_is_farthest_from_zero():
     x = solve_banded(band([PERHAPS_ZERO, 1], [4, 1]), np.array([ball(1), ball(2)], object), "K")
     assert all(y.is_finite() for y in x)
+
+
+@given(st.lists(st.integers(1, 10**6), min_size=1, max_size=4), st.integers(60, 400))
+def test_a_root_contains_the_true_one(entries: list[int], bits: int):
+    """Of a square it is a whole number; of another number it lies between two fractions."""
+    with precision(bits):
+        squares = Balls().root(Balls().numbers(np.array([float(x * x) for x in entries])))
+        others = Balls().root(Balls().numbers(np.array([float(x) for x in entries])))
+    for found, root in zip(squares, entries, strict=True):
+        assert contains(found, Fraction(root))
+    for found, x in zip(others, entries, strict=True):
+        with precision(4 * bits):
+            assert found.contains(flint.arb(x).sqrt())
+            below, above = found.lower(), found.upper()
+            assert below > 0 and below * below <= x <= above * above
+            assert found.rad() <= 2 * x * flint.arb(2) ** -bits
+
+
+def test_a_root_of_a_ball_contains_those_of_all_numbers_in_it():
+    with precision(200):
+        x = flint.arb(2, 0.25)
+        (root,) = Balls().root(np.array([x]))
+        for part in (1.75, 2.0, 2.25):
+            assert root.contains(flint.arb(part).sqrt())
+
+
+@pytest.mark.parametrize("x", [flint.arb(-1), flint.arb(0, 1)])
+def test_a_root_that_may_not_exist_is_no_finite_ball(x: flint.arb):
+    assert not Balls().root(np.array([x]))[0].is_finite()

@@ -9,7 +9,7 @@ from eomcheck.evaluation.point import net_force, velocity
 from eomcheck.formulations import kane
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.linear import solve
-from eomcheck.scenes import Snake, snake_terms
+from eomcheck.scenes import SCENES, Snake, snake_terms
 
 
 def counts(counting: Counting) -> tuple[int, int, int]:
@@ -247,3 +247,24 @@ def test_absent_forces_bias_and_offset_cost_nothing():
         operation()
         assert counts(counting) == expected
         counting.tally.clear()
+
+
+def test_each_root_is_counted_and_by_itself():
+    counting = Counting()
+    roots = counting.root(counting.vector(3))
+    assert roots.shape == (3,)
+    assert counting.tally == Tally(roots=3)
+    counting.root(counting.vector(2))
+    assert counting.tally == Tally(roots=5)
+
+
+@pytest.mark.parametrize(
+    ("key", "roots"),
+    # A spring of Andrews' and one on each side of the governor; the wheels of a bicycle.
+    [("andrews", 1), ("flyball-governor", 2), ("bicycle", 1), ("rolling-disk", 0), ("snake", 0)],
+)
+def test_scenes_take_as_many_roots_as_they_have_distances(key: str, roots: int):
+    counting, scene = Counting(), SCENES[key].example()
+    q = counting.vector(scene.n)
+    scene.prepare(counting, scene.parameters(counting), q, counting.vector(1)[0])
+    assert counting.tally.roots == roots

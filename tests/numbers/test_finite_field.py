@@ -11,6 +11,7 @@ import pytest
 
 from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.dual import Recorder, Replay, duals, rate, value
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import Snake
@@ -186,3 +187,42 @@ def test_a_scene_at_a_point_is_made_of_elements_and_keeps_what_is_absent():
     assert of_field(at.q, one.prime)
     assert (at.prepared.value == at.q[2:]).all()
     assert (at.scene.speeds_of(at.parameters, at.prepared, at.q, at.v) == at.u).all()
+
+
+# ---- Inverses and roots --------------------------------------------------------------------------
+
+
+def test_an_inverse_times_its_number_is_one_and_zero_has_none():
+    one = field()
+    for x in one.vector(50):
+        assert x * (1 / x) == one.literal(1)
+        assert (7 / x) * x == one.literal(7)
+        assert x / 2 + x / 2 == x
+    for numerator in (one.literal(1), one.literal(0)):
+        with pytest.raises(ZeroDivisionError):
+            numerator / one.literal(0)
+
+
+def test_a_literal_is_reduced_by_the_prime():
+    one = field()
+    assert one.literal(one.prime + 3) == one.literal(3) != one.literal(2)
+    assert one.literal(-1) + 1 == 0
+
+
+def test_roots_are_elements_that_nothing_ties_to_what_they_are_of():
+    one = field()
+    x = one.vector(40)
+    roots = one.root(x)
+    assert of_field(roots, one.prime)
+    assert len({int(y) for y in roots}) == 40
+    assert (roots * roots != x).all()
+
+
+def test_a_root_keeps_its_value_while_it_changes_and_its_square_changes_as_what_it_is_of():
+    one = field()
+    recorder = Recorder(one)
+    x, rates = one.vector(5), one.vector(5)
+    roots = recorder.root(x)
+    moving = Replay(recorder.made).root(duals(x, rates))
+    assert ([value(y) for y in moving] == roots).all()
+    assert (rate(moving * moving) == rates).all()

@@ -32,6 +32,10 @@ NOISY = 2.0**-12
 MOVES = Moves()
 """What has been listed of functions of scenes and formulations."""
 
+SLIP = 4.0
+"""Steps by which v violates each constraint: changes may be half a step and cancel between rows,
+where the v that is looked at violates all by what is allowed, and with the worst signs."""
+
 
 class Perturbed(Evaluation):
     """A copy of an evaluation in which every number is perturbed.
@@ -104,7 +108,7 @@ def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
     if at.terms.a is None:
         return change
     allowed = at.kept(allowed_violation)
-    residual = allowed / allowed_error(1.0) * noise.changes((at.scene.r,))
+    residual = allowed / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))
     Q, R = at.kept(_constraint_factors)
     with np.errstate(all="ignore"):
         try:
