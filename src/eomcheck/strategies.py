@@ -15,8 +15,8 @@ not when they are drawn from::
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from hypothesis import reject
@@ -181,39 +181,83 @@ def states(
     Raises:
         InputError: negative or infinite bounds.
     """
-    components = _vector(_symmetric("speed", speed), scene.p)
-    along, turned = _symmetric("position", position), _symmetric("angle", angle)
-    clock = _interval("time", (0.0, time), 0.0) if scene.depends_on_time else st.just(0.0)
-    ranges = scene.coordinate_ranges()
-    if ranges is not None:
-        coordinates = st.tuples(*map(_entry, ranges))
-        drawn = st.builds(_state, st.just(scene), coordinates, components, clock)
-    else:
-        is_angle = np.zeros(scene.n, dtype=bool)
-        is_angle[scene.angle_coordinates] = True
-        coordinates = st.tuples(*(turned if flag else along for flag in is_angle))
-        curved = CURVATURE * np.cumsum(is_angle) * is_angle
-        drawn = st.builds(
-            lambda q, heading, c, t: _state(scene, q + curved + heading * is_angle, c, t),
-            coordinates.map(np.array),
-            _symmetric("heading", math.pi),
-            components,
-            clock,
-        )
-    return drawn
+    for name, bound in (("position", position), ("angle", angle), ("speed", speed), ("time", time)):
+        _interval(name, (0.0, bound), 0.0)
+    coordinates, *rest = state_ranges(scene, position, angle, speed, time)
+    among = st.tuples(*map(_entry, coordinates)), *map(_parameter, rest)
+    return st.tuples(*among).map(_case(ordinary_state, scene))
 
 
-def _state(scene: Scene, q, components, t: float) -> State:
-    """Return the consistent state at q, or near it; a draw near which none is closed is no case."""
-    try:
-        q = closed_position(scene, q, t)
-    except RefusedError:
-        reject()
+class StateRanges(NamedTuple):
+    """What the numbers are drawn from that make an ordinary state."""
+
+    coordinates: tuple[Range, ...]
+    """q, those that are angles from the curved pose if the scene gives no ranges."""
+    heading: Range
+    """By which all angles turn, rad; none if the scene gives ranges of its own."""
+    components: Range
+    """Of v (p,) along an orthonormal basis of the null space of a."""
+    time: Range
+    """s."""
+
+
+def state_ranges(
+    scene: Scene,
+    position: float = 10.0,
+    angle: float = 1.0,
+    speed: float = 5.0,
+    time: float = 10.0,
+) -> StateRanges:
+    """Return what ordinary states of `scene` are drawn from; the arguments are those of `states`."""
+    own = scene.coordinate_ranges()
+    usual = Range(-position, position), Range(-angle, angle)
+    heading = math.pi if own is None else 0.0
+    return StateRanges(
+        own or tuple(usual[flag] for flag in _angles(scene)),
+        Range(-heading, heading),
+        Range(-speed, speed, (scene.p,)),
+        Range(0.0, time if scene.depends_on_time else 0.0),
+    )
+
+
+def _angles(scene: Scene) -> list[bool]:
+    flags = [False] * scene.n
+    flags[scene.angle_coordinates] = [True] * len(flags[scene.angle_coordinates])
+    return flags
+
+
+def ordinary_state(scene: Scene, coordinates, heading: float, components, t: float) -> State:
+    """Return the consistent state of `scene` that these numbers make, see `StateRanges`.
+
+    Raises:
+        RefusedError: no position near the coordinates is closed.
+    """
+    q = np.array(coordinates)
+    if scene.coordinate_ranges() is None:
+        flags = np.array(_angles(scene))
+        q = q + (CURVATURE * np.cumsum(flags) + heading) * flags
+    return _consistent_state(scene, q, components, t)
+
+
+def _consistent_state(scene: Scene, q, components, t: float) -> State:
+    q = closed_position(scene, q, t)
     components, at = np.array(components), Evaluation(scene, q, np.zeros(scene.n), t)
     if at.terms.a is None:
         return State(q, components, t)
     basis = null_space(at.terms.a)[:, : components.size]
     return State(q, consistent_velocity(at, basis @ components[: basis.shape[1]]), t)
+
+
+def _case(make: Callable[..., State], scene: Scene) -> Callable[[Sequence], State]:
+    """Return what makes a state of numbers; of those near which none is closed, no case."""
+
+    def made(numbers: Sequence) -> State:
+        try:
+            return make(scene, *numbers)
+        except RefusedError:
+            reject()
+
+    return made
 
 
 def scene_states(
@@ -269,4 +313,5 @@ def hostile_states(scene: Scene) -> SearchStrategy[State]:
     )
     straight = st.floats(-math.pi, math.pi).map(lambda x: [x] * scene.n)
     anywhere = _vector(st.floats(-1e9, 1e9), scene.n)
-    return st.builds(lambda q, c: _state(scene, q, c, 0.0), straight | anywhere, components)
+    numbers = st.tuples(straight | anywhere, components, st.just(0.0))
+    return numbers.map(_case(_consistent_state, scene))
