@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 import eomcheck
 from eomcheck import strategies
 from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.strata import scene_cases
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform
@@ -67,8 +68,7 @@ def test_ml_and_kane_refuse_a_wheel_across_its_link_and_nobody_else():
 
 def test_at_least_95_percent_of_ordinary_states_are_solved_by_all_formulations(links, examples):
     run, selection = Run(), Selection.of(engines=[], claims=["coverage"])
-    drawn = strategies.scene_states(strategies.snakes(*links))
-    run.explore(drawn, selection, examples or 200, seed=0)
+    run.explore(scene_cases(Snake, links, examples or 200, seed=0), selection)
     (finding,) = run.finish(selection)
     print(finding.detail)
     assert finding.verdict == "passed", finding.detail

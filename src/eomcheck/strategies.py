@@ -208,7 +208,7 @@ def state_ranges(
     speed: float = 5.0,
     time: float = 10.0,
 ) -> StateRanges:
-    """Return what ordinary states of `scene` are drawn from; the arguments are those of `states`."""
+    """Return what ordinary states of `scene` are drawn from; for arguments see `states`."""
     own = scene.coordinate_ranges()
     usual = Range(-position, position), Range(-angle, angle)
     heading = math.pi if own is None else 0.0

@@ -15,6 +15,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.draws import UNHURRIED
 from eomcheck.scenes import SCENES, Snake
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
@@ -123,7 +124,14 @@ def drawn(strategy, count: int) -> list:
     """Return what hypothesis draws from `strategy`, the same every time."""
     found = []
 
-    @settings(max_examples=count, derandomize=True, database=None, phases=[Phase.generate])
+    @settings(
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=UNHURRIED,
+        deadline=None,
+    )
     @given(strategy)
     def collect(case):
         found.append(case)
@@ -219,6 +227,96 @@ def test_scene_states_draws_the_states_of_the_scene_drawn():
     cases = drawn(strategies.scene_states(strategies.snakes()), 20)
     assert all(state.q.size == scene.n for scene, state in cases)
     assert len({scene.links for scene, _ in cases}) > 1
+
+
+# ---- Variety -------------------------------------------------------------------------------------
+
+MANY = 1000
+
+
+def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> None:
+    """Assert that every entry of arrays changes and comes from all thirds of [low, high]."""
+    for i, entry in enumerate(values.reshape(len(values), -1).T):
+        assert len(np.unique(entry)) > 20, f"{name}, entry {i}, hardly changes"
+        thirds = np.histogram(entry, 3, (low, high))[0]
+        assert (thirds > 0).all(), f"{name}, entry {i}: {thirds}"
+        assert {np.sign(x) for x in (low, high) if x} <= set(np.sign(entry)), name
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_scenes_of_every_kind_are_varied(kind):
+    scenes = drawn(strategies.scenes(kind, 3, 3), MANY if kind is Snake else 200)
+    for name, one in kind.ranges(3 if kind.has_links else None).items():
+        there = [x for scene in scenes if (x := getattr(scene, name)) is not None]
+        assert (len(there) < len(scenes)) == one.optional, name
+        assert_varied(np.array(there), one.low, one.high, name)
+
+
+def test_in_a_thousand_snakes_all_links_differ():
+    snakes = drawn(strategies.snakes(4, 4), MANY)
+    for name in ("mass", "length", "inertia", "stiffness", "damping", "wheel_angle"):
+        there = np.array([x for snake in snakes if (x := getattr(snake, name)) is not None])
+        for i in range(there.shape[1]):
+            for j in range(i):
+                share = np.mean(there[:, i] != there[:, j])
+                assert share > 0.5, f"{name} of links {i} and {j} differ in {share:.0%}"
+
+
+def test_a_thousand_snakes_have_every_number_of_links():
+    assert {snake.links for snake in drawn(strategies.snakes(1, 8), MANY)} == set(range(1, 9))
+
+
+def test_a_thousand_states_are_varied_and_seldom_at_rest():
+    states = drawn(strategies.states(Snake.coil(3)), MANY)
+    q, v = (np.array([getattr(state, name) for state in states]) for name in ("q", "v"))
+    assert_varied(q[:, :2], -10.0, 10.0, "position")
+    assert_varied(q[:, 2:], -math.pi, math.pi, "angle")
+    assert_varied(v, -3.0, 3.0, "velocity")
+    assert np.mean(v.any(axis=1)) > 0.75
+    assert {state.t for state in states} == {0.0}
+
+
+def test_symmetries_move_most_of_what_is_drawn():
+    cases = drawn(strategies.scene_states(strategies.snakes(2, 4)), 200)
+    moved: dict[str, list[bool]] = {}
+    for scene, (q, v, _) in cases:
+        for one in scene.symmetries(q, v):
+            away = np.abs(one.q - q).max() > 1e-3 or repr(one.scene) != repr(scene)
+            moved.setdefault(one.name, []).append(away)
+    assert moved
+    for name, each in moved.items():
+        assert np.mean(each) > 0.75, name
+
+
+def test_a_thousand_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds():
+    snakes = drawn(strategies.hostile_snakes(2, 2), MANY)
+    for name in ("mass", "length"):
+        decades = np.log10([getattr(snake, name) for snake in snakes])
+        assert_varied(decades, -8.0, 8.0, name)
+    for name, high in (("inertia", 8.0), ("stiffness", 12.0), ("damping", 12.0)):
+        there = [x for snake in snakes if (x := getattr(snake, name)) is not None]
+        assert (len(there) < MANY) == (name != "inertia")
+        entries = np.array(there).ravel()
+        assert (entries == 0).any()
+        assert_varied(np.log10(entries[entries > 0]), -8.0, high, name)
+    wheels = np.array([snake.wheel_angle for snake in snakes]).ravel()
+    from_across = np.abs(np.abs(wheels) - math.pi / 2)
+    assert {bool(x) for x in np.signbit(wheels[wheels == 0])} == {True, False}
+    for side in (wheels > 0, wheels < 0):
+        assert (from_across[side] == 0).any()
+        assert ((from_across > 0) & (from_across < 1e-8))[side].any()
+        assert ((from_across > 1e-8) & (from_across < 0.1))[side].any()
+        assert (from_across[side] > 0.5).any()
+
+
+def test_a_thousand_hostile_states_are_straight_and_bent_slow_and_fast():
+    states = drawn(strategies.hostile_states(Snake.coil(3)), MANY)
+    straight = np.array([np.ptp(state.q[2:]) == 0 for state in states])
+    assert 0.1 < straight.mean() < 0.9
+    assert_varied(np.array([s.q[2] for s in states])[straight], -math.pi, math.pi, "angle")
+    assert max(np.abs(state.q).max() for state in states) > 1e8
+    speed = np.array([np.abs(state.v).max() for state in states])
+    assert (speed == 0).any() and (speed[speed > 0] < 1e-100).any() and (speed > 1e100).any()
 
 
 # ---- Hostile cases -------------------------------------------------------------------------------

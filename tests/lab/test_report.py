@@ -155,7 +155,7 @@ def test_of_a_cell_in_two_files_the_last_counts(tmp_path: Path):
 
 def test_there_is_a_section_only_where_there_is_data(good: Path, tmp_path: Path):
     assert {one.id for one in sections_of(Overview(read([good])))} == {
-        *("digits", "work-precision", "stability", "operations", "paper")
+        *("digits", "strata", "work-precision", "stability", "operations", "paper")
     }
     reports.counted(tmp_path / "r.db")
     assert [one.id for one in sections_of(Overview(read([tmp_path / "r.db"])))] == ["operations"]

@@ -1,7 +1,7 @@
 """Run the claims: on one state, on random states of a scene, on random scenes.
 
-hypothesis draws the cases. When a claim fails it also shrinks: the last Finding is then the
-smallest case found on which that same claim still fails.
+Cases are drawn by strata. When a claim fails hypothesis looks for smaller ones: the last Finding is
+then the smallest case found on which that same claim fails.
 """
 
 from __future__ import annotations
@@ -10,22 +10,28 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import hypothesis
 from hypothesis import HealthCheck, Phase, Verbosity
+from hypothesis.errors import Unsatisfiable
 from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.shapes import check_shapes
+from eomcheck.claims.strata import links_of, measured, scene_cases, state_cases
 from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import distinct, named, whole_number
+from eomcheck.errors import distinct, named
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.scenes import Snake
+
+TRIES = 50
+"""Cases looked at in search of a smaller one that fails, those met while shrinking not counted."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ class Run:
         findings: every Finding, in the order made.
         seconds: time spent per claim.
         ends: number of findings there were after each state looked at.
-        drawn: the states that hypothesis drew, and who refused them.
+        drawn: the states drawn, and who refused them.
         refused: keys of the formulations that refused the last state looked at.
         minimal: the smallest failing case, if a claim failed.
     """
@@ -83,6 +89,11 @@ class Run:
         """Number of states looked at."""
         return len(self.ends)
 
+    @property
+    def strata(self) -> dict[str, dict[str, int]]:
+        """Number of drawn states in each stratum, see `eomcheck.claims.strata.measured`."""
+        return measured((one.scene, one.state) for one in self.drawn)
+
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
         case = _case(scene, state, selection)
@@ -98,53 +109,32 @@ class Run:
 
     def explore(
         self,
-        cases: SearchStrategy[tuple[Scene, State]],
+        cases: Iterable[tuple[Scene, State]],
         selection: Selection,
-        examples: int,
-        seed: int,
         on_case: Callable[[], None] = lambda: None,
+        smaller: Callable[[Scene], SearchStrategy[tuple[Scene, State]]] | None = None,
+        seed: int = 0,
     ) -> None:
-        """Look at `examples` drawn cases; stop at the first failure and shrink it.
+        """Look at cases; stop at the first failure and look for the smallest.
 
-        Raises:
-            InputError: `examples` is less than 1, or `seed` no whole number.
+        Args:
+            cases: drawn cases.
+            selection: what takes part.
+            on_case: called after each case.
+            smaller: the cases among which a smaller one is looked for, given a scene that fails.
+            seed: of that search.
         """
-        examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
-        failing: str | None = None
-
-        def examine(drawn: tuple[Scene, State]) -> None:
-            nonlocal failing
-            if failing is None:
-                new = self.look_at(*drawn, selection)
-                scene, state = drawn
-                state = (new[0].state if new else None) or state
-                self.drawn.append(Drawn(scene, state, self.refused))
-                on_case()
-            else:
-                new = _case(*drawn, selection).look(CLAIMS[failing])
-            for finding in new:
-                if finding.verdict == "failed":
-                    failing = finding.claim
-                    raise _Falsified(finding)
-
-        settings = hypothesis.settings(
-            max_examples=examples,
-            database=None,
-            deadline=None,
-            derandomize=False,
-            report_multiple_bugs=False,
-            suppress_health_check=[
-                HealthCheck.too_slow,
-                HealthCheck.data_too_large,
-                HealthCheck.large_base_example,
-            ],
-            phases=(Phase.generate, Phase.shrink),
-            verbosity=Verbosity.quiet,
-        )
-        try:
-            hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
-        except _Falsified as falsified:
-            self.minimal = falsified.finding
+        for scene, state in cases:
+            new = self.look_at(scene, state, selection)
+            state = (new[0].state if new else None) or state
+            self.drawn.append(Drawn(scene, state, self.refused))
+            on_case()
+            failed = next((finding for finding in new if finding.verdict == "failed"), None)
+            if failed is not None:
+                self.minimal = failed
+                if smaller is not None:
+                    self.minimal = _smallest(failed, smaller(scene), selection, seed)
+                return
 
     def look_at_kind(
         self,
@@ -155,7 +145,7 @@ class Run:
         seed: int,
         on_case: Callable[[], None] = lambda: None,
     ) -> None:
-        """Look at the example of a kind, at rest and moving, and at `examples` random scenes.
+        """Look at the example of a kind, as it begins and moving, and at `examples` random scenes.
 
         Args:
             kind: the kind of scene.
@@ -164,19 +154,20 @@ class Run:
             examples: number of random scenes, each in one state.
             seed: of the draws.
             on_case: called after each case.
+
+        Raises:
+            InputError: see `eomcheck.claims.strata.scene_cases`.
         """
         example = kind.example()
         self.look_at(example, State(*example.initial_state()), selection)
         on_case()
-        # hypothesis tries what is simplest first: a state at rest.
-        states = strategies.states(example).filter(
-            lambda state: bool(state.v.any()) or example.p == 0
-        )
-        moving = states.map(lambda state: (example, state))
-        self.explore(moving, selection, 1, seed, on_case)
-        if self.minimal is None:
-            drawn = strategies.scene_states(strategies.scenes(kind, *links))
-            self.explore(drawn, selection, examples, seed, on_case)
+        drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
+
+        def smaller(failed: Scene) -> SearchStrategy[tuple[Scene, State]]:
+            most = max(links[0], min(links[1], links_of(failed) or links[1]))
+            return strategies.scene_states(strategies.scenes(kind, links[0], most))
+
+        self.explore(drawn, selection, on_case, smaller, seed)
 
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
@@ -187,10 +178,51 @@ class Run:
         return self.findings
 
 
+def _states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
+    return strategies.states(scene).map(lambda state: (scene, state))
+
+
 class _Falsified(AssertionError):
     def __init__(self, finding: Finding):
         self.finding = finding
         super().__init__(str(finding))
+
+
+def _smallest(
+    failed: Finding,
+    cases: SearchStrategy[tuple[Scene, State]],
+    selection: Selection,
+    seed: int,
+) -> Finding:
+    """Return the smallest failure of the same claim among `cases`, or the one there is."""
+
+    def examine(drawn: tuple[Scene, State]) -> None:
+        for finding in _case(*drawn, selection).look(CLAIMS[failed.claim]):
+            if finding.verdict == "failed":
+                raise _Falsified(finding)
+
+    settings = hypothesis.settings(
+        max_examples=TRIES,
+        database=None,
+        deadline=None,
+        derandomize=False,
+        report_multiple_bugs=False,
+        suppress_health_check=[
+            HealthCheck.too_slow,
+            HealthCheck.data_too_large,
+            HealthCheck.large_base_example,
+            HealthCheck.filter_too_much,
+        ],
+        phases=(Phase.generate, Phase.shrink),
+        verbosity=Verbosity.quiet,
+    )
+    try:
+        hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
+    except _Falsified as falsified:
+        return falsified.finding
+    except Unsatisfiable:
+        pass  # none of them could be closed
+    return failed
 
 
 def _case(scene: Scene, state: State, selection: Selection) -> Case:
@@ -271,5 +303,6 @@ def validate(
     selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), selection)
-    run.explore(strategies.states(scene).map(lambda s: (scene, s)), selection, examples, seed)
+    drawn = state_cases(scene, examples, seed)
+    run.explore(drawn, selection, smaller=_states_of, seed=seed)
     return run.finish(selection)

@@ -43,7 +43,7 @@ def validate(
     links: Annotated[
         str | None, typer.Option(help="Number of links of the random scenes, N or N..M. [1..12]")
     ] = None,
-    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 60,
+    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 120,
     seed: Seed = 0,
     engine: Annotated[
         list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")

@@ -124,6 +124,20 @@ def _digits(digits: list[float]) -> str:
     return f"{min(digits):.1f} ({median(digits):.1f})" if digits else "·"
 
 
+def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet:
+    """Return the strata that were drawn from.
+
+    Args:
+        strata: key of a kind of scene -> name of a stratum -> way -> number of states.
+    """
+    rows = [
+        (scene, name, ", ".join(f"{way} {states}" for way, states in ways.items()))
+        for scene, of in strata.items()
+        for name, ways in of.items()
+    ]
+    return Sheet("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
+
+
 # ---- On a terminal -------------------------------------------------------------------------------
 
 
@@ -150,6 +164,7 @@ def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
     else:
         sheet = scene_sheet(claims, runs).without("statement", "evidence")
         print_sheets([sheet, Sheet("runs", "What was looked at", ("", *runs), _totals(runs))])
+    print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
     print_failures(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
@@ -241,6 +256,7 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
             id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
             for id in selection.claims
         },
+        "strata": _strata(runs),
         "cases": cases,
         "findings": rows,
         "minimal": minimal[0] if minimal else None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from eomcheck.lab.report.findings import digits_sheet
+from eomcheck.lab.report.findings import digits_sheet, strata_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
@@ -32,9 +32,10 @@ class Section(NamedTuple):
 
 def sections_of(overview: Overview) -> list[Section]:
     """Return the sections for which there is data."""
-    digits = _digits(overview)
-    studies = [_of_study(key, overview) for key in STUDIES if overview.of(key)]
-    return [*([digits] if digits.tables[0].rows else []), *studies]
+    found = [
+        section for section in (_digits(overview), _strata(overview)) if section.tables[0].rows
+    ]
+    return [*found, *(_of_study(key, overview) for key in STUDIES if overview.of(key))]
 
 
 def _of_study(key: str, overview: Overview) -> Section:
@@ -56,4 +57,21 @@ def _digits(overview: Overview) -> Section:
         "arithmetic: the worst state, and in brackets the median. States whose acceleration is no "
         "larger than its rounding error are left out.",
         [sheet],
+    )
+
+
+def _strata(overview: Overview) -> Section:
+    """Return the states in each stratum of each scene."""
+    strata: dict[str, dict[str, dict[str, int]]] = {}
+    for run in overview.runs:
+        names = ("strata", "ways", "states in them")
+        for name, way, states in zip(*(run.series.get(x, ()) for x in names), strict=True):
+            of = strata.setdefault(run.settings["scene"], {})
+            of.setdefault(name, {})[way] = states
+    return Section(
+        "strata",
+        "States drawn",
+        "How many of the states drawn at random are of which kind. Every pair of kinds is drawn at "
+        "least once where there are draws enough; a kind with no state was not looked at.",
+        [strata_sheet(strata)],
     )

@@ -15,6 +15,7 @@ from typing import Any
 
 from eomcheck.claims.finding import Finding, Proof, python_of, ratio
 from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
@@ -91,11 +92,6 @@ class Kept:
         sizes = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): {sizes}"
         return f"{about}; {self.detail}" if self.detail else about
-
-
-def links_of(scene: Scene) -> int | None:
-    """Return the number of links of a scene, None if it has none to choose."""
-    return getattr(scene, "links", None) if scene.has_links else None
 
 
 def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> list[Kept]:
@@ -288,12 +284,16 @@ class Keeper:
             return
         run, selection = self._run, self._selection
         counts = self._asked | {"states": run.cases}
+        strata = [(name, *one) for name, of in run.strata.items() for one in of.items()]
         series = {
             "formulations": [formulation.key for formulation in selection.formulations],
             "engines": [engine.key for engine in selection.engines],
             "engine versions": [engine.version() for engine in selection.engines],
             "claims": list(selection.claims),
             "seconds": [run.seconds.get(one, 0.0) for one in selection.claims],
+            "strata": [name for name, _, _ in strata],
+            "ways": [way for _, way, _ in strata],
+            "states in them": [states for _, _, states in strata],
         }
         where = {"scene": self._kind.key}
         self._records.add(Record(RUNS, where, status, reason, counts=counts, series=series))

@@ -7,15 +7,16 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from statistics import median
 
-from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.strata import scene_cases
 from eomcheck.console import progress
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Settings
 from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.scenes import Snake
 
 
 def cells(
@@ -33,9 +34,9 @@ def cells(
 def _ratios(settings: Settings) -> Record:
     """Find, per claim, observed / (κ ε scale) of every conclusive Finding."""
     run, selection, examples = Run(), Selection.of(), settings["examples"]
-    drawn = strategies.scene_states(strategies.snakes(*settings["links"]))
+    links, seed = settings["links"], settings["seed"]
     with progress("measuring", examples) as advance:
-        run.explore(drawn, selection, examples, settings["seed"], advance)
+        run.explore(scene_cases(Snake, links, examples, seed), selection, advance)
     ratios: dict[str, list[float]] = defaultdict(list)
     for finding in run.findings:
         if finding.verdict != "inconclusive" and finding.claim != "refusals":
