@@ -256,7 +256,7 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
             id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
             for id in selection.claims
         },
-        "strata": _strata(runs),
+        "strata": {run.drawn[0].scene.key: run.strata for run in runs if run.drawn},
         "cases": cases,
         "findings": rows,
         "minimal": minimal[0] if minimal else None,

@@ -32,10 +32,8 @@ class Section(NamedTuple):
 
 def sections_of(overview: Overview) -> list[Section]:
     """Return the sections for which there is data."""
-    found = [
-        section for section in (_digits(overview), _strata(overview)) if section.tables[0].rows
-    ]
-    return [*found, *(_of_study(key, overview) for key in STUDIES if overview.of(key))]
+    drawn = [one for one in (_digits(overview), _strata(overview)) if one.tables[0].rows]
+    return [*drawn, *(_of_study(key, overview) for key in STUDIES if overview.of(key))]
 
 
 def _of_study(key: str, overview: Overview) -> Section:
