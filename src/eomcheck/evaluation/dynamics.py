@@ -143,14 +143,29 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
     step = np.inf
     for _ in range(CLOSING_STEPS):
         at = Evaluation(scene, q, v, t)
-        residual = at.call(scene.position_residual, at.parameters, at.prepared, at.q)
+        residual = position_residual(at)
         rates = at.terms.a[scene.holonomic]
         last, correction = step, np.linalg.lstsq(rates, residual, rcond=None)[0]
         step, q = largest(correction), q - correction
         # Steps shrink until nothing but rounding is left.
         if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
-            return q
+            # Or they vanish where no direction closes the gap.
+            gap, allowed = closing_error(Evaluation(scene, q, v, t))
+            if gap <= allowed:
+                return q
+            break
     raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
+
+
+def position_residual(at: Evaluation) -> Array:
+    """Return how far the holonomic constraints are from being closed (h,), m."""
+    return at.call(at.scene.position_residual, at.parameters, at.prepared, at.q)
+
+
+def closing_error(at: Evaluation) -> tuple[float, float]:
+    """Return the largest gap of the holonomic constraints, and what rounding allows of it, m."""
+    sensitivity = sensitivity_of(at, position_residual, coordinates=True)
+    return largest(position_residual(at)), allowed_error(sensitivity)
 
 
 def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
