@@ -113,7 +113,7 @@ def test_a_campaign_goes_on_where_it_was_stopped(tmp_path: Path):
     first = campaign([STALLED], Kept(path), 1, tell=tell)
     assert [result.outcome for result in first] == ["named", "named"]
     with path.open("a") as file:
-        file.write('{"key": "cut off')
+        file.write('["cut off", [{"id"')
     said.clear()
     both = campaign([STALLED, UNSEEN], Kept(path), 2, tell=tell)
     assert len(said) == 1 and "survived" in said[0]

@@ -38,7 +38,7 @@ PLANTED = "tests/claims/test_planted_faults.py::test_a_planted_fault_is_caught_a
 """Plants the faults of scenes and formulations itself, and passes if each is named."""
 NOTHING_RUN = (4, 5)
 """Exit codes of pytest for arguments that name no test."""
-NEW_SOURCE = "the source as it is"
+AS_IT_IS = "the source as it is"
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def unplanted(catcher: str, longest: float = LONGEST) -> Result:
     start = time.perf_counter()
     code, said = run(command_of(catcher), PACKAGE, longest)
     outcome = "named" if code == 0 else "error"
-    return Result(catcher, NEW_SOURCE, outcome, time.perf_counter() - start, said[-2000:])
+    return Result(catcher, AS_IT_IS, outcome, time.perf_counter() - start, said[-2000:])
 
 
 def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
@@ -167,27 +167,27 @@ def all_sources() -> str:
 
 
 class Kept:
-    """Results in a file of lines, each with the digest of what it depends on."""
+    """Results in a file of lines, each with the digest of what they depend on."""
 
     def __init__(self, path: Path):
         self.path = path
-        self.known: dict[str, Result] = {}
+        self.known: dict[str, list[Result]] = {}
         if path.is_file():
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
-                    row = json.loads(line)
-                    key = row.pop("key")
-                    self.known[key] = Result(**row)
-                except (ValueError, TypeError, KeyError):  # the line at which a run was killed
+                    key, rows = json.loads(line)
+                    self.known[key] = [Result(**row) for row in rows]
+                except (ValueError, TypeError):  # the line at which a run was killed
                     continue
 
-    def add(self, key: str, result: Result) -> None:
-        """Keep a result."""
-        self.known[key] = result
+    def add(self, key: str, results: list[Result]) -> None:
+        """Keep what came of one job."""
+        self.known[key] = results
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        row = json.dumps([key, [asdict(result) for result in results]])
         with self.path.open("a", encoding="utf-8") as file:
             # On a line of its own, whatever was cut off before.
-            file.write("\n" + json.dumps({"key": key} | asdict(result)) + "\n")
+            file.write(f"\n{row}\n")
 
 
 def campaign(
@@ -204,30 +204,30 @@ def campaign(
     Catchers are run on the source as it is, too, unless all tests are known to be `passing`.
     """
     now = all_sources()
-    work: dict[str, tuple[str, Callable[[], list[Result]]]] = {}
+    work: dict[str, Callable[[], Iterable[Result]]] = {}
+    names: dict[str, str] = {}
+    if planted is not None:
+        work[now] = planted
+        names[now] = "faults of scenes and formulations"
     for catcher in () if passing else dict.fromkeys(one.catcher for one in chosen):
-        key = digest(NEW_SOURCE, catcher, files_of(catcher), now)
-        work[f"{NEW_SOURCE}: {catcher}"] = key, lambda c=catcher: [unplanted(c)]
+        key = digest(AS_IT_IS, catcher, files_of(catcher), now)
+        work[key] = lambda c=catcher: [unplanted(c)]
+        names[key] = f"{AS_IT_IS}: {catcher}"
     for one in chosen:
         key = digest(repr(one), (PACKAGE / one.file).read_bytes(), files_of(one.catcher))
-        work[one.id] = key, lambda m=one: [attempt(m)]
-    results: list[Result] = []
-    if planted is not None:
-        results += planted()
-        tell(f"{len(results)} faults of scenes and formulations: {_counted(results)}")
-    left = {name: job for name, job in work.items() if job[0] not in kept.known}
-    results += [kept.known[key] for name, (key, _) in work.items() if name not in left]
+        work[key] = lambda m=one: [attempt(m)]
+        names[key] = one.id
+    results = [result for key in work for result in kept.known.get(key, ())]
+    left = {key: job for key, job in work.items() if key not in kept.known}
     with ThreadPoolExecutor(jobs) as pool:
-        running = {pool.submit(job): (name, key) for name, (key, job) in left.items()}
+        running = {pool.submit(job): key for key, job in left.items()}
         try:
             for count, done in enumerate(as_completed(running), 1):
-                name, key = running[done]
-                (result,) = done.result()
-                if result.outcome != "error":
-                    kept.add(key, result)
-                results.append(result)
-                said = f"{result.outcome:8} {result.seconds:5.1f} s  {name}"
-                tell(f"[{count}/{len(left)}] {said}")
+                key, found = running[done], list(done.result())
+                if all(result.outcome != "error" for result in found):
+                    kept.add(key, found)
+                results += found
+                tell(f"[{count}/{len(left)}] {_counted(found)}: {names[key]}")
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
