@@ -140,7 +140,7 @@ def test_negative_seeds_are_seeds_of_their_own():
 
 def test_a_scene_that_cannot_be_closed_is_said(monkeypatch: pytest.MonkeyPatch):
     def refuse(*arguments):
-        raise RefusedError("loops", 0.0, 1.0)
+        raise RefusedError("loops", 0.0, 1.0, "the loops are open")
 
     monkeypatch.setattr(module, "ordinary_state", refuse)
     with pytest.raises(InputError, match="no position near any of 100 draws is closed; snake"):
