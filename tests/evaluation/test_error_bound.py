@@ -1,0 +1,185 @@
+"""Each part of the estimate of rounding errors is needed: a state at which the rest does not do.
+
+Elsewhere: what underflows (`test_certified`), and the sizes of noise (`tests/numbers/test_noise`).
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.claims import CLAIMS, Case
+from eomcheck.evaluation import sensitivity
+from eomcheck.evaluation.certified import true_error, true_state
+from eomcheck.evaluation.doubles import Evaluation, violation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers import linear
+from eomcheck.scenes import Snake
+
+
+def bound(at: Evaluation, key: str, without: AbstractContextManager | None = None) -> float:
+    """Return the error bound at a state, on request without a part of the estimate."""
+    fresh = Evaluation(at.scene, at.q, at.v)
+    with without or nullcontext():
+        return allowed_error(acceleration_sensitivity(fresh, FORMULATIONS[key]))
+
+
+def error(at: Evaluation, key: str, truth: eomcheck.Enclosure) -> float:
+    """Return the true error."""
+    return largest(true_error(at.acceleration(FORMULATIONS[key]).vdot, truth))
+
+
+# ---- How far a result moves ----------------------------------------------------------------------
+
+
+def size_alone(at, quantity, coordinates=False, solved=False):
+    found = sensitivity_of(at, quantity, coordinates, solved)
+    return largest(np.asarray(quantity(at))) if np.isfinite(found) else found
+
+
+@pytest.mark.parametrize("key", ["el", "em"])
+def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constraints(key: str):
+    snake = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], [3.0], [0.25, 0.0])
+    truth, at = true_state(snake, [0, 0, 0.5, 0.75 + 1e-4], [1.0, 0.5])
+    alone = bound(at, key, patch.object(sensitivity, "sensitivity_of", size_alone))
+    assert 10 * alone < error(at, key, truth) < bound(at, key)
+
+
+# ---- What elimination does to each right-hand side -----------------------------------------------
+
+
+class NoFactors(linear.Factors):
+    def times(self, x):
+        return np.zeros_like(x)
+
+
+def without_factors(*arguments, solve=linear._moved_solve):
+    """Solve with A, b and x moved alone; condition numbers are as they are."""
+    with patch.object(linear, "Factors", NoFactors):
+        return solve(*arguments)
+
+
+def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
+    """Three links in a line, wheels straight: what the right-hand sides give cancels."""
+    snake = Snake(
+        [0.12689859050047594, 0.005748741466433394, 0.22307883519189656],
+        [4.355577307228323, 0.003376641422144537, 0.002840447344467551],
+        [0.0001578580366471679, 11.930515385886766, 0.006933660889087129],
+        None,
+        [0.0, 7.272740609397704e-10, -9.808007512794337e-11],
+    )
+    theta = [1.0723342844630022, 1.0723342851902762, 1.0723342843649222]
+    u = [-0.00514349662516115, 0.0003286950600909576]
+    truth, at = true_state(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
+    alone = bound(at, "au", patch.object(linear, "_moved_solve", without_factors))
+    assert alone < error(at, "au", truth) < bound(at, "au")
+
+
+# ---- Velocities that violate the constraints, within what is let pass ----------------------------
+
+
+def entries_alone(at, noise):
+    return noise.entries(at.v) - at.v
+
+
+SLIPPING = [
+    (
+        Snake([5.43, 0.14], [0.23, 0.38], [0.298, 0.005], None, [-0.5, 0.0]),
+        [0.0, 0.0, 1.6, 1.1005502241332392],
+        [-0.12458373999269806, -0.2670264135119646, 0.0999999999999924, -0.0540015724621517],
+    ),
+    (
+        Snake([8.01, 0.69, 0.15], [0.24, 6.68, 0.1], [0.676, 0.22, 0.01], None, [1.1, -1.1, 0.7]),
+        [0.0, 0.0, -0.20000000000000007, 2.076392266200999, 0.3527845324019979],
+        [
+            *[0.14816231334956362, 0.27427337126649176],
+            *[-1.0000000000001452, 0.04051096916816206, -1.9046370231731138],
+        ],
+    ),
+    (
+        Snake([2.72, 6.63, 9.69], [4.88, 2.5, 0.15], [0.001, 0.051, 0.664], None, [1.3, 0.2, -0.7]),
+        [0.0, 0.0, -2.0, -1.0, -0.5],
+        [
+            *[1.384943399481547, -0.39848430326723216],
+            *[-0.9000000000001245, 0.7147305147999987, 2.8293355677200536],
+        ],
+    ),
+]
+"""Ordinary scenes, and velocities that the check of consistency only just lets pass."""
+
+
+def apart(at: Evaluation) -> float:
+    """Return how far two accelerations differ, of which one reads all of v and one only its u."""
+    au, kane = (at.acceleration(FORMULATIONS[key]).vdot for key in ("au", "kane"))
+    return largest(au - kane)
+
+
+@pytest.mark.parametrize(("snake", "q", "v"), SLIPPING)
+def test_formulations_agree_at_any_velocity_that_is_let_pass(snake: Snake, q: list, v: list):
+    at = Evaluation(snake, q, v)
+    check_consistent(at)
+    residual, allowed = violation(at, at.v)
+    assert largest(residual / allowed) > 0.9
+    assert 1.5 * apart(at) < bound(at, "au") + bound(at, "kane")
+    found = Case(at, (FORMULATIONS["au"], FORMULATIONS["kane"]), ()).look(CLAIMS["equivalence"])
+    assert {f.verdict for f in found} == {"passed"}
+
+
+@pytest.mark.parametrize(("snake", "q", "v"), SLIPPING[1:])
+def test_changes_of_the_entries_of_v_alone_do_not_explain_how_they_differ(snake, q, v):
+    at = Evaluation(snake, q, v)
+    alone = [
+        bound(at, key, patch.object(sensitivity, "_change_of_velocity", entries_alone))
+        for key in ("au", "kane")
+    ]
+    assert sum(alone) < apart(at)
+
+
+# ---- Matrices of which nothing is left -----------------------------------------------------------
+
+
+def at_rest(snake: Snake, *theta: float) -> Evaluation:
+    """Return a snake without springs at rest: whatever the matrix, 0 solves the equations."""
+    return Evaluation(snake, [0, 0, *theta], np.zeros(2 + len(theta)))
+
+
+@pytest.mark.parametrize(
+    ("at", "key"),
+    [
+        (at_rest(Snake([1.52], [1e8], [0.178], None, [-0.88]), 1.41), "ml"),
+        (
+            at_rest(
+                Snake([0.53, 1.8], [0.86, 1.12], [0.186, 0.195], None, [0.0, 0.0]),
+                *(2.8199999999999945, 2.819999999987761),
+            ),
+            "el",
+        ),
+    ],
+)
+def test_a_determinant_that_rounding_decides_leaves_no_bound(at: Evaluation, key: str):
+    without = patch.object(sensitivity, "_determined", lambda *_: True)
+    assert bound(at, key) == np.inf
+    assert bound(at, key, without) < UNDERFLOW
+
+
+def test_a_condition_number_that_leaves_three_digits_of_none_leaves_no_bound():
+    snake = Snake([1.85, 1.17], [1.7, 0.93], [0.129, 0.197], None, [-0.38, 0.66])
+    at = at_rest(snake, -2.5099999999618037, -3.549999999991267)
+    rcond = min(at.acceleration(FORMULATIONS["el"]).rcond.values())
+    assert allowed_error(1 / rcond) > INCONCLUSIVE
+    assert bound(at, "el") == np.inf
+    determined = sensitivity._determined
+
+    def as_it_is(*arguments) -> bool:
+        with patch.object(sensitivity, "INCONCLUSIVE", INCONCLUSIVE):
+            return determined(*arguments)
+
+    with patch.object(sensitivity, "_determined", as_it_is):
+        assert bound(at, "el", patch.object(sensitivity, "INCONCLUSIVE", np.inf)) < UNDERFLOW
