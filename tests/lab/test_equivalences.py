@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from tests import reports
 
+import eomcheck
 from eomcheck import CLAIMS
 from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
@@ -16,13 +17,14 @@ from eomcheck.lab.report.equivalences import (
     RUN,
     independent_of_run,
     named_tests,
+    other_data,
     write_equivalences,
 )
 from eomcheck.lab.report.judged import ranges
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Records
-from eomcheck.scenes import SCENES
+from eomcheck.scenes import SCENES, Sleigh
 
 ROOT = Path(__file__).parents[2]
 PAGE, SUITE = ROOT / "docs" / "verified-equivalences.md", ROOT / "validation"
@@ -66,6 +68,39 @@ def test_the_page_is_the_one_that_the_suite_makes(small: Path, tmp_path: Path):
     assert stored.keys() - BY_CHANCE == CLAIMS.keys() - BY_CHANCE | {""}, say
     for name in stored.keys() - BY_CHANCE:
         assert stored[name] == made[name], f"{name}: {say}"
+
+
+def test_what_no_engine_has_from_elsewhere_is_said_to_be_common(small: Path):
+    found = {one.scene: one for one in other_data(Overview(read([small])))}
+    assert found.keys() == SCENES.keys()
+    assert found["snake"].covered == "mass, length, inertia (pinocchio, from the tree)"
+    common = "common mode not covered: stiffness, damping, wheel_angle"
+    assert found["snake"].common == common
+    assert found["sleigh"][1:] == ("mass, inertia, offset (pinocchio, from the tree)", "-")
+    assert found["rolling-disk"].covered == "-", "a disk has no tree"
+    assert "radius" in found["rolling-disk"].common
+
+
+def test_without_an_engine_of_its_own_data_everything_is_common(tmp_path: Path):
+    with Records(tmp_path / "r.db") as records:
+        selection = Selection.of(engines=["casadi"], claims=["mass-matrix"])
+        look_at_kind(Sleigh, Run(), selection, (1, 1), 1, 0, lambda: None, records)
+    (only,) = other_data(Overview(read([tmp_path / "r.db"])))
+    assert only[1:] == ("-", "common mode not covered: mass, inertia, offset")
+
+
+def test_a_mass_that_is_wrong_in_parameters_is_seen_by_an_engine_that_does_not_read_it():
+    class Heavier(Sleigh):
+        def parameters(self, arithmetic):
+            right = super().parameters(arithmetic)
+            return right._replace(mass=1.25 * right.mass)
+
+    for engine, verdict in (("casadi", "passed"), ("pinocchio", "failed")):
+        scene = Heavier()
+        found = eomcheck.check(
+            scene, [0, 0, 0.3], [0, 0, 1], engines=[engine], claims=["mass-matrix"]
+        )
+        assert {finding.verdict for finding in found} == {verdict}, engine
 
 
 def test_a_change_of_the_page_is_seen():

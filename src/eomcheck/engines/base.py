@@ -40,6 +40,10 @@ class Engine(ABC):
     """The formulation whose matrices its constrained solver factorizes: its rounding is of that
     kind."""
 
+    reads_parameters: ClassVar[bool] = True
+    """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: what is
+    wrong there is then wrong on both sides. Otherwise from `Scene.tree`."""
+
     def __init__(self, scene: Scene):
         self.scene = scene
         self.coordinates: Array = np.eye(scene.n)

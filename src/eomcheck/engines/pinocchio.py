@@ -21,6 +21,7 @@ class PinocchioEngine(Engine):
 
     key = "pinocchio"
     solves_like = "gw"
+    reads_parameters = False
 
     def __init__(self, scene: Scene):
         super().__init__(scene)

@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.strata import links_of
+from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
 from eomcheck.files import write_text
 from eomcheck.lab.report.findings import evidence_sheet
@@ -26,6 +31,43 @@ from eomcheck.scenes import SCENES
 PROVED = LEVELS[0]
 RUN = "## The run"
 """Heading of the section that is about one run alone."""
+
+
+class OtherData(NamedTuple):
+    """How the parameters of a kind of scene are seen to be the right ones in its equations."""
+
+    scene: str
+    covered: str
+    """Those that an engine takes from elsewhere, and the engine."""
+    common: str
+    """Those that both derivations take from `parameters()`."""
+
+
+def other_data(overview: Overview) -> Iterator[OtherData]:
+    """Yield, per scene validated, which of its parameters an engine has by another way.
+
+    Those are the parameters that change the scene's `tree()`, if an engine that is built of the
+    tree took part.
+    """
+    for run in overview.runs:
+        if (kind := SCENES.get(run.settings["scene"])) is None:
+            continue
+        scene: Any = kind.example()
+        names = list(kind.ranges(links_of(scene)))
+        by = [key for key in run.series["engines"] if not ENGINES[key].reads_parameters]
+        seen = [name for name in names if by and _in_tree(scene, name)]
+        common = ", ".join(name for name in names if name not in seen)
+        covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"
+        said = f"common mode not covered: {common}" if common else "-"
+        yield OtherData(kind.key, covered, said)
+
+
+def _in_tree(scene: Any, name: str) -> bool:
+    value, tree = getattr(scene, name), scene.tree()
+    if tree is None or value is None:
+        return False
+    changed = replace(scene, **{name: 1.5 * value + 0.1}).tree()
+    return any(not np.array_equal(x, y) for x, y in zip(tree, changed, strict=True))
 
 
 def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
@@ -53,6 +95,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         evidence=evidence_sheet,
         version=__version__,
         heading=RUN,
+        other_data=list(other_data(overview)),
         commands=list(dict.fromkeys(commands(overview))),
         provenance=list(dict.fromkeys(made(one) for one in of_run)),
         versions={name: version for one in of_run for name, version in one.versions.items()},
