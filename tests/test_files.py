@@ -112,17 +112,22 @@ WRITING = {"write_text", "write_bytes", "savefig", "touch"}
 
 
 def test_every_writer_writes_beside():
-    """Methods that write are called on what `replacing` yields, or in `eomcheck.files`."""
+    """Methods that write are called on what `replacing` yields, or in `eomcheck.files`.
+
+    Proofs alone are appended to a file as they come, which is read again after an interruption.
+    """
     found = set()
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
                 continue
             on, name = node.func.value, node.func.attr
-            modes = [x.value for x in node.args if isinstance(x, ast.Constant)]
-            # What is proved is appended as it comes, and read again after an interruption.
-            opens = name == "open" and any(str(mode)[:1] in {*"wax"} for mode in modes)
+            modes = [ast.unparse(x).strip("'") for x in node.args]
+            opens = name == "open" and any(
+                mode in {"w", "wb", "a", "ab", "x", "mode"} for mode in modes
+            )
             given = [ast.unparse(x) for x in (on, *node.args)]
             if (name in WRITING or opens) and "beside" not in given:
                 found.add((path.relative_to(PACKAGE).as_posix(), name))
-    assert {file for file, _ in found} == {"files.py"}
+    assert {file for file, _ in found} == {"files.py", "lab/proofs.py"}
+    assert {name for file, name in found if file == "lab/proofs.py"} == {"open"}

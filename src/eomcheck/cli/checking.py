@@ -20,6 +20,7 @@ from eomcheck.cli.options import (
     Where,
     check_folder,
     check_output,
+    raise_unread,
     records_or_none,
     records_to_report,
 )
@@ -222,7 +223,8 @@ def report(
     from eomcheck.lab.report.overview import Overview, read
     from eomcheck.lab.report.page import write_page
 
-    overview = Overview(read(records))
+    unread: list[str] = []
+    overview = Overview(read(records, unread), unread)
     for path, write in (
         (html, write_page),
         (markdown, write_markdown),
@@ -233,6 +235,7 @@ def report(
             write(overview, path)
             print(f"written: {path}")
     print(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    raise_unread(overview.unread)
     if overview.verdict == "failed":
         raise typer.Exit(1)
 
@@ -252,13 +255,16 @@ def export_records(
     from eomcheck.lab.report.records import record_sheet
     from eomcheck.lab.store.records import Records
 
-    with Records(records, readonly=True) as opened:
+    unread: list[str] = []
+    with Records(records, readonly=True, unread=unread) as opened:
         text = record_sheet(opened.all()).csv()
     if file is None:
         sys.stdout.write(text)
+        raise_unread(unread)
         return
     write_text(file, text)
     print(f"written: {file}")
+    raise_unread(unread)
 
 
 @app.command()

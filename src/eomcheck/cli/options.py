@@ -72,6 +72,13 @@ def check_output(path: Path | None, records: list[Path]) -> None:
             raise InputError(f"{str(path)!r} holds the records themselves")
 
 
+def raise_unread(unread: list[str]) -> None:
+    """Raise InputError, once what can be read is shown, if something could not be read."""
+    if unread:
+        more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
+        raise InputError(f"not all is shown: {unread[0]}{more}")
+
+
 def check_folder(path: Path | None) -> None:
     """Raise InputError unless `path` is a folder that exists; None needs no folder."""
     if path is not None and not path.is_dir():

@@ -158,7 +158,8 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
 
 
 def position_residual(at: Evaluation) -> Array:
-    """Return how far the holonomic constraints are from being closed (h,), m."""
+    """Return how far the holonomic constraints are from being closed (h,), m; there are some."""
+    assert at.scene.position_residual is not None
     return at.call(at.scene.position_residual, at.parameters, at.prepared, at.q)
 
 

@@ -192,7 +192,7 @@ class Proofs:
                 self.seed = header["seed"]
             if header != self._header():
                 raise ValueError
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             self.started_over, self.seed = self._part.exists(), own_seed
             self._begin()
             return
@@ -200,7 +200,7 @@ class Proofs:
         for line in lines:
             try:
                 structure, rows = json.loads(line)
-            except ValueError:  # the line at which a run was killed
+            except (ValueError, RecursionError):  # the line at which a run was killed
                 continue
             if structure in wanted:
                 self.findings[structure] = [Kept.read(row) for row in rows]

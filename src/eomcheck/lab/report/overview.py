@@ -14,14 +14,18 @@ from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.judged import Judged, by_claim, parties
-from eomcheck.lab.store.findings import PROOFS, RUNS, kept_in
+from eomcheck.lab.store.findings import PROOFS, RUNS, fault_of, kept_in
 from eomcheck.lab.store.records import Record, Records, key_of
 
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
 
 
-def read(paths: Iterable[Path]) -> list[Record]:
+def read(paths: Iterable[Path], unread: list[str] | None = None) -> list[Record]:
     """Return the Records of all files; of one cell that is in several, the last one given.
+
+    Args:
+        paths: the files.
+        unread: where to note what cannot be read of a damaged one, as for `Records`.
 
     Raises:
         InputError: a file is missing, is not one of Records, or all of them are empty.
@@ -29,10 +33,11 @@ def read(paths: Iterable[Path]) -> list[Record]:
     paths = list(paths)
     found: dict[tuple[str, str], Record] = {}
     for path in paths:
-        with Records(path, readonly=True) as records:
+        with Records(path, readonly=True, unread=unread) as records:
             found |= {(one.study, key_of(one.settings)): one for one in records.all()}
     if not found:
-        raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}")
+        why = f": {unread[0]}" if unread else ""
+        raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}{why}")
     return list(found.values())
 
 
@@ -40,13 +45,19 @@ class Overview:
     """The Records of a report.
 
     Attributes:
-        records: all of them.
+        records: all of them that can be read.
         rows: the Findings in them.
+        unread: what cannot be read, a sentence each; sections add to it.
     """
 
-    def __init__(self, records: Sequence[Record]):
-        self.records = list(records)
-        self.rows = kept_in(records)
+    def __init__(self, records: Sequence[Record], unread: Sequence[str] = ()):
+        faults = [(one, fault_of(one)) for one in records]
+        self.records = [one for one, fault in faults if fault is None]
+        self.rows = kept_in(self.records)
+        self.unread = [
+            *unread,
+            *(f"a record of {one.study!r} cannot be read: {why}" for one, why in faults if why),
+        ]
 
     def of(self, study: str) -> list[Record]:
         """Return the Records of one study."""
@@ -76,7 +87,7 @@ class Overview:
     @property
     def states(self) -> int:
         """Number of states looked at."""
-        return sum(run.counts["states"] for run in self.runs)
+        return sum(run.counts.get("states", 0) for run in self.runs)
 
     @property
     def structures(self) -> int:
@@ -135,7 +146,7 @@ class Overview:
     @property
     def engines(self) -> list[str]:
         """Names and versions of the engines compared with."""
-        found = (version for run in self.runs for version in run.series["engine versions"])
+        found = (version for run in self.runs for version in run.series.get("engine versions", ()))
         return list(dict.fromkeys(found))
 
     @property

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, TypeVar
 
+from eomcheck.errors import EomcheckError
 from eomcheck.lab.report.findings import digits_sheet, strata_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies import STUDIES, study_of
+
+T = TypeVar("T")
+WRONG = AttributeError, TypeError, ValueError
 
 
 class Section(NamedTuple):
@@ -33,15 +38,30 @@ class Section(NamedTuple):
 def sections_of(overview: Overview) -> list[Section]:
     """Return the sections for which there is data."""
     drawn = [one for one in (_digits(overview), _strata(overview)) if one.tables[0].rows]
-    return [*drawn, *(_of_study(key, overview) for key in STUDIES if overview.of(key))]
+    studies = (_of_study(key, overview) for key in STUDIES if overview.of(key))
+    return [*drawn, *(one for one in studies if one is not None)]
 
 
-def _of_study(key: str, overview: Overview) -> Section:
+def _of_study(key: str, overview: Overview) -> Section | None:
+    """Return the section of a study, None if its Records cannot be shown."""
     study = study_of(key)
     found = study.of(overview.records)
-    text = " ".join((STUDIES[key], study.reading, *study.said(found)))
-    tables = [sheet for sheet in study.sheets(found) if sheet.rows and not sheet.detail]
-    return Section(key, key.capitalize(), text, tables, lambda: list(study.charts(found)))
+
+    def read(what: Callable[[Sequence[Record]], Iterable[T]]) -> list[T] | None:
+        # They may be of another eomcheck: of formulations, scenes or fields that this one lacks.
+        try:
+            return list(what(found))
+        except (EomcheckError, ArithmeticError, LookupError, *WRONG) as error:
+            why = f"{type(error).__name__}: {error}"
+            overview.unread.append(f"the records of {key!r} cannot be shown: {why}")
+            return None
+
+    said, sheets = read(study.said), read(study.sheets)
+    if said is None or sheets is None:
+        return None
+    text = " ".join((STUDIES[key], study.reading, *said))
+    tables = [sheet for sheet in sheets if sheet.rows and not sheet.detail]
+    return Section(key, key.capitalize(), text, tables, lambda: read(study.charts) or [])
 
 
 def _digits(overview: Overview) -> Section:

@@ -11,9 +11,9 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
-from eomcheck.claims.finding import Finding, Proof, python_of, ratio
+from eomcheck.claims.finding import Finding, Proof, Verdict, python_of, ratio
 from eomcheck.claims.run import Run, Selection
 from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
@@ -145,6 +145,44 @@ def record_of(kept: Sequence[Kept]) -> Record:
 def kept_in(records: Iterable[Record]) -> list[Kept]:
     """Return every Finding in these Records."""
     return [kept for one in records if one.study in (STATES, PROOFS) for kept in _kept(one)]
+
+
+FOUND = {
+    "claim": str,
+    "subject": str,
+    "observed": float | int,
+    "allowed": float | int,
+    "verdict": str,
+    "evidence": str,
+    "detail": str,
+    "digits": float | int | None,
+    "proof": Proof | None,
+    "scene": str,
+    "links": int | None,
+    "case": int | None,
+    "python": str,
+}
+"""Attribute of `Kept` -> what it is."""
+
+
+def fault_of(record: Record) -> str | None:
+    """Return why a Record of a validation or of proofs cannot be read, or None."""
+    try:
+        if record.study in (STATES, PROOFS):
+            for one in _kept(record):
+                for name, kind in FOUND.items():
+                    if not isinstance(getattr(one, name), kind):
+                        raise TypeError(f"{name} = {getattr(one, name)!r}")
+                if one.verdict not in get_args(Verdict):
+                    raise ValueError(f"verdict = {one.verdict!r}")
+                if one.proof is not None:
+                    float(one.proof.failure_probability)
+        if record.study == RUNS:
+            lists = record.series["claims"], record.series["seconds"]
+            _ = record.settings["scene"], [*zip(*lists, strict=True)]
+    except (LookupError, TypeError, ValueError) as error:
+        return f"{type(error).__name__}: {error}"
+    return None
 
 
 def _kept(record: Record) -> Iterator[Kept]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,6 +30,9 @@ APPLICATION = int.from_bytes(b"eomc", "big")
 SCHEMA = 1
 BUSY_SECONDS = 60.0
 """How long a writer waits for another one. A write takes milliseconds."""
+
+TEXTS = "study", "reason", "when"
+"""Fields of a Record that are text."""
 
 _TABLE = """
 CREATE TABLE IF NOT EXISTS records (
@@ -88,6 +92,10 @@ class Record:
     def __post_init__(self):
         if self.status not in get_args(Status):
             raise InputError(f"status = {self.status!r}, expected one of {get_args(Status)}")
+        for kind, names in ((str, TEXTS), (dict, ("machine", "versions"))):
+            for name in names:
+                if not isinstance(getattr(self, name), kind):
+                    raise InputError(f"{name} = {getattr(self, name)!r}, expected {kind.__name__}")
         # What is read back must equal what was written: no tuples, no scalars of numpy.
         plain: dict[str, Any] = {
             "settings": json.loads(_json("settings", self.settings)),
@@ -145,17 +153,27 @@ class Records:
     Args:
         path: the file, made if there is none; None for Records that do not stay.
         readonly: change nothing, and do not make the file.
+        unread: where to note, a sentence each, what cannot be read of a damaged file of which
+            `all` then returns the rest; without it, this raises. Only with `readonly`.
 
     Raises:
         InputError: the file cannot be used, is damaged, or is not one of Records. Methods raise it
             too.
     """
 
-    def __init__(self, path: str | Path | None, *, readonly: bool = False):
-        self.path = Path(":memory:" if path is None else path)
-        if readonly and not self.path.is_file():
+    def __init__(
+        self,
+        path: str | Path | None,
+        *,
+        readonly: bool = False,
+        unread: list[str] | None = None,
+    ):
+        self.path, self._unread = Path(":memory:" if path is None else path), unread
+        if readonly and not os.path.isfile(self.path):  # noqa: PTH113 - False where it cannot be known
             raise InputError(f"{str(path)!r}: no such file")
         mode = "rw" if readonly else "rwc"
+        if readonly and self._fixed():
+            mode = "ro&immutable=1"
         where = ":memory:" if path is None else f"{self.path.absolute().as_uri()}?mode={mode}"
         with self._sqlite():
             self._connection = sqlite3.connect(
@@ -166,6 +184,12 @@ class Records:
         except BaseException:
             self.close()
             raise
+
+    def _fixed(self) -> bool:
+        """Return whether nobody can write here, not even SQLite its log, and none is left over."""
+        log = self.path.with_name(f"{self.path.name}-wal")
+        here = os.access(self.path, os.W_OK) and os.access(self.path.absolute().parent, os.W_OK)
+        return not here and not (log.exists() and log.stat().st_size)
 
     def _open(self, readonly: bool) -> None:
         if readonly:
@@ -184,7 +208,14 @@ class Records:
             )
         fault = self._value("PRAGMA quick_check(1)")
         if fault != "ok":
-            raise InputError(f"{str(self.path)!r} is damaged: {' '.join(str(fault).split())}")
+            self._note(str(fault))
+
+    def _note(self, fault: str) -> None:
+        """Note that something cannot be read, or raise InputError."""
+        said = f"{str(self.path)!r} is damaged: {' '.join(fault.split())}"
+        if self._unread is None:
+            raise InputError(said)
+        self._unread.append(said)
 
     def _make(self) -> None:
         deadline = time.monotonic() + BUSY_SECONDS
@@ -210,7 +241,7 @@ class Records:
             yield
         except sqlite3.OperationalError as error:
             raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise InputError(f"{str(self.path)!r} is not a file of records: {error}") from None
 
     @contextmanager
@@ -257,10 +288,14 @@ class Records:
 
     def all(self, study: str | None = None, **settings: Any) -> list[Record]:
         """Return the Records, oldest cell first: those of one study, with these settings."""
-        rows = self._rows(
-            "SELECT record FROM records WHERE ? IS NULL OR study = ? ORDER BY id", (study, study)
-        )
-        records = [self._record(text) for (text,) in rows]
+        records = []
+        for text in self._texts(study):
+            try:
+                records.append(self._record(text))
+            except InputError:
+                if self._unread is None:
+                    raise
+                self._note(f"{text[:60]!r} is no record")
         wanted = _canonical(settings).items()
         return [
             record
@@ -270,6 +305,21 @@ class Records:
                 for name, value in wanted
             )
         ]
+
+    def _texts(self, study: str | None) -> list[str]:
+        """Return the texts of Records; of a damaged file, those before and after the damage."""
+        query = "SELECT id, record FROM records WHERE ? IS NULL OR study = ? ORDER BY id"
+        if self._unread is None:
+            return [text for _, text in self._rows(query, (study, study))]
+        found: dict[int, str] = {}
+        for order in ("", " DESC"):
+            try:
+                with self._sqlite():
+                    for place, text in self._connection.execute(query + order, (study, study)):
+                        found[place] = str(text)
+            except InputError as error:
+                self._unread.append(str(error))
+        return [found[place] for place in sorted(found)]
 
     def forget(self, study: str, cells: Iterable[Settings]) -> None:
         """Remove the Records of these cells, all or (if it fails) none."""
@@ -283,7 +333,7 @@ class Records:
     def _record(self, text: str) -> Record:
         try:
             return Record(**json.loads(text))
-        except (ValueError, TypeError, AttributeError):
+        except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
 
 

@@ -1,0 +1,193 @@
+"""Damaged and foreign records: one sentence, exit code 2, and what can be read is shown."""
+
+from __future__ import annotations
+
+import os
+import random
+import sqlite3
+import sys
+from pathlib import Path
+
+import pytest
+
+from eomcheck.cli import main
+from eomcheck.errors import InputError
+from eomcheck.lab.report.junit import write_junit
+from eomcheck.lab.report.markdown import write_markdown
+from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.studies import STUDIES
+from eomcheck.motion.stored import load_reference
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("sound") / "r.db"
+    words = "validate", "--scene", "sleigh", "--examples", "2", "--records", str(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["eomcheck", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code in (0, None)
+    return path.read_bytes()
+
+
+@pytest.fixture
+def path(sound: bytes, tmp_path: Path) -> Path:
+    path = tmp_path / "r.db"
+    path.write_bytes(sound)
+    return path
+
+
+def run(monkeypatch, *words: object) -> int:
+    monkeypatch.setattr("sys.argv", ["eomcheck", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def change(path: Path, sql: str, *values: object) -> None:
+    with sqlite3.connect(path) as connection:
+        assert connection.execute(sql, values).rowcount == 1
+    connection.close()
+
+
+def report(monkeypatch, path: Path, capsys) -> tuple[int, str, list[str]]:
+    """Return exit code, Markdown and what is said on standard error."""
+    page = path.with_suffix(".md")
+    capsys.readouterr()
+    code = run(monkeypatch, "report", path, "--markdown", page, "--junit", path.with_suffix(".xml"))
+    return code, page.read_text(encoding="utf-8"), capsys.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_flipped_bytes_are_one_sentence_and_leave_what_can_be_read(path: Path, seed: int):
+    """Seed 12 of another thousand: SQLite's message was no UTF-8, and a traceback was printed."""
+    draw, content = random.Random(seed), bytearray(path.read_bytes())
+    for _ in range(draw.choice([1, 3, 30])):
+        content[draw.randrange(len(content))] = draw.randrange(256)
+    path.write_bytes(content)
+    unread: list[str] = []
+    try:
+        overview = Overview(read([path], unread), unread)
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    write_markdown(overview, path.with_suffix(".md"))
+    write_junit(overview, path.with_suffix(".xml"))
+    assert overview.records
+
+
+def test_damage_in_one_place_leaves_most_records(path: Path, monkeypatch, capsys):
+    with Records(path) as records:
+        whole = len(records)
+    content = bytearray(path.read_bytes())
+    page = content.index(b'"series"', len(content) // 2) // 4096 * 4096
+    content[page : page + 8] = bytes(8)  # the header of a page
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="is damaged"), Records(path, readonly=True):
+        pass
+    unread: list[str] = []
+    assert whole / 3 < len(read([path], unread)) <= whole
+    assert unread
+    code, page, said = report(monkeypatch, path, capsys)
+    assert code == 2
+    assert len(said) == 1
+    assert said[0].startswith("eomcheck: not all is shown: ")
+    assert "## Claims" in page
+
+
+DEEP = "[" * 100_000
+
+
+@pytest.mark.parametrize(
+    "record",
+    [DEEP, "{}", "[1]", '{"study": "validation", "settings": {}}', "null", '{"study": 3}'],
+    ids=["deep", "nothing", "list", "no scene", "null", "number"],
+)
+def test_a_record_that_is_none_is_said_and_the_others_are_shown(
+    path: Path, record: str, monkeypatch, capsys
+):
+    sql = "UPDATE records SET record = ? WHERE id = (SELECT max(id) FROM records)"
+    change(path, sql, record)
+    code, page, said = report(monkeypatch, path, capsys)
+    assert code == 2
+    assert len(said) == 1
+    assert said[0].startswith("eomcheck: not all is shown: ")
+    assert "## Claims" in page
+    code = run(monkeypatch, "export", path)
+    exported = capsys.readouterr()
+    assert len(exported.out.splitlines()) > 3
+    assert code == (0 if record.startswith('{"study": "v') else 2)
+
+
+@pytest.mark.parametrize("name", ["subject", "observed", "verdict", "proof"])
+def test_a_finding_of_wrong_kinds_is_said(path: Path, name: str):
+    unread: list[str] = []
+    one = next(x for x in read([path]) if x.study == "validation")
+    values = one.series[name]
+    wrong = Record("validation", one.settings, series=one.series | {name: [{}] * len(values)})
+    (said,) = Overview([one, wrong], unread).unread
+    assert said.startswith("a record of 'validation' cannot be read: ")
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_records_of_what_this_install_lacks_are_said_or_shown(
+    path: Path, study: str, monkeypatch, capsys
+):
+    lacking = {"scene": "hovercraft", "formulation": "hamel", "links": 3, "family": "ice"}
+    with Records(path) as records:
+        records.add(Record(study, lacking, seconds=1.0, series={"rows": [{"unheard": 1}]}))
+        records.add(Record(study, lacking | {"links": 4}, "failed", "no such scene"))
+    code, page, said = report(monkeypatch, path, capsys)
+    assert (code, len(said)) in ((0, 0), (2, 1))
+    assert code == 0 or f"the records of {study!r} cannot be shown" in said[0]
+    assert "## Claims" in page
+
+
+def test_findings_on_what_this_install_lacks_are_shown(path: Path, monkeypatch, capsys):
+    one = next(x for x in read([path]) if x.study == "validation")
+    subjects = ["hamel"] * len(one.series["subject"])
+    settings = one.settings | {"scene": "hovercraft"}
+    with Records(path) as records:
+        records.add(Record("validation", settings, series=one.series | {"subject": subjects}))
+    code, page, said = report(monkeypatch, path, capsys)
+    assert (code, said) == (0, [])
+    assert "hovercraft" in page
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_database_that_nobody_can_write_is_read_and_writing_it_is_one_sentence(path: Path):
+    path.chmod(0o444)
+    path.parent.chmod(0o555)
+    for folder in path.parents:
+        if os.getuid() == 0 and not folder.stat().st_mode & 0o001:
+            folder.chmod(folder.stat().st_mode | 0o001)
+    record = Record("study", {})
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            if os.getuid() == 0:
+                os.setgroups([])
+                os.setgid(65534)
+                os.setuid(65534)
+            assert len(read([path])) > 1
+            try:
+                with Records(path) as records:
+                    records.add(record)
+            except InputError as error:
+                code = 0 if "cannot be used: attempt to write a readonly" in str(error) else 2
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    path.parent.chmod(0o755)
+    assert os.waitstatus_to_exitcode(status) == 0
+
+
+def test_deep_json_is_no_reference_solution(tmp_path: Path):
+    file = tmp_path / "deep.json"
+    file.write_text(DEEP)
+    with pytest.raises(InputError, match="is not JSON"):
+        load_reference(file)
