@@ -133,7 +133,8 @@ def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
     results = []
     for fault in FAULTS:
         kind = "formulation" if fault.file.startswith("formulations/") else "scene"
-        case = cases.get(f"{PLANTED.partition('::')[2]}[{fault.id}]")
+        name = fault.id.encode("unicode_escape").decode()  # as pytest writes it
+        case = cases.get(f"{PLANTED.partition('::')[2]}[{name}]")
         problem = None if case is None else case.find("failure")
         text = "" if problem is None else f"{problem.get('message')}"
         missed = "survived" if "not caught" in text else "caught"
@@ -198,6 +199,7 @@ def campaign(
     tell: Callable[[str], None] = print,
     *,
     passing: bool = False,
+    longest: float = LONGEST,
 ) -> list[Result]:
     """Return what became of the faults, planted several at a time; of `planted` as well.
 
@@ -211,11 +213,11 @@ def campaign(
         names[now] = "faults of scenes and formulations"
     for catcher in () if passing else dict.fromkeys(one.catcher for one in chosen):
         key = digest(AS_IT_IS, catcher, files_of(catcher), now)
-        work[key] = lambda c=catcher: [unplanted(c)]
+        work[key] = lambda c=catcher: [unplanted(c, longest)]
         names[key] = f"{AS_IT_IS}: {catcher}"
     for one in chosen:
         key = digest(repr(one), (PACKAGE / one.file).read_bytes(), files_of(one.catcher))
-        work[key] = lambda m=one: [attempt(m)]
+        work[key] = lambda m=one: [attempt(m, longest)]
         names[key] = one.id
     results = [result for key in work for result in kept.known.get(key, ())]
     left = {key: job for key, job in work.items() if key not in kept.known}
@@ -278,6 +280,7 @@ def main() -> int:
     parser.add_argument("--only", help="only these faults: ids with commas between them")
     parser.add_argument("--quick", action="store_true", help="ten, after the tests have passed")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
+    parser.add_argument("--longest", type=float, default=LONGEST, help="most for a catcher, s")
     parser.add_argument("--table", type=Path, help="file to write the table to")
     parser.add_argument("--results", type=Path, default=RESULTS, help="file to keep results in")
     asked = parser.parse_args()
@@ -300,6 +303,7 @@ def main() -> int:
         planted_elsewhere if whole else None,
         lambda line: print(line, flush=True),
         passing=asked.quick,
+        longest=asked.longest,
     )
     explained = {one.id: one.equivalent for one in chosen if one.equivalent}
     text = table(results, explained)
