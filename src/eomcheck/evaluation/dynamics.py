@@ -158,9 +158,11 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
 
 
 def position_residual(at: Evaluation) -> Array:
-    """Return how far the holonomic constraints are from being closed (h,), m; there are some."""
-    assert at.scene.position_residual is not None
-    return at.call(at.scene.position_residual, at.parameters, at.prepared, at.q)
+    """Return how far the holonomic constraints, if any, are from being closed (h,), m."""
+    function = at.scene.position_residual
+    if function is None:
+        return np.zeros(0)
+    return at.call(function, at.parameters, at.prepared, at.q)
 
 
 def closing_error(at: Evaluation) -> tuple[float, float]:

@@ -19,7 +19,13 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.machine import memory
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.motion.integrators import MOST_STEPS
-from eomcheck.motion.observe import observer_of
+from eomcheck.motion.observe import (
+    crossed,
+    crossing,
+    observer_of,
+    partition_signs,
+    solves_partition,
+)
 from eomcheck.motion.right_hand_side import kernel_of
 from eomcheck.motion.simulate import check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
@@ -121,8 +127,9 @@ def simulate_many(
     """Integrate m motions of `scene` from t = 0 to `t_end` by DOP853, several at a time.
 
     Each motion has its own steps and errors. Its results are the same bits whatever m, `lanes` and
-    the executor are. Other than by `simulate`, no matrix is looked at: one that is singular to
-    rounding only goes unnoticed.
+    the executor are. Other than by `simulate`, no condition number is looked at: a matrix that is
+    singular to rounding only goes unnoticed. A pose that a partition cannot cross is noticed if it
+    is crossed once between two output times.
 
     Args:
         scene: the scene.
@@ -201,7 +208,7 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     seen = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
     records = np.zeros((m, dop853.FIELDS))
     good = np.array([i for i, why in enumerate(reasons) if not why], int)
-    seconds = 0.0
+    seconds, behind = 0.0, {}
     for group in lanes_of(good.size, width):
         lanes = good[group]
         parameters = in_lanes([starts[i].scene for i in lanes])
@@ -213,10 +220,24 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
         y[lanes], records[lanes] = out.transpose(2, 0, 1), record.T
         for name, x in found.items():
             seen[name][lanes] = x.transpose(2, 0, 1)
+        if solves_partition(scene, formulation):
+            t, out = np.vstack((np.zeros(width), t)), np.concatenate((y0[lanes].T[None], out))
+            signs = partition_signs(scene, formulation, parameters, t, out)
+            for lane, i in enumerate(lanes):
+                known = np.flatnonzero(np.isfinite(out[:, :, lane]).all(axis=1))
+                place = crossed(signs[known, lane])
+                if place is not None:
+                    behind[i] = known[place] - 1, str(crossing(t[known, lane], place))
+    for i, (place, why) in behind.items():
+        reasons[i] = why
+        for x in (y, *seen.values()):
+            x[i, place:] = np.nan
     reached = np.isfinite(y[:, :-1]).all(axis=2)
     known = np.concatenate(list(seen.values()), axis=2)[:, :-1]
     overflows = np.any(reached & ~np.isfinite(known).all(axis=2), axis=1)
     for i in good:
+        if i in behind:
+            continue
         if records[i, dop853.STATUS] != dop853.FINISHED:
             state = starts[i].scene, formulation, y[i, -1, : scene.n], seen["v"][i, -1]
             reasons[i] = _reason(*state, records[i], options.max_steps)

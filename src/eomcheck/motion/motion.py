@@ -9,11 +9,11 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.integrators import Steps, integrate
-from eomcheck.motion.observe import observer_of
+from eomcheck.motion.observe import crossed, observer_of, partition_signs, solves_partition
 from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.motion.state import number_of_speeds, state_of, take_speeds
-from eomcheck.motion.trace import ACCELERATION, block_of
+from eomcheck.motion.trace import ACCELERATION, block_of, parameter_arrays
 from eomcheck.numbers.contract import Array
 
 AT_ONCE = 2**20
@@ -141,6 +141,17 @@ class Motion:
                     for name in names:
                         found[name][some] = seen[name][:, :, 0]
         return found
+
+    def crossed(self, t: Array, y: Array) -> int | None:
+        """Return the first of the states y (k, size) behind a pose that it cannot have crossed."""
+        if not solves_partition(self.scene, self.formulation) or len(t) == 0:
+            return None
+        parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
+        here = self.scene, self.formulation, parameters
+        # From where it started, which need not be an output.
+        t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
+        place = crossed(partition_signs(*here, t[:, None], y[:, :, None])[:, 0])
+        return None if place is None else place - 1
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
         """Return the evaluation at a state vector; None where doubles cannot hold it."""

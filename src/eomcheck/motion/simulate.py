@@ -66,8 +66,10 @@ def simulate(
             acceleration level, and off by default; see `eomcheck.motion.stabilization`.
 
     Returns:
-        The trajectory. An integration that cannot go on, or that came to a state which the
-        formulation refuses, is a result with `status` "failed" and a reason, up to where it came.
+        The trajectory. An integration that cannot go on, that came to a state which the
+        formulation refuses, or went over a pose in which its partition is singular, is a result
+        with `status` "failed" and a reason, up to where it came. Such a pose is noticed where it
+        was crossed once between two states of the trajectory.
 
     Raises:
         InputError: values that are not valid, velocities that violate the constraints, a

@@ -15,6 +15,7 @@ from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.motion import Motion
+from eomcheck.motion.observe import crossing
 from eomcheck.numbers.contract import Array
 
 LOOKED_AT = 200
@@ -129,6 +130,11 @@ class _Course:
         self.refused: tuple[str, RefusedError] | None = None
         self._looked: dict[str, Evaluation] = {}
         self._worst = math.inf
+        behind = motion.crossed(found.t[: self.kept], found.y[: self.kept])
+        if behind is not None:
+            times = np.concatenate(([0.0], found.t))
+            refusal = crossing(times, behind + 1)
+            self.refused, self.kept = (str(refusal), refusal), behind
         places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
         if "multipliers" in self.seen:
             without = np.isnan(self.seen["multipliers"]).any(axis=1)

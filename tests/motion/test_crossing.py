@@ -1,0 +1,114 @@
+"""Poses that a motion cannot cross: where the partition by which it is solved is singular."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.samples import ordinary
+
+from eomcheck import simulate, simulate_many
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.motion.observe import crossed, partition_signs, solves_partition
+from eomcheck.motion.state import state_of
+from eomcheck.motion.trace import parameter_arrays
+from eomcheck.scenes import SCENES, FourBarChain, Sleigh
+
+SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)
+START = {"q0": [0.0, 0.0, -0.6], "u0": [-0.8, 2.1]}
+"""It turns through θ = 0, where a = (sin θ, -cos θ, 0) does not tell the first velocity. Em went
+over it with 1 x 1 matrices, all of rcond 1, and ended "finished", q off by 9e-6."""
+
+kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+
+
+@pytest.mark.parametrize("key", ["em", "el"])
+@pytest.mark.parametrize("tolerance", [1e-12, 1e-9, 1e-6])
+@pytest.mark.parametrize("times", [None, np.linspace(0, 10, 31), [0.2, 1.5], [10.0]])
+def test_a_motion_that_went_over_a_singular_pose_failed_before(key, tolerance, times):
+    found = simulate(SLEIGH, key, 10.0, rtol=tolerance, atol=tolerance, output_times=times, **START)
+    assert found.status == "failed"
+    assert "the determinant of a_1" in found.reason
+    assert found.refusal is not None
+    assert found.refusal.what == "a_1"
+    assert (found.q[:, 2] < 0).all()
+    assert len(found.times) == len(found.q) == len(found.v) == len(found.energy)
+    if len(found.times):
+        exact = simulate(
+            SLEIGH, "kane", 10.0, rtol=1e-12, atol=1e-12, output_times=found.times, **START
+        )
+        assert np.abs(exact.q - found.q).max() < 1e3 * tolerance
+
+
+@pytest.mark.parametrize("key", ["im", "au", "gw", "ml", "kane"])
+def test_a_motion_that_is_solved_by_no_partition_goes_through(key):
+    found = simulate(SLEIGH, key, 10.0, **START)
+    assert found.status == "finished"
+    assert found.q[-1, 2] > 0
+
+
+@pytest.mark.parametrize("key", ["el", "em", "ml", "kane"])
+def test_speeds_that_are_a_partition_cross_no_pose_in_which_it_is_singular(key):
+    found = simulate(FourBarChain.rods(1), key, 10.0)
+    assert found.status == "failed"
+    assert "the determinant of a_1" in found.reason
+    assert simulate(FourBarChain.rods(1), "au", 10.0).status == "finished"
+
+
+def test_of_many_motions_those_that_went_over_it_failed_and_the_others_did_not():
+    poses, speeds = [[0, 0, -0.6], [0, 0, 0.6], [0, 0, 0.1], [0, 0, -0.6]], [-0.8, 2.1]
+    given = {"q0": poses, "u0": [speeds, speeds, [0.3, 0.0], [0.3, 0.0]]}
+    found = simulate_many(SLEIGH, "em", 10.0, **given)
+    assert found.status.tolist() == ["failed", "failed", "finished", "finished"]
+    for i in range(2):
+        assert "the determinant of a_1" in found.reason[i]
+        kept = np.isfinite(found.q[i]).all(axis=1)
+        turns = np.floor(found.q[i, kept, 2] / np.pi)
+        assert kept.any()
+        assert (turns == turns[0]).all()
+        assert np.isnan(found.v[i, ~kept]).all()
+        assert np.isnan(found.energy[i, ~kept]).all()
+    assert (simulate_many(SLEIGH, "kane", 10.0, **given).status == "finished").all()
+
+
+def test_one_that_goes_over_it_behind_its_last_output_failed_as_well():
+    found = simulate_many(SLEIGH, "em", 1.0, q0=[START["q0"]], u0=[START["u0"]], output_times=[0.1])
+    assert found.status.tolist() == ["failed"]
+    assert np.isfinite(found.q).all()
+
+
+@kinds
+@pytest.mark.parametrize("key", FORMULATIONS)
+def test_the_sign_is_that_of_the_matrix_that_is_solved(kind, key):
+    scene, (q, v, t) = ordinary(kind)
+    formulation = FORMULATIONS[key]
+    if not formulation.applies_to(scene):
+        return
+    at = Evaluation(scene, q, v, t)
+    at.acceleration(formulation)
+    solved = {"a_1", "a'T"} & (at.solves[key, False].keys() | at._speeds_rcond.keys())
+    assert solves_partition(scene, formulation) == bool(solved)
+    if solved:
+        parameters = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
+        y = state_of(at, formulation)[None, :, None]
+        (sign,) = partition_signs(scene, formulation, parameters, np.full((1, 1), t), y)
+        a_1 = at.terms.a[:, at.partition.dependent]
+        assert sign == np.sign(np.linalg.det(a_1))
+        if key in ("el", "em"):
+            (name,) = solved
+            assert sign == at.solves[key, False][name].sign
+
+
+@pytest.mark.parametrize(
+    ("signs", "place"),
+    [
+        ([1, 1, 1], None),
+        ([-1, -1], None),
+        ([1, -1], 1),
+        ([-1, -1, 1, -1], 2),
+        ([1, 0, 1], 1),
+        ([1], None),
+    ],
+)
+def test_the_first_state_of_another_sign_is_behind_the_pose(signs, place):
+    assert crossed(np.array(signs, float)) == place
