@@ -130,8 +130,8 @@ def crossing(t: Array, place: int) -> RefusedError:
         "a_1",
         0.0,
         0.0,
-        f"between t = {t[place - 1]:.9g} s and {t[place]:.9g} s the determinant of a_1, the "
-        "columns of a of the dependent velocities, changes its sign: there it is singular, and no motion "
+        f"between t = {t[place - 1]:.9g} s and {t[place]:.9g} s the determinant of a_1, the columns"
+        " of a of the dependent velocities, changes its sign: there it is singular, and no motion "
         "that is solved by it crosses such a pose",
     )
 
