@@ -267,6 +267,12 @@ def test_a_foreign_or_damaged_file_is_named_in_one_sentence_and_left_as_it_is(
     assert before is None or path.read_bytes() == before
 
 
+def test_damage_is_noticed_before_anything_is_read(path: Path):
+    overwritten(path)
+    with pytest.raises(InputError, match="is damaged"):
+        Records(path)
+
+
 def test_a_folder_that_is_not_there_is_bad_input(path: Path):
     with pytest.raises(InputError, match="cannot be used"):
         Records(path / "no" / "records.db")

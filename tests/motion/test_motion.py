@@ -15,6 +15,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import simulate
+from eomcheck.motion.trajectory import LOOKED_AT
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)
@@ -142,6 +143,28 @@ def test_a_motion_tells_how_far_to_trust_its_rates(key: str):
     assert set(found.rcond) == set(acceleration(SOFT, key, Q, velocity(SOFT, Q, U)).rcond)
     assert all(1e-6 < rcond <= 1 for rcond in found.rcond.values())
     assert 0 < found.rate_error < 1e-9
+
+
+@keys
+def test_integrals_of_multipliers_start_at_0(key: str):
+    one = motion(key)
+    assert not one.y0[SOFT.n + one.speeds :].any()
+
+
+@pytest.mark.parametrize("u", [[1.0, -2.0], [-1.0, -0.5]], ids=["in between", "the last"])
+def test_a_motion_tells_the_worst_of_the_states_looked_at(u: list[float]):
+    found = simulate(SOFT, "el", 1.0, q0=Q, u0=u, rtol=1e-6, atol=1e-6)
+    assert len(found.times) < LOOKED_AT
+    each = [
+        acceleration(SOFT, "el", q, v, consistent=False)
+        for q, v in zip(found.q, found.v, strict=True)
+    ]
+    for name, rcond in found.rcond.items():
+        assert rcond == min(one.rcond[name] for one in each)
+    relative = [one.error_bound / np.abs(one.vdot).max() for one in each]
+    worst = min(range(len(each)), key=lambda i: min(each[i].rcond.values()))
+    assert found.rate_error == max(relative[0], relative[worst], relative[-1])
+    assert found.rate_error > 1.1 * relative[0]
 
 
 def test_rates_that_rounding_spoils_show():

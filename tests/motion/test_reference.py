@@ -235,6 +235,12 @@ def test_differences_are_taken_in_all_digits():
     assert difference(one, other) == [1e-31, 1e-31]
 
 
+def test_velocities_that_differ_are_a_difference():
+    one, other = run_of([0.0, 1.0], "1"), run_of([0.0, 1.0], "3")
+    assert difference(one, replace(one, v=other.v)) == [2.0, 2.0]
+    assert difference(one, replace(one, q=other.q)) == [2.0, 2.0]
+
+
 def test_runs_at_other_times_are_not_compared():
     with pytest.raises(InputError, match="differ in their times"):
         difference(run_of([0.0, 1.0], "1"), run_of([0.0, 2.0], "1"))

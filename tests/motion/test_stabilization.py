@@ -33,6 +33,14 @@ def run(key: str, **remedy):
     return simulate(SOFT, key, 4.0, rtol=1e-6, atol=1e-6, q0=Q, u0=U, **remedy)
 
 
+def test_feedback_is_of_the_whole_residual():
+    a, v = np.array([[1.0, 2.0]]), np.array([3.0, 4.0])
+    gamma, b = np.array([0.5]), np.array([-1.0])
+    assert fed_back(a, gamma, b, v, 2.0).tolist() == [0.5 + 2.0 * (11.0 - 1.0)]
+    assert fed_back(a, gamma, None, v, 2.0).tolist() == [0.5 + 2.0 * 11.0]
+    assert fed_back(a, gamma, b, v, None) is gamma
+
+
 @drifting
 def test_feedback_lets_a_violation_die_away_at_its_rate(key: str):
     scene, rate = SOFT, 3.0

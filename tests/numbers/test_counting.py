@@ -7,6 +7,7 @@ import pytest
 
 from eomcheck.evaluation.point import net_force, velocity
 from eomcheck.formulations import kane
+from eomcheck.numbers.banded import HALF, WIDTH, solve_banded
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, Snake, snake_terms
@@ -129,6 +130,13 @@ def test_a_tally_starts_again_from_nothing():
     solve(np.outer(x, x), x, "A")
     counting.tally.clear()
     assert counting.tally == Tally()
+
+
+def test_a_band_is_listed_with_the_entries_on_each_side_of_its_diagonal():
+    counting = Counting()
+    bands, b = counting.numbers(np.zeros((9, WIDTH))), counting.vector(9)
+    solve_banded(bands, b, "B")
+    assert counting.tally.systems == [System("B", 9, 1, HALF)]
 
 
 def test_a_solve_is_listed_with_its_order_and_its_right_hand_sides_and_costs_nothing_else():
