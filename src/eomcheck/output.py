@@ -45,6 +45,18 @@ def plain(character: str) -> str:
     return known.get(kind, "?")
 
 
+def printable(text: str) -> str:
+    """Return a text in one line: without line breaks, and "\ufffd" for other control characters."""
+    return "".join(
+        x
+        if unicodedata.category(x) not in ("Cc", "Cs", "Zl", "Zp")
+        else " "
+        if x.isspace()
+        else "\ufffd"
+        for x in text
+    )
+
+
 def _in_names(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
     return "".join(map(plain, error.object[error.start : error.end])), error.end

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from eomcheck.console import progress, stoppable
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import STATES
 from eomcheck.lab.store.records import Records
@@ -146,3 +147,43 @@ class Raw(io.RawIOBase):
 
     def write(self, data, /) -> int:
         return self.into.write(data)
+
+
+@pytest.mark.parametrize("file", [None, "r.db"])
+def test_an_interrupted_study_says_where_it_goes_on(tmp_path: Path, monkeypatch, capsys, file):
+    from eomcheck.cli import main
+    from eomcheck.lab.studies import study_of
+
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(type(study_of("operations")), "run", stopped)
+    records = ["--records", str(tmp_path / file)] if file else []
+    monkeypatch.setattr("sys.argv", ["eomcheck", "study", "operations", *records])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    said = capsys.readouterr().out
+    assert "nothing is kept without a file of records" in said if file is None else file in said
+    assert ("goes on with the others" in said) is (file is not None)
+
+
+def test_an_interruption_that_something_swallows_comes_with_the_next_step(capfd):
+    done = []
+
+    class Swallowing:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+            sum(range(1000))
+
+    with pytest.raises(KeyboardInterrupt), stoppable(), progress("", 3) as advance:
+        one = Swallowing()
+        del one
+        done.append("went on")
+        advance()
+        done.append("too far")
+    assert done == ["went on"]
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert capfd.readouterr().err == ""
+    with progress("", 1) as advance:  # and is over then
+        advance()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -150,3 +151,15 @@ def test_a_refusal_in_doubles_is_passed_on():
     with pytest.raises(RefusedError, match="a_1"):
         eomcheck.accuracy(scene, "em", np.zeros(5), U)
     assert eomcheck.accuracy(scene, "em", np.zeros(5), U, pivoted=True).relative < 1e3 * EPS
+
+
+@keys
+def test_accuracy_and_enclosure_come_back_from_another_process(key: str):
+    found = eomcheck.accuracy(PAPER, key, Q, U)
+    again = pickle.loads(pickle.dumps(found))
+    assert again.key == key
+    assert np.array_equal(again.error, found.error)
+    assert again.relative == found.relative
+    assert again.truth.digits == found.truth.digits
+    assert np.array_equal(again.truth.doubles(), found.truth.doubles())
+    assert all(x.contains(y) for x, y in zip(again.truth.vdot, found.truth.vdot, strict=True))

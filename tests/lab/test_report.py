@@ -18,6 +18,7 @@ from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
 from eomcheck.lab.store.records import Record, Records
@@ -219,6 +220,38 @@ def test_junit_counts_claims_and_carries_the_failing_state(good: Path, bad: Path
         assert int(root.get("failures", "")) == len(failing)
         for failure in root.iter("failure"):
             assert "eomcheck.check(scene, q, v" in (failure.text or "")
+
+
+HOSTILE = "a|b`c*\n# d\x1b[31m<e>"
+
+
+def test_markdown_escapes_keys_and_control_characters(good: Path, tmp_path: Path):
+    one = next(x for x in read([good]) if x.study == STATES)
+    count = len(one.series["claim"])
+    changed = {name: [HOSTILE] * count for name in ("claim", "subject", "evidence", "detail")}
+    changed["verdict"] = ["failed"] * count
+    settings = one.settings | {"scene": HOSTILE}
+    overview = Overview([Record(STATES, settings, series=one.series | changed)])
+    write_markdown(overview, tmp_path / "r.md")
+    text = (tmp_path / "r.md").read_text(encoding="utf-8")
+    assert "\x1b" not in text
+    lines = text.splitlines()
+    assert not [line for line in lines if line.startswith(("# d", "<e>"))]
+    (first,) = [i for i, line in enumerate(lines) if line.startswith("| claim |")]
+    table = lines[first : lines.index("", first)]
+    assert len(table) == 3
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table} == {5}
+    assert not re.findall(r"(?<!\\)<e", "\n".join(line for line in lines if "`" not in line))
+
+
+def test_a_table_in_markdown_keeps_its_columns():
+    text = Sheet("name", "", ("a|b", "c"), [("1\n2", "|x|"), ("\x07", "")]).markdown()
+    assert text.splitlines() == [
+        "| a\\|b | c |",
+        "| --- | --- |",
+        "| 1 2 | \\|x\\| |",
+        "| \ufffd |  |",
+    ]
 
 
 def test_junit_has_an_error_for_a_run_that_did_not_end(tmp_path: Path):

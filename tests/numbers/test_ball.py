@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 from fractions import Fraction
 from threading import Thread
 
@@ -95,6 +97,22 @@ def test_one_thread_at_a_time_has_its_precision():
     thread.join(10)
     assert seen == [400]
     assert flint.ctx.prec == before
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize("bits", [10, 53, 500])
+def test_a_ball_that_is_copied_contains_the_same_numbers_and_hardly_more(again, bits: int):
+    with precision(300):
+        root = flint.arb(2).sqrt()
+        balls = [root, -root * flint.arb(10) ** -400, root + flint.arb(0, 1e-20), flint.arb(0)]
+    with precision(bits):
+        found = again(balls)
+    with precision(300):
+        for x, y in zip(balls, found, strict=True):
+            assert x.mid() == y.mid()
+            assert x.rad() <= y.rad() <= x.rad() * (1 + 2.0**-28)
+            assert y.contains(x)
+    assert not again(flint.arb("nan")).is_finite()
 
 
 def test_literal_integers_among_results_are_balls_too():

@@ -134,6 +134,12 @@ class Parametric(Scene):
     def __post_init__(self):
         self.check_fields()
 
+    def __setstate__(self, state: dict[str, Any]):
+        for name, value in state.items():
+            if name in self.declared and value is not None:
+                value.setflags(write=False)  # which an array does not keep
+            object.__setattr__(self, name, value)
+
     def check_fields(self, links: int = 0) -> None:
         """Replace all fields by checked arrays that cannot be changed.
 

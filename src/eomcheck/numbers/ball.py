@@ -9,10 +9,12 @@ the caller's as it was. (A thread that computes with python-flint by itself may 
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from threading import RLock
+from typing import Any
 
 import flint
 import numpy as np
@@ -64,6 +66,24 @@ def midpoints(x: Array) -> Array:
 def ball(x) -> flint.arb:
     """Return x as a ball: generic functions leave literal integers among their results."""
     return x if isinstance(x, flint.arb) else flint.arb(x)
+
+
+def _made_again(middle: tuple[int, int], radius: tuple[int, int]) -> flint.arb:
+    return flint.arb(flint.arb(middle), flint.arb(radius))
+
+
+def _reduced(x: flint.arb) -> tuple[Any, tuple]:
+    """Return what makes a ball again when it is copied or unpickled.
+
+    Its radius has 30 bits and is rounded up in the last of them, so that nothing true is lost.
+    """
+    if not x.is_finite():
+        return flint.arb, ("nan",)
+    middle, radius = ((int(m), int(e)) for m, e in (x.mid().man_exp(), x.rad().man_exp()))
+    return _made_again, (middle, radius)
+
+
+copyreg.pickle(flint.arb, _reduced)
 
 
 def _solve(A: Array, b: Array, name: str) -> Array:

@@ -16,6 +16,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from eomcheck.console import console
+from eomcheck.output import printable
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
 _NO_NUMBER = {"", "-", "·", "?", "FAIL"}
@@ -173,8 +174,9 @@ def _styled(cell: str) -> Text:
 def escaped(text: str) -> str:
     """Return `text` for a Markdown table, nothing in it read as markup; a name is code."""
     if isinstance(text, Cell) and text.kind == "name":
-        return f"`{text}`"
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in text)
+        name = printable(text)
+        return f"`{name}`" if not set(name) & set("`|") else escaped(str(name))
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in printable(text))
 
 
 def markdown_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
