@@ -44,7 +44,7 @@ def test_every_number_that_is_read_is_moved(at: Evaluation):
     for copy in perturbed_copies(at):
         assert (np.abs(moved_by(copy, at)) > 0.4).all()
         allowed = null_space(at.terms.a)
-        assert (np.abs(allowed.T @ (copy.v - at.v)) > 1e-3 * STEP).all()
+        assert np.abs(allowed.T @ (copy.v - at.v)).max() > 0.2 * STEP  # a slip is across
         moved, still = copy.terms.M, at.terms.M
         assert (np.asarray(moved)[still != 0] != still[still != 0]).all()
 
