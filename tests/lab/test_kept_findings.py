@@ -12,7 +12,7 @@ import pytest
 from eomcheck.claims import Finding, State
 from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, record_of
+from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, kept_of, record_of
 from eomcheck.lab.store.records import Record, Records, select
 from eomcheck.scenes import Snake
 
@@ -37,24 +37,19 @@ def test_what_failed_passed_or_was_open_is_kept_as_it_was(tmp_path: Path):
     ]
 
 
-def row(**changed) -> dict:
-    return PASSED.as_dict() | changed
-
-
 def test_findings_of_states_and_proofs_are_read_and_nothing_else():
-    settings = {"scene": "snake", "links": 2}
-    records = [
-        record_of(study, settings, [row(subject=study)], "code")
-        for study in (STATES, PROOFS, "accuracy")
-    ]
-    assert [one.subject for one in kept_in(records)] == [STATES, PROOFS]
+    state = record_of(kept_of([PASSED], "snake", 7))
+    proof = record_of(kept_of([replace(PASSED, subject="proof")], "snake"))
+    other = replace(state, study="accuracy")
+    assert (state.study, proof.study) == (STATES, PROOFS)
+    assert [one.subject for one in kept_in([state, proof, other])] == ["casadi", "proof"]
 
 
 def test_the_place_of_a_finding_is_scene_links_and_state():
-    settings = {"scene": "snake", "links": 2, "case": 7}
-    (kept,) = kept_in([record_of(STATES, settings, [row()], "code")])
+    (kept,) = kept_in([record_of(kept_of([PASSED], "snake", 7))])
     assert kept.place == "snake, N = 2, state 7"
-    assert replace(kept, links=None, case=None).place == "snake"
+    assert replace(kept, links=None).place == "snake, state 7"
+    assert kept_of([PASSED], "snake")[0].place == SNAKE.structure
 
 
 def test_of_cells_that_cannot_all_be_forgotten_none_is(tmp_path: Path):
