@@ -16,7 +16,7 @@ from eomcheck.numbers.pivots import EPS
 C = 32.0
 """The one constant of every tolerance.
 
-It has to exceed true error / (κ ε scale) at every state: at most 2.96 over 1500 random states of
+It has to exceed true error / (κ ε scale) at every state: at most 1.37 over 1500 random states of
 1 to 40 links (`eomcheck study accuracy --links 1..40 --examples 1500 --seed 1`).
 """
 
