@@ -42,14 +42,17 @@ def test_one_wrong_entry_is_enough(case: Case):
 def test_what_is_compared_is_sized_by_what_it_should_be(case: Case):
     """One percent of it is allowed, and nothing is checked, however large ours is."""
     one_percent = 0.01 * 4.0 / allowed_error(1.0)
-    assert case.compare("x", 1e4 * EXPECTED, EXPECTED, one_percent).verdict == "inconclusive"
+    assert (
+        case.compare("x", 1e4 * EXPECTED, EXPECTED, one_percent, names=NAMES).verdict
+        == "inconclusive"
+    )
 
 
 def test_what_should_be_no_number_is_inconclusive(case: Case):
     expected = EXPECTED.copy()
     expected[0] = np.nan
     for found in (EXPECTED, expected):
-        assert case.compare("x", found, expected, 4.0).verdict == "inconclusive"
+        assert case.compare("x", found, expected, 4.0, names=NAMES).verdict == "inconclusive"
 
 
 def test_measured_sides_are_allowed_no_more_than_their_rounding():
