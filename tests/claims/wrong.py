@@ -6,7 +6,7 @@ x + y k / 2^60 with a whole number k, where y is a mass, or x itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -100,14 +100,16 @@ def wrong_scene(scene: Scene, part: Part, entry: Entry, k: int) -> Scene:
     return made
 
 
-def wrong_formulation(part: Part, entry: Entry, k: int, only: type | None = None) -> Formulation:
+def wrong_formulation(
+    part: Part, entry: Entry, k: int, where: Callable[[Any], bool] = lambda _: True
+) -> Formulation:
     """Return a formulation with one wrong number in its result.
 
     Args:
         part: 0 of its key for the rates, 1 for the multipliers.
         entry: which number.
         k: how wrong, see the module.
-        only: kind of number for which it is wrong, by default all.
+        where: says of a number whether it is wrong, by the kind of number that it is.
     """
     right, place = FORMULATIONS[part.of], int(part.name)
 
@@ -116,7 +118,7 @@ def wrong_formulation(part: Part, entry: Entry, k: int, only: type | None = None
         returned = right.solution(*arguments)
         pair = returned if isinstance(returned, tuple) else (returned,)
         x = pair[place][entry]
-        if only is not None and not isinstance(x, only):
+        if not where(x):
             return returned
         value = with_entry(pair[place], entry, lambda x: x * (2**BITS + k) / 2**BITS)
         return part.put(returned, value) if isinstance(returned, tuple) else value
