@@ -57,7 +57,8 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
     chosen = tuple(f for f in formulations.values() if f.applies_to(scene))
     findings = prove_structure(scene, chosen, 1, SEED)
     order = list(CLAIMS)
-    failed = [finding for finding in findings if finding.verdict == "failed"]
+    # What is no number cannot be looked at, and says so.
+    failed = [finding for finding in findings if finding.verdict in ("failed", "not looked at")]
     return min(failed, key=lambda finding: order.index(finding.claim), default=None)
 
 

@@ -295,6 +295,29 @@ def test_draw_agreement_writes_a_picture(monkeypatch, capsys, tmp_path):
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_scene_of_which_nothing_can_be_proved_is_exit_code_2_and_told_why(
+    monkeypatch, capsys, tmp_path
+):
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import numpy as np\n"
+        "from eomcheck.scenes import Sleigh\n"
+        "class Sines(Sleigh):\n"
+        "    @staticmethod\n"
+        "    def terms(*arguments):\n"
+        "        terms = Sleigh.terms(*arguments)\n"
+        "        return terms._replace(M=terms.M * np.cos(np.sin(arguments[2][0]) * 0))\n"
+    )
+    place = f"{own}:Sines"
+    assert run("prove", "--scene", place, monkeypatch=monkeypatch) == 2
+    printed = capsys.readouterr()
+    assert "not looked at: finite-terms [terms]" in printed.out and "0 disproved" in printed.out
+    assert "no identity could be looked at" in printed.err
+    command = ("validate", "--scene", place, "--examples", "2")
+    assert run(*command, monkeypatch=monkeypatch) == 0
+    assert "not looked at" in capsys.readouterr().out
+
+
 def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
     assert (
         run("prove", "--links", "1,3", "--points", "2", "--seed", "7", monkeypatch=monkeypatch) == 0

@@ -14,7 +14,10 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 
-Verdict = Literal["passed", "failed", "inconclusive"]
+Verdict = Literal["passed", "failed", "inconclusive", "not looked at"]
+
+DECIDED: tuple[Verdict, ...] = ("passed", "failed")
+"""The verdicts that say something."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,11 @@ class Finding:
         observed: largest error seen, in the units of the quantity; for a proof, the number of
             points at which the sides differ.
         allowed: largest error that rounding explains.
-        verdict: "passed", "failed", or "inconclusive" where `allowed` is so large that nothing was
-            checked.
+        verdict: "passed", "failed", "inconclusive" where `allowed` is so large that nothing was
+            checked, or "not looked at" where it cannot be told; the detail says why.
         evidence: level of the evidence and what it rests on.
-        detail: for a failure, the term, the row and what is wrong with it.
+        detail: for a failure, the term, the row and what is wrong with it; for what was not looked
+            at, why.
         proof: what a proof rests on, or None.
         digits: decimal digits of a result in doubles that are certainly right, or None.
     """

@@ -146,7 +146,7 @@ def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
 
 
 def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
-    return Finding(*key, scene, None, 0.0, 0.0, "inconclusive", "not looked at", reason)
+    return Finding(*key, scene, None, 0.0, 0.0, "not looked at", "not looked at", reason)
 
 
 def _not_rational(scene: Scene, error: Exception) -> Finding:
@@ -161,8 +161,7 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
     if ours and not isinstance(error, NotRationalError):
         raise error
     detail = f"not rational, in {last.name}: {error}"
-    key = ("finite-terms", "terms")
-    return Finding(*key, scene, None, 0.0, 0.0, "failed", "not looked at", detail)
+    return _skipped(scene, ("finite-terms", "terms"), detail)
 
 
 def _points(count: int) -> str:

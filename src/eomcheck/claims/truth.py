@@ -21,16 +21,22 @@ EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
 
 def _enclosed(
     case: Case, formulation: Formulation, known: dict[int, Quantities]
-) -> Enclosure | str:
-    """Return the enclosure, or why there is none; see `enclosure` for `known`."""
+) -> Enclosure | Finding:
+    """Return the enclosure, or that there is none; see `enclosure` for `known`."""
     at = case.at
     start, how = {"u": at.u}, (TRUE_DIGITS, at.partition)
     try:
         return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
-    except RefusedError as refusal:
-        return str(refusal)
-    except TypeError as error:
-        return f"not rational: {error}"
+    except (RefusedError, TypeError) as error:
+        return _without_truth(case, formulation.key, error)
+
+
+def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
+    """Return the Finding where there are no digits, or a function does not run on balls."""
+    if isinstance(error, RefusedError):
+        return case.finding(subject, 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
+    why = f"not rational: {error}"
+    return case.finding(subject, 0.0, 0.0, "not looked at", EVIDENCE, why)
 
 
 @check("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
@@ -42,8 +48,8 @@ def enclosures(case: Case) -> Iterator[Finding]:
     known: dict[int, Quantities] = {}
     for f in case.solved:
         x = _enclosed(case, f, known)
-        if isinstance(x, str):
-            yield case.finding(f.key, 0.0, 0.0, "inconclusive", EVIDENCE, x)
+        if isinstance(x, Finding):
+            yield x
         else:
             found.append((f, x))
     for (f, x), (g, y) in pairs(found):
@@ -64,7 +70,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
     try:
         truth, at = true_state(here.scene, here.q, here.u, here.t)
     except (RefusedError, TypeError) as error:
-        yield case.finding("all", 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
+        yield _without_truth(case, "all", error)
         return
     true = Case(at, case.formulations, case.engines, case.claim)
     for formulation in true.solved:

@@ -169,6 +169,8 @@ def prove(
         print(f"written: {json}")
     if proofs.failed:
         raise typer.Exit(1)
+    if not proofs.decided:
+        raise InputError(f"scene = {scene!r}: no identity could be looked at")
 
 
 @app.command("list")

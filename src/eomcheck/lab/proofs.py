@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import eomcheck
+from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.proof import new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import InputError, whole_number
@@ -137,7 +138,16 @@ class Proofs:
     @property
     def failed(self) -> bool:
         """Whether anything was disproved."""
-        return any(one.verdict == "failed" for found in self.findings.values() for one in found)
+        return "failed" in self._verdicts
+
+    @property
+    def decided(self) -> bool:
+        """Whether anything was proved or disproved."""
+        return not self._verdicts.isdisjoint(DECIDED)
+
+    @property
+    def _verdicts(self) -> set[str]:
+        return {one.verdict for found in self.findings.values() for one in found}
 
     def run(self) -> None:
         """Prove everything that is not proved yet."""

@@ -88,7 +88,7 @@ def _evidence(one: Judged) -> list[str]:
 
 def proof_sheet(claims: Iterable[Judged]) -> Sheet:
     """Return what was proved of each claim, and how surely."""
-    counts = {"proved": "passed", "disproved": "failed", "not looked at": "inconclusive"}
+    counts = {"proved": "passed", "disproved": "failed", "not looked at": "not looked at"}
     bounds = "degree ≤", "height ≤", "failure probability <"
     rows = []
     for one in claims:
@@ -166,14 +166,17 @@ def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
         print_sheets([sheet, Sheet("runs", "What was looked at", ("", *runs), _totals(runs))])
     print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
     print_failures(claims)
+    print_unseen(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
         console.print("\nThe smallest failing state found, to paste into Python:\n")
         say(finding.as_python())
     if not any(one.failed for one in claims):
         whole = Judged(tuple(rows))
-        passed = len(rows) - whole.open
-        say(f"{passed} findings passed, {whole.open} inconclusive, 0 failed.", "bold green")
+        passed, unseen = len(rows) - whole.open, len(whole.unseen)
+        others = f", {unseen} not looked at" if unseen else ""
+        said = f"{passed} findings passed, {whole.open - unseen} inconclusive{others}, 0 failed."
+        say(said, "bold green")
 
 
 def _totals(runs: Mapping[str, Run]) -> list[list[str]]:
@@ -181,13 +184,16 @@ def _totals(runs: Mapping[str, Run]) -> list[list[str]]:
     counts = {
         "states": lambda run: run.cases,
         "findings": lambda run: len(run.findings),
-        "of them inconclusive": lambda run: sum(
-            one.verdict == "inconclusive" for one in run.findings
-        ),
+        "of them inconclusive": lambda run: _count(run, "inconclusive"),
+        "not looked at": lambda run: _count(run, "not looked at"),
         "refused by some": lambda run: sum(bool(one.refused) for one in run.drawn),
         "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
     }
     return [[what, *(str(of(run)) for run in runs.values())] for what, of in counts.items()]
+
+
+def _count(run: Run, verdict: str) -> int:
+    return sum(one.verdict == verdict for one in run.findings)
 
 
 def _smallest(run: Run) -> Any:
@@ -202,6 +208,13 @@ def print_failures(claims: Iterable[Judged]) -> None:
             say(f"{row.claim} {row}", "red")
 
 
+def print_unseen(claims: Iterable[Judged]) -> None:
+    """Print what was not looked at, and why."""
+    for one in claims:
+        for subject, (first, *_) in group(one.unseen, lambda row: row.subject).items():
+            say(f"not looked at: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+
+
 def print_proofs(proofs: Proofs) -> None:
     """Print the table, the total failure probability, and every disproof."""
     rows = [one for found in proofs.findings.values() for one in found]
@@ -211,10 +224,7 @@ def print_proofs(proofs: Proofs) -> None:
         return
     print_sheets([proof_sheet(claims)])
     print_failures(claims)
-    for one in claims:
-        skipped = (row for row in one.rows if row.verdict == "inconclusive")
-        for subject, (first, *_) in group(skipped, lambda row: row.subject).items():
-            say(f"not looked at: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+    print_unseen(claims)
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")
     of = group(rows, lambda row: row.verdict)
@@ -224,6 +234,8 @@ def print_proofs(proofs: Proofs) -> None:
         f"[bold {'red' if failed else 'green'}]{len(of.get('passed', []))} identities proved, "
         f"{failed} disproved[/] on {done} of {asked} structures{earlier}"
     )
+    if "passed" not in of:
+        return
     console.print(
         f"Had any of them been false, all its points would have hidden it with a probability below "
         f"{sum(one.failure_probability or 0.0 for one in claims):.1e} ({proofs.jobs.points} random "

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from eomcheck.claims import CLAIMS, Claim
+from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.store.findings import Kept
 
@@ -63,7 +64,7 @@ class Judged:
     def kind(self) -> str:
         """ "failed", "passed", "open" where nothing could be checked, or "none"."""
         verdict = self.worst.verdict if self.worst else "none"
-        return "open" if verdict == "inconclusive" else verdict
+        return verdict if verdict in DECIDED or verdict == "none" else "open"
 
     @property
     def text(self) -> str:
@@ -94,8 +95,13 @@ class Judged:
 
     @property
     def open(self) -> int:
-        """Number of Findings that are inconclusive."""
-        return sum(row.verdict == "inconclusive" for row in self.rows)
+        """Number of Findings that say nothing: inconclusive, or not looked at."""
+        return sum(row.verdict not in DECIDED for row in self.rows)
+
+    @property
+    def unseen(self) -> list[Kept]:
+        """Those not looked at."""
+        return [row for row in self.rows if row.verdict == "not looked at"]
 
     @property
     def links(self) -> str:

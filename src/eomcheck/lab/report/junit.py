@@ -54,7 +54,7 @@ def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float
 def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float) -> None:
     case = _test_case(suite, scene, judged.claim.id, seconds)
     if judged.kind == "open":
-        ElementTree.SubElement(case, "skipped", message="inconclusive: nothing could be checked")
+        ElementTree.SubElement(case, "skipped", message=_clean(_why_open(judged)))
     for row in judged.failed:
         failure = ElementTree.SubElement(case, "failure", message=_clean(str(row)))
         failure.text = _clean(row.python)
@@ -63,6 +63,14 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
         f"{judged.claim.statement} {judged.claim.equations}: {len(judged.rows)} findings, "
         f"{judged.open} inconclusive, largest error {judged.text} of the error allowed"
     )
+
+
+def _why_open(judged: Judged) -> str:
+    """Return why nothing could be checked."""
+    for row in judged.rows:
+        if row.verdict == "not looked at":
+            return f"not looked at: {row.detail}"
+    return "inconclusive: nothing could be checked"
 
 
 def _clean(text: str) -> str:

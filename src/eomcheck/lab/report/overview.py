@@ -96,7 +96,7 @@ class Overview:
 
     @property
     def open(self) -> int:
-        """Number of Findings that are inconclusive."""
+        """Number of Findings that say nothing."""
         return Judged(tuple(self.rows)).open
 
     @cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, TypeVar
 
+from eomcheck.claims.finding import DECIDED
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.report.findings import digits_sheet, strata_sheet
 from eomcheck.lab.report.overview import Overview
@@ -67,7 +68,7 @@ def _of_study(key: str, overview: Overview) -> Section | None:
 def _digits(overview: Overview) -> Section:
     """Return the certified digits of each formulation on each scene."""
     # Where an acceleration is nothing but rounding it has no digits to be right.
-    sheet = digits_sheet(row for row in overview.rows if row.verdict != "inconclusive")
+    sheet = digits_sheet(row for row in overview.rows if row.verdict in DECIDED)
     return Section(
         "digits",
         "Certified digits",

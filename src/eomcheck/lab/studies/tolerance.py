@@ -8,6 +8,7 @@ from itertools import chain
 from statistics import median
 
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.run import Run, Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.console import progress
@@ -39,7 +40,7 @@ def _ratios(settings: Settings) -> Record:
         run.explore(scene_cases(Snake, links, examples, seed), selection, advance)
     ratios: dict[str, list[float]] = defaultdict(list)
     for finding in run.findings:
-        if finding.verdict != "inconclusive" and finding.claim != "refusals":
+        if finding.verdict in DECIDED and finding.claim != "refusals":
             ratios[finding.claim].append(C * finding.ratio)
     return Record(STUDY.key, settings, series=dict(ratios))
 
