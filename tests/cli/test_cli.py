@@ -302,20 +302,17 @@ def test_a_scene_of_which_nothing_can_be_proved_is_exit_code_2_and_told_why(
     own.write_text(
         "import numpy as np\n"
         "from eomcheck.scenes import Sleigh\n"
-        "class Sines(Sleigh):\n"
+        "class Roots(Sleigh):\n"
         "    @staticmethod\n"
         "    def terms(*arguments):\n"
         "        terms = Sleigh.terms(*arguments)\n"
-        "        return terms._replace(M=terms.M * np.cos(np.sin(arguments[2][0]) * 0))\n"
+        "        return terms._replace(M=terms.M * (1 + 0 * np.cbrt(arguments[2][0])))\n"
     )
-    place = f"{own}:Sines"
+    place = f"{own}:Roots"
     assert run("prove", "--scene", place, monkeypatch=monkeypatch) == 2
     printed = capsys.readouterr()
     assert "not looked at: finite-terms [terms]" in printed.out and "0 disproved" in printed.out
     assert "no identity could be looked at" in printed.err
-    command = ("validate", "--scene", place, "--examples", "2")
-    assert run(*command, monkeypatch=monkeypatch) == 0
-    assert "not looked at" in capsys.readouterr().out
 
 
 def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
