@@ -183,3 +183,61 @@ def test_a_condition_number_that_leaves_three_digits_of_none_leaves_no_bound():
 
     with patch.object(sensitivity, "_determined", as_it_is):
         assert bound(at, "el", patch.object(sensitivity, "INCONCLUSIVE", np.inf)) < UNDERFLOW
+
+
+# ---- Which of several pivots ---------------------------------------------------------------------
+
+TIED = [1.0, 1.3759313442838287e-06, 1.3759313419090113e-06, 1.226775801336115e-05]
+"""Lengths with which rows of M_El, and of M_IM, have pivots of the same size."""
+ACROSS = [0.0, 0.0, -1.3688761976085697, -6.637238402472314e-14]
+AT = (
+    [-9.062077838223202e-56] * 6,
+    [
+        *(-6.796177018300744e-22, 6.879656721272827e-07, -1.3759313442545654e-06),
+        *(0.999999999978732, -1.000000001704698, 0.11215833755083748),
+    ],
+)
+
+
+def tied(mass: list[float], inertia: list[float]) -> Snake:
+    stiffness = [3.244731764819549e-07, 12.305827970533176, 0.0]
+    damping = [77171485834.20601, 0.0, 0.0]
+    return Snake(mass, TIED, inertia, stiffness, ACROSS, damping=damping)
+
+
+@pytest.mark.parametrize(
+    ("key", "snake"),
+    [
+        (
+            "el",
+            tied(
+                [
+                    27.501227487845036,
+                    1.1563955743164103e-06,
+                    8.515817290200996e-4,
+                    0.03162277660168379,
+                ],
+                [1564372.7742405706, 1.0, 1.0, 0.002270183297644602],
+            ),
+        ),
+        (
+            "im",
+            tied(
+                [
+                    0.027026897545729563,
+                    1.1364505356423903e-9,
+                    8.368939950849061e-7,
+                    3.107735986340777e-5,
+                ],
+                [1.0, 1.0, 1.0, 0.002270183297644602],
+            ),
+        ),
+    ],
+    ids=["el", "im"],
+)
+def test_a_choice_between_equal_pivots_is_the_same_in_every_copy(key: str, snake: Snake):
+    """By the other row, which most copies would take, nearly nothing is lost."""
+    at = Evaluation(snake, *AT)
+    truth = eomcheck.enclose(snake, key, at.q, v=at.v, digits=20)
+    any_row = patch.object(linear, "_like", lambda _: None)
+    assert bound(at, key, any_row) < error(at, key, truth) < bound(at, key)

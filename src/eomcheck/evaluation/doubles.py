@@ -25,6 +25,12 @@ from eomcheck.numbers.linear import Solve, Watch, watching
 
 T = TypeVar("T")
 
+Key = tuple[str, bool]
+"""A formulation, and whether its partition is a pivoted one."""
+
+SPEEDS: Key = ("speeds", False)
+"""Under which generalized speeds by a partition keep what they solve."""
+
 
 @dataclass(frozen=True)
 class Acceleration:
@@ -64,7 +70,7 @@ class Evaluation(Quantities):
         self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self._kept: dict[Callable[[Evaluation], Any], Any] = {}
-        self.solves: dict[tuple[str, bool], dict[str, Solve]] = {}
+        self.solves: dict[Key, dict[str, Solve]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function on doubles."""
@@ -78,8 +84,8 @@ class Evaluation(Quantities):
                 self._kept[function] = function(self)
         return self._kept[function]
 
-    def watched(self) -> AbstractContextManager[Watch]:
-        """Watch the matrices that are solved."""
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved for what `solves` has under `key`."""
         return watching()
 
     @quantity
@@ -93,10 +99,11 @@ class Evaluation(Quantities):
         if self.scene.natural_speeds:
             return super().kinematics
         # A partition solves for velocities: in Python, where a singular matrix is refused.
-        with self.watched() as watch, np.errstate(all="ignore"):
+        with self.watched(SPEEDS) as watch, np.errstate(all="ignore"):
             here = self.parameters, self.prepared, self.q, self.u
             found = self.call(self.scene.kinematics, *here)
         self._speeds_rcond = watch.rcond
+        self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
         return found
 
     @quantity
@@ -139,13 +146,14 @@ class Evaluation(Quantities):
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
         partition = self.partition_for(formulation, pivoted)
         name = f"{formulation.key}, pivoted" if pivoted else formulation.key
-        with self.computing(name), self.watched() as watch, np.errstate(all="ignore"):
+        key = formulation.key, pivoted
+        with self.computing(name), self.watched(key) as watch, np.errstate(all="ignore"):
             vdot, multipliers = self.solution(formulation, partition)
         self.check_finite(vdot, multipliers, formulation)
         rcond = watch.rcond
         if formulation.state == "q, u":
             rcond = self._speeds_rcond | rcond
-        self.solves[formulation.key, pivoted] = {solve.name: solve for solve in watch.solves}
+        self.solves[key] = {solve.name: solve for solve in watch.solves}
         return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def check_finite(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation, violation
+from eomcheck.evaluation.doubles import Evaluation, Key, violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
@@ -87,9 +87,9 @@ class Perturbed(Evaluation):
         jacobians = self.keep(self.call(scene.jacobians, *here))
         return self.keep(self.call(scene.assemble, *here, jacobians))
 
-    def watched(self) -> AbstractContextManager[Watch]:
-        """Watch the matrices that are solved, and perturb them."""
-        return watching(self._noise)
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
+        return watching(self._noise, self._original.solves.get(key) if key else None)
 
     @quantity
     def pivoted_partition(self) -> Partition:

@@ -9,7 +9,7 @@ refused. Object arrays go to the solver registered for their scalar type; fields
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from fractions import Fraction
@@ -45,6 +45,7 @@ class Solve(NamedTuple):
         sign: the sign of its determinant.
         log_determinant: log2 |det|.
         refinements: steps of refinement that the solution took.
+        pivots: the row (size,) that each row was exchanged with, as LAPACK has them; None of bands.
     """
 
     name: str
@@ -53,13 +54,14 @@ class Solve(NamedTuple):
     sign: float
     log_determinant: float
     refinements: int = 0
+    pivots: np.ndarray | None = None
 
 
 class Watch:
     """What `solve` reports to while doubles are evaluated."""
 
-    def __init__(self, noise: Noise | None = None):
-        self.noise = noise
+    def __init__(self, noise: Noise | None = None, like: Mapping[str, Solve] | None = None):
+        self.noise, self.like = noise, like or {}
         self.solves: list[Solve] = []
 
     @property
@@ -72,9 +74,18 @@ _watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
 
 
 @contextmanager
-def watching(noise: Noise | None = None) -> Iterator[Watch]:
-    """Collect every `Solve` made inside the block; with `noise`, move the matrices as well."""
-    token = _watch.set(watch := Watch(noise))
+def watching(
+    noise: Noise | None = None, like: Mapping[str, Solve] | None = None
+) -> Iterator[Watch]:
+    """Collect every `Solve` made inside the block.
+
+    Args:
+        noise: what matrices are moved by.
+        like: name of a matrix -> how it was solved as it is: moved, it is given the same pivots.
+            Where several rows would do as well, another choice is another elimination, which tells
+            nothing of the rounding of this one.
+    """
+    token = _watch.set(watch := Watch(noise, like))
     try:
         yield watch
     finally:
@@ -173,7 +184,7 @@ def _lapack_solve(A, b, name):
     A, b, scale, row_scale = _scaled(A, b)
     lu, pivots, _ = _getrf(A)
     det = determinant(np.diagonal(lu), pivots, scale, row_scale)
-    record(Solve(name, size, reciprocal_condition(lu, pivots), *det), A)
+    record(Solve(name, size, reciprocal_condition(lu, pivots), *det, pivots=pivots), A)
     return _down(_getrs(lu, pivots, b)[0], scale)
 
 
@@ -185,6 +196,9 @@ def _moved_solve(A, b, name, noise):
     """
     A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
     lu, pivots, _ = _getrf(A)
+    like = _like(name)
+    if like is not None and not np.array_equal(pivots, like):
+        lu, pivots = _eliminated(A, like), like
     det = determinant(np.diagonal(lu), pivots, scale, row_scale)
     record(Solve(name, len(A), np.nan, *det), A)
     if not np.diagonal(lu).all():
@@ -192,6 +206,30 @@ def _moved_solve(A, b, name, noise):
     x = _getrs(lu, pivots, b)[0]
     x += _getrs(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))[0]
     return noise.array(noise.entries(_down(x, scale)))
+
+
+def _like(name):
+    """Return the pivots of the matrix as it is, if they are known."""
+    watch = _watch.get()
+    found = None if watch is None else watch.like.get(name)
+    return None if found is None else found.pivots
+
+
+def _eliminated(A, pivots):
+    """Return the factors of A (k, k), as `getrf` has them, with given pivots."""
+    lu = A[_order(pivots)]
+    for i in range(len(lu) - 1):
+        lu[i + 1 :, i] /= lu[i, i]
+        lu[i + 1 :, i + 1 :] -= np.outer(lu[i + 1 :, i], lu[i, i + 1 :])
+    return lu
+
+
+def _order(pivots):
+    """Return the rows (k,) in the order of their elimination."""
+    order = np.arange(len(pivots))
+    for i, pivot in enumerate(pivots):
+        order[i], order[pivot] = order[pivot], order[i]
+    return order
 
 
 def _scaled(A, b):
@@ -221,9 +259,7 @@ class Factors:
     def __init__(self, lu: np.ndarray, pivots: np.ndarray):
         self.L, self.U = np.abs(np.tril(lu, -1)), np.abs(np.triu(lu))
         np.fill_diagonal(self.L, 1.0)
-        self.order = np.arange(len(pivots))
-        for i, pivot in enumerate(pivots):
-            self.order[i], self.order[pivot] = self.order[pivot], self.order[i]
+        self.order = _order(pivots)
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """Return |L||U| x, x (k,) or (k, m)."""
