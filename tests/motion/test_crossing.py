@@ -40,6 +40,17 @@ def test_a_motion_that_went_over_a_singular_pose_failed_before(key, tolerance, t
         assert np.abs(exact.q - found.q).max() < 1e3 * tolerance
 
 
+@pytest.mark.parametrize("key", ["em", "el"])
+def test_poses_that_are_crossed_twice_between_two_outputs_are_noticed(key: str):
+    sleigh = Sleigh(mass=1.3, inertia=0.21, offset=0.02, rate=2.1)
+    exact = simulate(sleigh, "kane", 10.0, **START)
+    turned = np.flatnonzero((exact.q[:, 2] > np.pi + 0.5) & (exact.q[:, 2] < 2 * np.pi - 0.5))
+    times = [0.01, exact.times[turned[0]]]
+    found = simulate(sleigh, key, times[1], output_times=times, **START)
+    assert (found.status, found.times.tolist()) == ("failed", times[:1])
+    assert "the determinant of a_1" in found.reason
+
+
 @pytest.mark.parametrize("key", ["im", "au", "gw", "ml", "kane"])
 def test_a_motion_that_is_solved_by_no_partition_goes_through(key):
     found = simulate(SLEIGH, key, 10.0, **START)

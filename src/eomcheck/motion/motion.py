@@ -59,6 +59,7 @@ class Motion:
         self.y0 = state_of(at, formulation)
         self.speeds = number_of_speeds(scene, formulation)
         self.rates = RightHandSide(scene, formulation, baumgarte)
+        self.solves_partition = solves_partition(scene, formulation)
 
     def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
         """Return `integrate`'s result for this motion; counts are set anew.
@@ -143,9 +144,15 @@ class Motion:
         return found
 
     def crossed(self, t: Array, y: Array) -> int | None:
-        """Return the first of the states y (k, size) behind a pose that it cannot have crossed."""
-        if not solves_partition(self.scene, self.formulation) or len(t) == 0:
+        """Return the first of the states y (k, size) behind a pose that it cannot have crossed.
+
+        Those from the first on that is not finite are not looked at.
+        """
+        whole = np.isfinite(y).all(axis=1)
+        known = len(t) if whole.all() else int(np.argmin(whole))
+        if not self.solves_partition or known == 0:
             return None
+        t, y = t[:known], y[:known]
         parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
         here = self.scene, self.formulation, parameters
         # From where it started, which need not be an output.

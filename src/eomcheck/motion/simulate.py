@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def simulate(
         The trajectory. An integration that cannot go on, that came to a state which the
         formulation refuses, or went over a pose in which its partition is singular, is a result
         with `status` "failed" and a reason, up to where it came. Such a pose is noticed where it
-        was crossed once between two states of the trajectory.
+        was crossed once between two steps; with `output_times` all steps are made once more.
 
     Raises:
         InputError: values that are not valid, velocities that violate the constraints, a
@@ -86,20 +87,22 @@ def simulate(
         raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
     times = None if output_times is None else checked_times(output_times, t_end)
     motion = Motion(scene, formulation, *initial(scene, q0, v0, u0), baumgarte)
-    start = time.perf_counter()
-    found = motion.solve(
+    solve = partial(
+        motion.solve,
         t_end,
         projection,
         integrator=integrator,
         rtol=rtol,
         atol=atol,
-        output_times=times,
         max_step=max_step,
         first_step=0.0 if first_step is None else first_step,
         max_steps=max_steps,
     )
+    every = solve() if motion.solves_partition and times is not None else None
+    start = time.perf_counter()
+    found = solve(output_times=times)
     seconds = time.perf_counter() - start
-    seen = trajectory(motion, found, integrator, rtol, atol, seconds)
+    seen = trajectory(motion, found, integrator, rtol, atol, seconds, every)
     return replace(seen, baumgarte=baumgarte, projection=projection)
 
 

@@ -77,11 +77,20 @@ class Trajectory:
 
 
 def trajectory(
-    motion: Motion, found: Steps, integrator: str, rtol: float, atol: float, seconds: float
+    motion: Motion,
+    found: Steps,
+    integrator: str,
+    rtol: float,
+    atol: float,
+    seconds: float,
+    every: Steps | None = None,
 ) -> Trajectory:
-    """Return what the last `solve` of `motion`, which found these steps, says of the scene."""
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene.
+
+    Poses that it cannot cross are looked for in `every` step, where `found` has only some times.
+    """
     scene, formulation = motion.scene, motion.formulation
-    course = _Course(motion, found)
+    course = _Course(motion, found, found if every is None else every)
     reason, refusal = course.refused or ("", None)
     if not (reason or (found.success and course.whole)):
         reason, refusal = _reason(motion, found)
@@ -117,7 +126,7 @@ class _Course:
     public path looks at the matrices that are solved.
     """
 
-    def __init__(self, motion: Motion, found: Steps):
+    def __init__(self, motion: Motion, found: Steps, every: Steps):
         self.formulation = motion.formulation
         self.seen = motion.seen(found.t, found.y)
         whole = np.asarray(np.isfinite(found.y).all(axis=1))
@@ -130,11 +139,12 @@ class _Course:
         self.refused: tuple[str, RefusedError] | None = None
         self._looked: dict[str, Evaluation] = {}
         self._worst = math.inf
-        behind = motion.crossed(found.t[: self.kept], found.y[: self.kept])
+        behind = motion.crossed(every.t, every.y)
         if behind is not None:
-            times = np.concatenate(([0.0], found.t))
+            times = np.concatenate(([0.0], every.t))
             refusal = crossing(times, behind + 1)
-            self.refused, self.kept = (str(refusal), refusal), behind
+            self.refused = str(refusal), refusal
+            self.kept = min(self.kept, int(np.searchsorted(found.t, times[behind], "right")))
         places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
         if "multipliers" in self.seen:
             without = np.isnan(self.seen["multipliers"]).any(axis=1)
