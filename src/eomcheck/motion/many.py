@@ -18,14 +18,9 @@ from eomcheck.kernels import dop853
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.machine import memory
 from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.motion.crossing import crossed, crossing, solves_partition
 from eomcheck.motion.integrators import MOST_STEPS
-from eomcheck.motion.observe import (
-    crossed,
-    crossing,
-    observer_of,
-    partition_signs,
-    solves_partition,
-)
+from eomcheck.motion.observe import observer_of
 from eomcheck.motion.right_hand_side import kernel_of
 from eomcheck.motion.simulate import check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
@@ -222,12 +217,10 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
             seen[name][lanes] = x.transpose(2, 0, 1)
         if solves_partition(scene, formulation):
             t, out = np.vstack((np.zeros(width), t)), np.concatenate((y0[lanes].T[None], out))
-            signs = partition_signs(scene, formulation, parameters, t, out)
-            for lane, i in enumerate(lanes):
-                known = np.flatnonzero(np.isfinite(out[:, :, lane]).all(axis=1))
-                place = crossed(signs[known, lane])
+            places = crossed(scene, formulation, parameters, t, out)
+            for lane, (i, place) in enumerate(zip(lanes, places, strict=True)):
                 if place is not None:
-                    behind[i] = known[place] - 1, str(crossing(t[known, lane], place))
+                    behind[i] = place[1] - 1, str(crossing(*t[place, lane]))
     for i, (place, why) in behind.items():
         reasons[i] = why
         for x in (y, *seen.values()):

@@ -8,8 +8,9 @@ from eomcheck.console import watched
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.crossing import crossed, solves_partition
 from eomcheck.motion.integrators import Steps, integrate
-from eomcheck.motion.observe import crossed, observer_of, partition_signs, solves_partition
+from eomcheck.motion.observe import observer_of
 from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.motion.state import number_of_speeds, state_of, take_speeds
@@ -143,22 +144,16 @@ class Motion:
                         found[name][some] = seen[name][:, :, 0]
         return found
 
-    def crossed(self, t: Array, y: Array) -> int | None:
-        """Return the first of the states y (k, size) behind a pose that it cannot have crossed.
-
-        Those from the first on that is not finite are not looked at.
-        """
-        whole = np.isfinite(y).all(axis=1)
-        known = len(t) if whole.all() else int(np.argmin(whole))
-        if not self.solves_partition or known == 0:
+    def crossed(self, t: Array, y: Array) -> tuple[float, float] | None:
+        """Return the times, s, between which states y (k, size) went over such a pose, or None."""
+        if not self.solves_partition or len(t) == 0:
             return None
-        t, y = t[:known], y[:known]
         parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
         here = self.scene, self.formulation, parameters
         # From where it started, which need not be an output.
         t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
-        place = crossed(partition_signs(*here, t[:, None], y[:, :, None])[:, 0])
-        return None if place is None else place - 1
+        (place,) = crossed(*here, t[:, None], y[:, :, None])
+        return None if place is None else (float(t[place[0]]), float(t[place[1]]))
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
         """Return the evaluation at a state vector; None where doubles cannot hold it."""

@@ -73,69 +73,6 @@ def as_integrated(at: Evaluation, formulation: Formulation) -> Evaluation:
     return Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at
 
 
-def solves_partition(scene: Scene, formulation: Formulation) -> bool:
-    """Return whether a right-hand side solves the constraints for the dependent velocities."""
-    by_speeds = formulation.state == "q, u" and not scene.natural_speeds
-    return scene.r > 0 and (formulation.partitioned or by_speeds)
-
-
-def partition_on(scene: Scene, formulation: Formulation) -> Traced:
-    """Put on a tape a_1 (r, r), the columns of a of the paper's dependent velocities."""
-    tape, at, y, _ = state_on_tape(scene, formulation)
-    a, _ = at.call(scene.constraints, at.parameters, at.prepared, at.q)
-    a_1 = a[:, at.partition.dependent].ravel()
-    return Traced(tape, at, y, {"a_1": [tape.number(x).place for x in a_1]})
-
-
-ENTRIES = 2**20
-"""Most entries of matrices that are looked at at a time."""
-
-
-def partition_signs(
-    scene: Scene, formulation: Formulation, parameters: dict[str, Array], t: Array, y: Array
-) -> Array:
-    """Return the sign of det a_1 (k, lanes) at times t (k, lanes) of states y (k, size, lanes).
-
-    Between states of other signs there is one in which a_1 is singular, and nothing that solves
-    with it gets there. Of a state that is not finite it means nothing.
-
-    Args:
-        scene: a scene of this kind, where `solves_partition`.
-        formulation: the formulation.
-        parameters: of each lane, by name.
-        t: times, s.
-        y: state vectors.
-    """
-    r, lanes = scene.r, t.shape[1]
-    kernel = traced_kernel(partition_on, scene, formulation, {"a_1": r * r}, lanes)
-    block, piece = kernel.block(parameters), max(1, ENTRIES // (r * r * lanes))
-    signs = []
-    for first in range(0, len(t), piece):
-        some = slice(first, first + piece)
-        a_1 = kernel.rows(block, t[some], y[some])["a_1"].transpose(0, 2, 1)
-        with np.errstate(all="ignore"):
-            signs.append(np.linalg.slogdet(a_1.reshape(-1, lanes, r, r)).sign)
-    return np.concatenate(signs)
-
-
-def crossed(signs: Array) -> int | None:
-    """Return the first place where signs (k,) are not that of the first; None where all are."""
-    others = np.flatnonzero(signs != signs[0])
-    return int(others[0]) if others.size else None
-
-
-def crossing(t: Array, place: int) -> RefusedError:
-    """Return what is said of a motion that went on to t[place] from a state with another sign."""
-    return RefusedError(
-        "a_1",
-        0.0,
-        0.0,
-        f"between t = {t[place - 1]:.9g} s and {t[place]:.9g} s the determinant of a_1, the columns"
-        " of a of the dependent velocities, changes its sign: there it is singular, and no motion "
-        "that is solved by it crosses such a pose",
-    )
-
-
 def solves_on(scene: Scene, formulation: Formulation) -> Traced:
     """Put a right-hand side on a tape; its outputs are the matrices that it solves, by name.
 

@@ -13,9 +13,9 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.crossing import crossing
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.motion import Motion
-from eomcheck.motion.observe import crossing
 from eomcheck.numbers.contract import Array
 
 LOOKED_AT = 200
@@ -139,12 +139,11 @@ class _Course:
         self.refused: tuple[str, RefusedError] | None = None
         self._looked: dict[str, Evaluation] = {}
         self._worst = math.inf
-        behind = motion.crossed(every.t, every.y)
-        if behind is not None:
-            times = np.concatenate(([0.0], every.t))
-            refusal = crossing(times, behind + 1)
+        between = motion.crossed(every.t, every.y)
+        if between is not None:
+            refusal = crossing(*between)
             self.refused = str(refusal), refusal
-            self.kept = min(self.kept, int(np.searchsorted(found.t, times[behind], "right")))
+            self.kept = min(self.kept, int(np.searchsorted(found.t, between[0], "right")))
         places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
         if "multipliers" in self.seen:
             without = np.isnan(self.seen["multipliers"]).any(axis=1)
