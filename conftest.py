@@ -2,7 +2,9 @@
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 # The matrices are small: threads cost more than they gain. To be set before numpy is imported.
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -19,3 +21,13 @@ settings.register_profile(
 )
 settings.register_profile("fuzz", max_examples=1000, deadline=None, suppress_health_check=slow)
 settings.load_profile("ci")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Draw the same cases whatever the sources say: they hold numbers that hypothesis is fond of.
+
+    Otherwise what is drawn would depend on every edit, and on the modules imported before.
+    """
+    if config.getoption("--hypothesis-profile", None) in (None, "ci"):
+        assert hasattr(providers, "is_local_module_file")
+        providers.is_local_module_file = lambda path: False

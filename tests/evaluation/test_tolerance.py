@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck import strategies
 from eomcheck.claims.finding import judge
+from eomcheck.claims.strata import scene_cases
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import true_state
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import _check_digits
 from eomcheck.evaluation.tolerance import C, allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.draws import draw
 from eomcheck.numbers.noise import STEP
 from eomcheck.scenes import Snake
 
@@ -29,7 +28,7 @@ U = [1.0, 0.5]
 def largest_ratio() -> float:
     """Return the largest true error / (κ ε scale) over some ordinary states."""
     ratios = []
-    for scene, (q, v, t) in draw(strategies.scene_states(strategies.snakes(1, 12)), 15, 0):
+    for scene, (q, v, t) in scene_cases(Snake, (1, 12), 30, 0):
         for key in FORMULATIONS:
             try:
                 u = eomcheck.speeds_of(scene, q, v, t)
