@@ -418,6 +418,29 @@ def with_two_wheels_nearly_across() -> tuple[Snake, State]:
     return scene, State(np.ones(5), np.zeros(5))
 
 
+def with_speeds_that_cancel() -> tuple[Snake, State]:
+    """Return a state whose v = W u, from u as machine code has it, is rounded 100 times coarser."""
+    scene = Snake(
+        [3.6837281536059953e-06, 7.345072943448855e-07, 1.0],
+        [3.9913133268935237, 0.9999769744141629, 1.0],
+        [2.889435107646155, 0.0, 0.0],
+        [0.0, 0.0],
+        [-1.5707963267948966, 1.5391735501932127, 2.722456683657e-278],
+        damping=[1.3928197297872277e-05, 0.0],
+    )
+    v = [-4.984121218228437e-124, 1.7332798612463573e-123, -4.499738751057221e-124]
+    v += [-4.183531640671569e-124, -8.319222024824267e-124]
+    q = [2.860858702559196e-29, 444409257.13423085, 0.28, -728635429.2671993, 356707797.37227035]
+    return scene, State(np.array(q), np.array(v))
+
+
+def without_inertia_on_its_wheel() -> tuple[Snake, State]:
+    """Return a state of a singular M_ML, which in doubles is tiny: its solution overflows."""
+    v = [0.9999992219648719, -1.5560696509443965e-06, 0.0012474242380167374]
+    scene = Snake([0.31622776601683794], [0.002494852358197513], [0.0], None, [-0.0])
+    return scene, State(np.array([0.0, 0.0, -2.4751679065471893e-184]), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -444,6 +467,8 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_wheels_that_only_rounding_tells_apart,
         swinging_a_long_link,
         with_rows_on_powers_of_two,
+        with_speeds_that_cancel,
+        without_inertia_on_its_wheel,
         with_both_wheels_nearly_across,
         with_two_wheels_nearly_across,
     ):

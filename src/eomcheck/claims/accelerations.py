@@ -195,8 +195,8 @@ def machine_code(case: Case) -> Iterator[Finding]:
         return
     for formulation in case.solved:
         try:
-            at = as_integrated(case.at, formulation)
-            found = acceleration_in_machine_code(at, formulation)
+            at, y = as_integrated(case.at, formulation)
+            found = acceleration_in_machine_code(at, formulation, y)
             public = at.acceleration(formulation).vdot
         except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
             continue

@@ -21,6 +21,7 @@ from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.linear import column_scale
+from eomcheck.numbers.pivots import EPS
 
 
 def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
@@ -30,12 +31,13 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
     u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a
     refusal agree to a factor of the order, which is taken off. An overflow is justified by inputs
-    large enough for it.
+    large enough for it, or by what is singular to working precision.
     """
     at = case.at
     M, _, _, a, _, _ = at.terms
-    if np.isnan(refusal.rcond):
-        return 0.0 if max(largest(x) for x in (at.v, at.F, M)) > HUGE else 1.0
+    overflows = np.isnan(refusal.rcond)
+    if overflows and max(largest(x) for x in (at.v, at.F, M)) > HUGE:
+        return 0.0
     needed = [M]
     if a is not None:
         needed.append(_kkt(M, a))
@@ -55,6 +57,8 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     if a is not None and refusal.what == MOBILITY:
         # The square of another matrix, it is singular to working precision long before that.
         rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
+    if overflows:
+        return 0.0 if min(rcond) < at.scene.n * EPS else 1.0
     return min(rcond)
 
 

@@ -60,17 +60,18 @@ def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kerne
     return traced_kernel(observations_on, scene, formulation, outputs, width=width)
 
 
-def as_integrated(at: Evaluation, formulation: Formulation) -> Evaluation:
-    """Return the evaluation at the velocities that the state vector of `formulation` stands for.
+def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation, Array]:
+    """Return the evaluation at what the state vector of `formulation` stands for, and that vector.
 
-    Where it holds the independent ones, the others follow from them, by rounding times the
-    condition of what is solved another v than the one given.
+    Where it holds speeds or the independent velocities, all velocities follow from them: others
+    than those given, by rounding times the condition of what is solved, or by what cancels in W u.
     """
-    if formulation.state != "q, v2":
-        return at
+    y = state_of(at, formulation)
+    if formulation.state in ("q, v", "q, v, μ"):
+        return at, y
     kernel = observer_of(at.scene, formulation)
-    v = kernel(block_of(kernel, at.scene), np.array([at.t]), state_of(at, formulation))["v"]
-    return Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at
+    v = kernel(block_of(kernel, at.scene), np.array([at.t]), y)["v"]
+    return (Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at), y
 
 
 def solves_on(scene: Scene, formulation: Formulation) -> Traced:

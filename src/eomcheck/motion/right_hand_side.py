@@ -163,10 +163,18 @@ class RightHandSide:
         return ydot
 
 
-def acceleration_in_machine_code(at: Evaluation, formulation: Formulation) -> Array:
-    """Return v̇ (n,) by machine code at the state of `at`; NaN where a matrix is singular."""
+def acceleration_in_machine_code(
+    at: Evaluation, formulation: Formulation, y: Array | None = None
+) -> Array:
+    """Return v̇ (n,) by machine code; NaN where a matrix is singular.
+
+    Args:
+        at: where; its coordinates, velocities and time.
+        formulation: the formulation.
+        y: state vector in place of the one that follows from `at`.
+    """
     kernel = kernel_of(at.scene, formulation, also=ACCELERATION)
-    state = state_of(at, formulation)
+    state = state_of(at, formulation) if y is None else y
     return kernel(block_of(kernel, at.scene), np.array([at.t]), state)["vdot"]
 
 

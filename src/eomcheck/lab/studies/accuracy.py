@@ -138,13 +138,13 @@ def _bound(found: Accuracy) -> float:
 
 def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) -> float:
     """Return the error of machine code over the bound of the public path for the same question."""
-    same = as_integrated(at, formulation)
+    same, y = as_integrated(at, formulation)
     if same is not at:
         try:
             found = accuracy(at.scene, formulation.key, at.q, t=at.t, v=same.v)
         except RefusedError:
             return float("nan")
-    machine = acceleration_in_machine_code(same, formulation)
+    machine = acceleration_in_machine_code(same, formulation, y)
     if not np.isfinite(machine).all():
         return float("nan")
     return relative_error(machine, found.truth) / _bound(found)
