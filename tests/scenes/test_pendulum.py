@@ -1,0 +1,65 @@
+"""The scene of the guide with a holonomic constraint and speeds of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.claims import CLAIMS
+from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.scenes.named import kinds_of
+
+PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
+Q, V = np.array([0.6, -0.8]), np.array([1.6, 1.2])
+
+
+def checked(path: Path) -> list:
+    (kind,) = kinds_of(f"{path}:Pendulum")
+    scene = kind.example()
+    found = eomcheck.check(scene, Q, V, consistent=False)
+    return found + eomcheck.prove(kind, points=1, seed=0)
+
+
+def test_the_pendulum_passes_all_checks_and_proofs():
+    assert {finding.verdict for finding in checked(PENDULUM)} == {"passed"}
+
+
+def test_its_motion_is_that_of_a_pendulum():
+    (kind,) = kinds_of(f"{PENDULUM}:Pendulum")
+    scene = kind(length=0.7)
+    found = eomcheck.simulate(scene, "kane", 2.0, rtol=1e-11, atol=1e-11)
+    x, y = found.q.T
+    assert np.abs(np.hypot(x, y) - 0.7).max() < 1e-8
+    assert np.ptp(found.energy) < 1e-8
+    # Let go level, ω² = 2 g |y| / L².
+    omega = np.array([eomcheck.speeds_of(scene, *state)[0] for state in zip(found.q, found.v, strict=True)])
+    assert np.abs(omega**2 + 2 * 9.81 * y / 0.7**2).max() < 1e-6
+
+
+@pytest.mark.parametrize("q", [(0.3, -0.2), (1.7, 1.1)])
+def test_positions_are_closed_by_the_holonomic_row(q):
+    (kind,) = kinds_of(f"{PENDULUM}:Pendulum")
+    assert np.hypot(*closed_position(kind(), q)) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "claim"),
+    [
+        ("gap / 2", "gap", "position-rate"),
+        ("v[0] * v[0] + v[1] * v[1]", "v[0] * v[0] - v[1] * v[1]", "constraint-drift"),
+        ("[[-y], [x]]", "[[y], [x]]", "null-space-speeds"),
+        ("[-omega * omega * x", "[omega * omega * x", "speeds-remainder"),
+        ("force = np.array([-p", "force = np.array([p", "active-forces"),
+    ],
+)
+def test_a_mistake_in_the_pendulum_is_found_and_named(tmp_path, old, new, claim):
+    source = PENDULUM.read_text(encoding="utf-8")
+    assert source.count(old) == 1
+    path = tmp_path / f"pendulum_{abs(hash(new))}.py"
+    path.write_text(source.replace(old, new), encoding="utf-8")
+    failed = [finding for finding in checked(path) if finding.verdict == "failed"]
+    first = min(failed, key=lambda finding: list(CLAIMS).index(finding.claim))
+    assert first.claim == claim, str(first)
