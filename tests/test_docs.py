@@ -30,3 +30,16 @@ def test_a_python_block_runs(page: Path, number: int, block: str, monkeypatch):
 
 def test_there_are_blocks():
     assert {"README.md", "andrews.md", "check-your-own.md"} <= {page.name for page, *_ in BLOCKS}
+
+
+TERM = re.compile(r"\{term\}`(?:[^`<]*<)?\s*([^`>]+?)>?`", re.S)
+
+
+def test_every_word_of_the_glossary_is_linked_from_some_other_page():
+    glossary = DOCS / "glossary.md"
+    blocks = re.findall(r"^```\{glossary\}\n(.*?)^```$", glossary.read_text("utf-8"), re.S | re.M)
+    words = {line for block in blocks for line in re.findall(r"^(\S.*)$", block, re.M)}
+    assert len(words) > 40
+    others = (page.read_text("utf-8") for page in PAGES if page != glossary)
+    linked = {" ".join(word.split()) for text in others for word in TERM.findall(text)}
+    assert not words - linked
