@@ -35,7 +35,8 @@ def test_its_motion_is_that_of_a_pendulum():
     assert np.abs(np.hypot(x, y) - 0.7).max() < 1e-8
     assert np.ptp(found.energy) < 1e-8
     # Let go level, ω² = 2 g |y| / L².
-    omega = np.array([eomcheck.speeds_of(scene, *state)[0] for state in zip(found.q, found.v, strict=True)])
+    states = zip(found.q, found.v, strict=True)
+    omega = np.array([eomcheck.speeds_of(scene, *state)[0] for state in states])
     assert np.abs(omega**2 + 2 * 9.81 * y / 0.7**2).max() < 1e-6
 
 
