@@ -37,6 +37,7 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.mechanics.composed import compose
 from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.generic import generic
 
@@ -297,6 +298,22 @@ class Scene(ABC):
 
     def tree(self) -> Tree | None:
         """Return the tree of bodies, or None where `Tree` cannot describe them."""
+        return None
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
+        """Return the scene and the pose q (n,) that a picture of its kind shows.
+
+        The pose need not be closed: the closed one next to it is drawn.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+        """
+        scene = cls.example() if links is None else next(cls.structures(links))
+        return scene, scene.initial_state()[0]
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch | None:
+        """Return what a picture of it in the pose q (n,) is made of; None where nobody said."""
         return None
 
     def check_state(self, q, v, t: float = 0.0) -> tuple[Array, Array]:

@@ -33,6 +33,18 @@ from eomcheck.mechanics.linkage import (
 )
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Range, Tree
+from eomcheck.mechanics.sketch import (
+    Arrow,
+    Body,
+    Center,
+    Constraint,
+    Joint,
+    Sketch,
+    Spring,
+    Trail,
+    direction,
+    turned_by,
+)
 from eomcheck.numbers.contract import Array
 
 JOINT = 6, 0, 1, 2, 3, 4, 5
@@ -251,3 +263,36 @@ class Andrews(Parametric, functions=globals()):
             inertia=self.inertia[[*order]],
             coordinates=np.eye(7)[[JOINT[k] for k in order]],
         )
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Andrews, Array]:
+        """Return the mechanism with the crank turned away from the coupler."""
+        scene = cls()
+        return scene, scene.pose + np.array([-0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9])
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return the bodies from joint to tip, by their centres of mass; angles to their x axes."""
+        turn, base, tip = np.zeros(7), np.zeros((7, 2)), np.zeros((7, 2))
+        parts: list[Any] = [
+            Joint(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
+        ]
+        for k in (0, 2, 4, 6, 1, 3, 5):
+            on = CARRIER[k] if CARRIED[k] else None
+            before = 0.0 if on is None else turn[on]
+            base[k] = self.pins[PIN[k]] if on is None else tip[on]
+            turn[k] = before + q[JOINT[k]]
+            axes = np.array([direction(turn[k]), direction(turn[k] + np.pi / 2)])
+            center, tip[k] = base[k] + self.center[k] @ axes, base[k] + self.tip[k] @ axes
+            corners = [base[k], tip[k]]
+            if k == ROCKER:
+                hook = base[k] + self.hook @ axes
+                corners = [base[k], hook, tip[k]]
+                parts += [Spring(hook, self.anchor, "spring"), Joint(self.anchor, True, "C")]
+            parts += [Body(corners, f"K{k + 1}", closed=k == ROCKER), Center(center)]
+            parts += [] if on is None else [Joint(base[k])]
+            name = self.named_coordinates[JOINT[k]]
+            parts += [turned_by(name, base[k], q[JOINT[k]], 0.0075, start=before)]
+            parts += [Arrow("", base[k], 0.0085 * axes[0])]
+        parts += [Joint(tip[COUPLER], name="P"), Trail(tip[COUPLER])]
+        parts += [Constraint("P closes three loops", tip[COUPLER], tuple(range(6)))]
+        return Sketch(tuple(parts))

@@ -33,7 +33,22 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
+from eomcheck.mechanics.sketch import (
+    Angle,
+    Arrow,
+    Body,
+    Center,
+    Constraint,
+    Disk,
+    Distance,
+    Joint,
+    Plane,
+    Sketch,
+    Trail,
+    fixed_axes,
+)
 from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import bicycle_axes as at
 from eomcheck.scenes import bicycle_energies, bicycle_jacobians
@@ -158,3 +173,59 @@ class Bicycle(Parametric, functions=PARTS):
         )
         mirrored.q[at.LEAN] += np.pi
         yield mirrored
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Bicycle, Array]:
+        """Return the bicycle leaning and steered."""
+        q = cls().initial_state()[0]
+        q[:2], q[at.HEADING], q[at.LEAN], q[at.STEER] = (1.7, 0.9), -0.5, np.pi / 2 - 0.25, 0.35
+        return cls(), q
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return wheels and frames, and each angle about its own axis."""
+        here: Any = self.parameters(FLOAT64)
+        prepared = at.prepare(FLOAT64, here, q, t)
+        cos, sin, (east, north, up) = prepared.cos, prepared.sin, np.eye(3)
+        heading = np.array([cos[at.HEADING], sin[at.HEADING], 0.0])
+        across = np.cross(up, heading)
+
+        def level(point: Any, front: bool = False) -> Array:
+            vector = np.resize([*point, 0.0], 3)
+            if front:
+                vector = at.steered(prepared, -sin[at.STEER], vector)
+            along, left, rise = bicycle_energies.level(prepared, vector)
+            return along * heading + left * across + rise * up
+
+        b = [level(axis) for axis in np.eye(3)]
+        g = [level(axis, True) for axis in np.eye(3)]
+        k = np.array([up @ axis for axis in g[:2]])
+        rear = q[:3]
+        pivot, foot = rear + level(here.pivot), np.array([q[0], q[1], 0.0])
+        hub, rider = pivot + level(here.hub, True), rear + level(here.rider)
+        tilt = np.array([prepared.tilt_sin[0], prepared.tilt_cos[0]])
+        steering, ahead = level(-tilt), level([tilt[1], -tilt[0]])
+        low, high = pivot + 0.65 * steering, pivot + 0.95 * steering
+        touch = rear - self.radius[0] * (sin[at.PITCH] * b[0] + cos[at.PITCH] * b[1])
+        front = hub - self.radius[1] / np.linalg.norm(k) * (k[0] * g[0] + k[1] * g[1])
+        corners = [(-0.2, -0.3), (2.4, -0.3), (2.4, 2.0), (-0.2, 2.0)]
+        parts = (
+            *(Plane([np.array([x, y, 0.0]) for x, y in corners]), *fixed_axes(0.4, 3)),
+            Disk(rear, b[2], float(self.radius[0])),
+            Disk(hub, g[2], float(self.radius[1])),
+            Body((rear, low, high, rider, rear), "rear frame"),
+            *(Body((hub, low + 0.05 * g[0], high + 0.12 * steering), "fork"), Joint(rear)),
+            *(Joint(hub), Center(rider, "rider"), Distance("", pivot, high + 0.3 * steering)),
+            *(Distance("x", q[1] * north, foot), Distance("y", q[0] * east, foot)),
+            *(Distance("z", foot, rear), Arrow("h", touch, 0.75 * heading), Trail(touch)),
+            *(Angle("θ", touch, east, north, q[at.HEADING], 0.6), Trail(front)),
+            Arrow("", touch, 0.7 * east),
+            *(Angle("ψ", rear, up, -across, q[at.LEAN], 0.5), Arrow("", rear, 0.6 * up)),
+            Arrow("axle", rear, 0.6 * b[2]),
+            Angle("φ", rear, heading, np.cross(b[2], heading), q[at.PITCH], 0.18),
+            Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[at.STEER], 0.3),
+            Angle("β_r", rear, b[0], b[1], 0.0, 0.8 * self.radius[0]),
+            Angle("β_f", hub, g[0], g[1], 0.0, 0.8 * self.radius[1]),
+            Constraint("rear wheel rolls", touch, at.ROW[0]),
+            Constraint("front wheel rolls", front, at.ROW[1]),
+        )
+        return Sketch(parts, azimuth=-1.05, elevation=0.3)

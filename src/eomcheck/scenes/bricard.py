@@ -30,6 +30,18 @@ from eomcheck.mechanics.linkage import with_row
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.sketch import (
+    Angle,
+    Arrow,
+    Body,
+    Center,
+    Constraint,
+    Joint,
+    Part,
+    Sketch,
+    Trail,
+    fixed_axes,
+)
 from eomcheck.mechanics.space import (
     cross,
     diagonal,
@@ -40,6 +52,7 @@ from eomcheck.mechanics.space import (
     turning,
 )
 from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.float64 import FLOAT64
 
 RODS = 5
 COORDINATE = 4, 0, 1, 2, 3
@@ -301,3 +314,28 @@ class Bricard(Parametric, functions=globals()):
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield one turn about every hinge by 2π, which changes nothing."""
         yield full_turns(self, q, v)
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Bricard, Array]:
+        """Return the ring turned away from the cube."""
+        scene = cls(angle=0.5)
+        return scene, scene.initial_state()[0]
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return rods and hinges from P_1 to P_6, and the ground from P_6 back to P_1."""
+        length, at, before = float(self.length), np.zeros(3), np.eye(3)
+        pose = posed(self.parameters(FLOAT64), FLOAT64.angles(q))
+        parts: list[Part] = [*fixed_axes(0.3 * length, 3)]
+        for k in range(RODS):
+            end = at + 2 * pose.halves[k]
+            parts += [Body((at, end), f"rod {k + 1}"), Center((at + end) / 2)]
+            parts += [Joint(at, k == 0, f"P_{k + 1}", axis=pose.hinges[k])]
+            level, across = SENSE[k] * before[SECOND[k]], -SENSE[k] * before[FIRST[k]]
+            turn = q[COORDINATE[k]]
+            parts += [Angle(f"θ_{k + 1}", at, level, across, turn, 0.4 * length)]
+            at, before = end, pose.directions[k]
+        parts += [Joint(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])), Trail(at / 2)]
+        parts += [Constraint("the ring closes", at, tuple(range(self.r)))]
+        corner = length * np.array([0.0, -0.75, 0.0])
+        parts += [Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
+        return Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)

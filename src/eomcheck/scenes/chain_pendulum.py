@@ -17,6 +17,17 @@ from eomcheck.mechanics.gravity import height_energy
 from eomcheck.mechanics.linkage import halved, pinned_jacobians, rods, serial_tree
 from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched, whole_links
 from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.sketch import (
+    Arrow,
+    Body,
+    Center,
+    Joint,
+    Sketch,
+    Trail,
+    direction,
+    fixed_axes,
+    turned_by,
+)
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes.snake_terms import carried
 
@@ -110,3 +121,23 @@ class ChainPendulum(OfLinks, functions=globals()):
     def tree(self) -> Tree:
         """Return one RZ after the other: relative angles."""
         return serial_tree(self.mass, self.length, self.inertia, free=False)
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[ChainPendulum, Array]:
+        """Return a chain that swings."""
+        scene = cls.rods(3 if links is None else links)
+        return scene, -1.2 + 0.9 * np.linspace(-0.5, 1.0, scene.links)
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return the links from the pin on."""
+        size, at = self.length.mean(), np.zeros(2)
+        parts = [*fixed_axes(0.5 * size), Joint(at, ground=True)]
+        for i, angle in enumerate(q):
+            end = at + self.length[i] * direction(angle)
+            parts += [Body((at, end), f"link {i + 1}"), Center((at + end) / 2)]
+            parts += [turned_by(f"θ_{i + 1}", at, angle, 0.3 * size)]
+            parts += [Joint(at)] if i else []
+            at = end
+        if self.gravity is not None:
+            parts += [Arrow("g", (-0.6 * size, -0.3 * size), (0, -0.5 * size), frame=False)]
+        return Sketch((*parts, Trail(at)))

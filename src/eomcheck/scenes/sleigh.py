@@ -16,6 +16,21 @@ import numpy as np
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms, Tree
+from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.sketch import (
+    Arrow,
+    Body,
+    Center,
+    Constraint,
+    Distance,
+    Sketch,
+    Trail,
+    Wheel,
+    direction,
+    fixed_axes,
+    place,
+    turned_by,
+)
 from eomcheck.numbers.contract import Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
@@ -124,3 +139,25 @@ class Sleigh(Parametric, functions=globals()):
         center[2, 0], mass[2], inertia[2] = self.offset, self.mass, self.inertia
         joints = "px", "py", "rz"
         return Tree((-1, 0, 1), joints, np.zeros((3, 3)), mass, center, inertia, np.eye(3))
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
+        """Return the sleigh away from the origin, turned."""
+        scene = cls()
+        return scene, np.array([1.1 * abs(scene.offset), 0.8 * abs(scene.offset), 0.5])
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return the body about its centre of mass, and the edge."""
+        edge, along, across = q[:2], direction(q[2]), direction(q[2] + np.pi / 2)
+        center, size = edge + self.offset * along, abs(float(self.offset))
+        hull = ((-1.5, -0.45), (0.9, -0.45), (1.4, 0.0), (0.9, 0.45), (-1.5, 0.45))
+        parts = (
+            *(*fixed_axes(0.5 * size), *place(*edge), Trail(edge)),
+            Body([center + size * (x * along + y * across) for x, y in hull], "sleigh", True),
+            *(Wheel(edge, along, 0.45 * size, edge=True), Center(center, "centre of mass")),
+            *(Constraint("edge", edge, (0,)), turned_by("θ", edge, q[2], 0.8 * size)),
+            Distance("ℓ", edge - 0.2 * size * across, center - 0.2 * size * across),
+            Arrow("t", edge + 1.45 * size * along, 0.6 * size * along),
+            Arrow("n", edge, 0.8 * size * across),
+        )
+        return Sketch(parts)

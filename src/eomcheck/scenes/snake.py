@@ -30,6 +30,19 @@ from eomcheck.mechanics.parameters import (
     whole_links,
 )
 from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.sketch import (
+    Body,
+    Center,
+    Constraint,
+    Joint,
+    Sketch,
+    Trail,
+    Wheel,
+    direction,
+    fixed_axes,
+    place,
+    turned_by,
+)
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
@@ -192,3 +205,29 @@ class Snake(OfLinks, functions=PARTS):
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""
         return serial_tree(self.mass, self.length, self.inertia, free=True)
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Snake, Array]:
+        """Return a snake whose wheels are seen to be turned."""
+        scene = cls.paper() if links is None else cls.coil(whole_links(links))
+        angle = np.full(scene.links, 0.35)
+        pose = 0.45 + 2.4 / scene.links * np.arange(scene.links)
+        return replace(scene, wheel_angle=angle), np.r_[0.9, 0.7, pose] * scene.length.mean()
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return links from the free tip on, and a wheel across each axle."""
+        x, y, *theta = q
+        size = self.length.mean()
+        parts, at = [*fixed_axes(0.5 * size), *place(x, y), Trail(q[:2])], q[:2]
+        for i, angle in enumerate(theta):
+            end = at + self.length[i] * direction(angle)
+            wheel, middle = angle + self.wheel_angle[i], (at + end) / 2
+            parts += [Body((at, end), f"link {i + 1}"), Joint(at) if i else Joint(at, name="head")]
+            parts += [Wheel(middle, direction(wheel), 0.3 * size), Center(middle)]
+            parts += [Constraint(f"wheel {i + 1}", middle, (i,))]
+            parts += [turned_by(f"θ_{i + 1}", at, angle, 0.32 * size)]
+            if i == 0:
+                turn = self.wheel_angle[i]
+                parts += [turned_by("α_1", middle, turn, 0.3 * size, start=angle)]
+            at = end
+        return Sketch(tuple(parts))

@@ -22,6 +22,16 @@ from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.sketch import (
+    Angle,
+    Arrow,
+    Constraint,
+    Disk,
+    Distance,
+    Sketch,
+    Trail,
+    fixed_axes,
+)
 from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
@@ -252,3 +262,35 @@ class TurntableBall(Parametric, functions=globals()):
         yield plane.rotation(self, q, v, slice(2, 3))
         swing = None if self.swing is None else -self.swing
         yield plane.mirror(replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4))
+
+    @classmethod
+    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
+        """Return the ball off the axis, turned by all three angles."""
+        scene = cls()
+        return scene, np.r_[np.array([2.2, 1.9]) * scene.radius, 0.6, 0.5, 0.7]
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return table and ball, with the angles at the centre of the ball."""
+        x, y, heading, lean, spin = q
+        east, north, up = np.eye(3)
+        R = float(self.radius)
+        e1 = np.cos(heading) * east + np.sin(heading) * north
+        e3 = np.cos(lean) * up + np.sin(lean) * np.cross(e1, up)
+        e2 = np.cross(e3, e1)
+        foot = np.array([x, y, 0.0])
+        center = foot + R * up
+        parts = (
+            Disk(0.0 * up, up, 4.0 * R, "turntable"),
+            *(*fixed_axes(0.9 * R, 3), Disk(center, up, R, "ball", ball=True)),
+            *(Distance("x", y * north, foot), Distance("y", x * east, foot)),
+            *(Angle("ψ", center, east, north, heading, 1.5 * R), Arrow("", center, 1.7 * R * east)),
+            *(
+                Angle("θ", center, up, np.cross(e1, up), lean, 1.5 * R),
+                Arrow("", center, 1.7 * R * up),
+            ),
+            *(Angle("φ", center, e3, e1, spin, 1.25 * R), Arrow("e_1", center, 1.8 * R * e1)),
+            *(Arrow("e_2", center, 1.8 * R * e2), Arrow("e_3", center, 1.8 * R * e3)),
+            Angle("Ω", 0.0 * up, east, north, 0.9, 3.5 * R),
+            *(Trail(center), Constraint("no slip", foot, (0, 1))),
+        )
+        return Sketch(parts, azimuth=-1.75, elevation=0.45)

@@ -1,0 +1,176 @@
+"""What a picture of a scene is made of: bodies, joints, coordinates and constraints in one pose.
+
+Points and directions have 2 components in the plane and 3 in space, in m and along axes that do not
+turn. Nothing here draws; `eomcheck.lab.show.mechanism` does.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.numbers.contract import Array
+
+
+class Body(NamedTuple):
+    """A rigid body as lines through points of it."""
+
+    points: Any
+    """(k, d)."""
+    name: str = ""
+    closed: bool = False
+
+
+class Disk(NamedTuple):
+    """A round body, or a wheel, or a ball: a circle about an axis in space."""
+
+    center: Any
+    axis: Any
+    """Normal of its plane (3,)."""
+    radius: float
+    name: str = ""
+    ball: bool = False
+    """Whether it is round from all sides."""
+
+
+class Joint(NamedTuple):
+    """A revolute joint, on the `ground` or between bodies; in space along an axis."""
+
+    at: Any
+    ground: bool = False
+    name: str = ""
+    axis: Any = None
+    """(3,), or None where it is drawn as a point."""
+
+
+class Wheel(NamedTuple):
+    """A wheel or an edge seen from above, which moves along a direction only."""
+
+    at: Any
+    along: Any
+    length: float
+    edge: bool = False
+    """Whether it is a knife edge."""
+
+
+class Center(NamedTuple):
+    """A centre of mass."""
+
+    at: Any
+    name: str = ""
+
+
+class Spring(NamedTuple):
+    """A spring between two points."""
+
+    start: Any
+    end: Any
+    name: str = ""
+
+
+class Angle(NamedTuple):
+    """An angle: an arc about a point, from the direction `first`, towards `second` where positive.
+
+    Where it is too small to be seen, an arc tells in which sense it grows.
+    """
+
+    name: str
+    at: Any
+    first: Any
+    second: Any
+    angle: float
+    radius: float
+
+
+class Distance(NamedTuple):
+    """A length between two points, such as a coordinate from an axis."""
+
+    name: str
+    start: Any
+    end: Any
+
+
+class Arrow(NamedTuple):
+    """A direction: an axis of a frame, gravity, an angular velocity."""
+
+    name: str
+    at: Any
+    along: Any
+    """With its length, m."""
+    frame: bool = True
+    """Whether it is an axis of a frame; a given direction of force or motion otherwise."""
+
+
+class Constraint(NamedTuple):
+    """What some rows of the constraints hold, and where."""
+
+    name: str
+    at: Any
+    rows: tuple[int, ...]
+
+
+class Trail(NamedTuple):
+    """A point whose path a moving picture draws."""
+
+    at: Any
+
+
+class Plane(NamedTuple):
+    """The ground in space, as a patch: its corners (k, 3)."""
+
+    points: Any
+
+
+Part = (
+    Body
+    | Disk
+    | Joint
+    | Wheel
+    | Center
+    | Spring
+    | Angle
+    | Distance
+    | Arrow
+    | Constraint
+    | Trail
+    | Plane
+)
+
+
+class Sketch(NamedTuple):
+    """A scene in one pose.
+
+    In space it is seen from `azimuth` about the direction `up` and `elevation` above what is
+    horizontal, rad; without perspective.
+    """
+
+    parts: tuple[Part, ...]
+    azimuth: float = -1.0
+    elevation: float = 0.4
+    up: int = 2
+    """Axis that points up: 1 for y, 2 for z."""
+
+
+def direction(angle: float) -> Array:
+    """Return (cos, sin) of an angle."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def turned_by(name: str, at: Any, angle: float, radius: float, start: float = 0.0) -> Angle:
+    """Return an angle in the plane, from the direction `start`, by default the x axis."""
+    return Angle(name, at, direction(start), direction(start + np.pi / 2), angle, radius)
+
+
+def place(x: float, y: float, origin: tuple[float, float] = (0.0, 0.0)) -> tuple[Part, Part]:
+    """Return the coordinates x and y of a point in the plane."""
+    return Distance("x", (origin[0], y), (x, y)), Distance("y", (x, origin[1]), (x, y))
+
+
+def fixed_axes(size: float, dimensions: int = 2) -> tuple[Part, ...]:
+    """Return the axes that do not turn, from the origin."""
+    axes = size * np.eye(dimensions)
+    return tuple(
+        Arrow(f"{axis} axis", np.zeros(dimensions), along)
+        for axis, along in zip("xyz"[:dimensions], axes, strict=True)
+    )
