@@ -97,4 +97,4 @@ class Pendulum(Parametric, functions=globals()):
 
     @classmethod
     def sketched(cls, links=None):  # which scene, in which pose
-        return cls(), np.array([0.6, -0.8])
+        return cls(), np.array([0.6, -0.9])

@@ -208,7 +208,7 @@ def _rows(at: Evaluation, columns: Columns) -> list[int]:
 def _blocked(name: str, A: Array, rows: list[int], columns: Columns, known: list[Known]) -> Matrix:
     blocks = []
     for top, bottom in pairwise(accumulate(rows, initial=0)):
-        for left, right in pairwise(accumulate((size for _, size in columns), initial=0)):
+        for left, right in pairwise(accumulate((size for name, size in columns), initial=0)):
             part = A[top:bottom, left:right]
             same = (said for said, other in known if _equal(part, other))
             blocks.append(Block(next(same, ""), slice(top, bottom), slice(left, right)))
