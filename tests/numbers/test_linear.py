@@ -15,7 +15,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.kernels.emit import HEADER
-from eomcheck.kernels.program import INLINE
+from eomcheck.kernels.instructions import INLINE
 from eomcheck.lab.studies.stability.families.ratios import MASS_RATIO
 from eomcheck.numbers import linear
 from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching

@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.code import NOT_FINITE, Code
 from eomcheck.kernels.machine import CACHE_LINE
-from eomcheck.kernels.program import Program, Tree
+from eomcheck.kernels.instructions import Tree
+from eomcheck.kernels.loops import FARTHEST
+from eomcheck.kernels.program import Program
 from eomcheck.numbers import tape as t
 
 CALLS, FAILED, FAILURE_TIME, TIME = range(4)
@@ -47,7 +49,7 @@ def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
     """Return the layout for `parameters`, whose sizes are given by name."""
     sizes = {**parameters, **dict(program.arrays)}
     counts = [item[1] for item in program.items if item[0] == "loop"]
-    for loop, inner in sorted({(x[1], x[2]) for x in _reads(program.items) if x[0] == "l"}):
+    for loop, inner in sorted(_results(program)[0]):
         sizes[f"l{loop}.{inner}"] = counts[loop]
     places, at = {}, 0
     for name, size in sizes.items():
@@ -63,6 +65,24 @@ def aligned(count: int) -> int:
     return -(-count // CACHE_LINE) * CACHE_LINE
 
 
+def _results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int, int], int]]:
+    """Return what is read behind loops, as (loop, operation).
+
+    Returns:
+        What is to be written to memory; of all else, of which the last few are read: how far from
+        the last one that is.
+    """
+    counts = [item[1] for item in program.items if item[0] == "loop"]
+    reads = {x[1:] for x in _reads(program.items) if x[0] == "l"}
+    written = {x[:2] for x in reads if x[3] or counts[x[0]] - x[2] > FARTHEST}
+    last: dict[tuple[int, int], int] = {}
+    for loop, inner, place, _ in reads:
+        if (loop, inner) not in written:
+            ago = counts[loop] - 1 - place
+            last[loop, inner] = max(ago, last.get((loop, inner), 0))
+    return written, last
+
+
 def _reads(items: Tree) -> Iterator[Tree]:
     """Yield everything that items read."""
     for item in items:
@@ -76,7 +96,7 @@ def _reads(items: Tree) -> Iterator[Tree]:
             if isinstance(x, tuple):
                 yield x
                 if x[0] == "p":
-                    yield x[2]
+                    yield from x[2]
 
 
 def _room(item: Tree) -> int:
@@ -120,6 +140,7 @@ class _Emitter:
         self.factored: dict[int, dense.Inline] = {}
         self.known: dict[Tree, str] = {}
         self.loops = 0
+        self.last = _results(program)[1]
         self.single = width == 1
         # Outputs, or sums of them: a sum of all is not finite if one is not.
         self.sums: list[str] = []
@@ -220,14 +241,23 @@ class _Emitter:
     def _loop(self, count: int, body: Tree) -> None:
         code, number = self.code, self.loops
         self.loops += 1
-        carried: dict[Tree, int] = {}
+        # What operation `inner` made some iterations before, at (inner, first values).
+        carried: dict[tuple[int, Tree], int] = {}
         first: list[tuple[str, str]] = []
         for x in _reads(body):
-            if x[0] == "p" and x not in carried:
-                carried[x] = len(first)
-                first.append((code.real, self.value(x[2])))
+            if x[0] == "p":
+                for begin in range(len(x[2])):
+                    if (x[1], x[2][begin:]) not in carried:
+                        carried[x[1], x[2][begin:]] = len(first)
+                        first.append((code.real, self.value(x[2][begin])))
             elif x[0] in "sc" or (x[0] in "il" and x[-1] == 0):
                 self.value(x)
+        last = {inner: ago for (loop, inner), ago in self.last.items() if loop == number}
+        nothing = ("c", 0.0)
+        for inner, ago in last.items():
+            for before in range(1, ago + 1):
+                carried[inner, (nothing,) * before] = len(first)
+                first.append((code.real, self.value(nothing)))
         put = [item[2] for item in body if item[0] == "put" and item[2] in self.outputs]
         watched = self.single and bool(put)
         if watched:
@@ -240,7 +270,7 @@ class _Emitter:
                 if x[0] == "b":
                     return made[x[1]]
                 if x[0] == "p":
-                    return turn.carried[carried[x]]
+                    return turn.carried[carried[x[1:]]]
                 if x[0] in "sc" or x[-1] == 0:
                     return self.value(x)
                 if x not in here:
@@ -259,8 +289,15 @@ class _Emitter:
                 made.append(_operated(self.code, op, read(x), y and read(y)))
                 if (kept := f"l{number}.{inner}") in self.bases:
                     code.store(made[-1], self.bases[kept], turn.i)
-            for x, place in carried.items():
-                turn.handed[place] = made[x[1]]
+            for (inner, begun), place in carried.items():
+                later = begun[1:]
+                turn.handed[place] = turn.carried[carried[inner, later]] if later else made[inner]
+            ends = list(turn.carried)
+        for inner, ago in last.items():
+            for before in range(ago + 1):
+                place = carried.get((inner, (nothing,) * before))
+                value = made[inner] if place is None else ends[place]
+                self.known["l", number, inner, count - 1 - before, 0] = value
         if watched:
             self.sums.append(turn.carried[-1])
 
