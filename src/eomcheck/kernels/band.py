@@ -13,7 +13,7 @@ afterwards, all steps are made again, each one judged by the one before.
 from __future__ import annotations
 
 from eomcheck.kernels import band_ends
-from eomcheck.kernels.band_ends import HALF, WIDTH, BothEnds, minus, plus
+from eomcheck.kernels.band_ends import HALF, WIDTH, BothEnds, minus, padded, plus
 from eomcheck.kernels.code import LANES, Code
 from eomcheck.kernels.dense import scale_of
 from eomcheck.numbers.pivots import (
@@ -24,11 +24,6 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SIZE,
     STALLED,
 )
-
-
-def padded(size: int) -> int:
-    """Return the length of a diagonal, or of a right-hand side, in memory: whole vectors."""
-    return -(-size // LANES) * LANES
 
 
 def room(size: int) -> int:
@@ -44,7 +39,7 @@ def band_text(name: str, size: int, stride: int) -> str:
     """
     code = Code()
     solve = _Solve(code, size, stride)
-    solve.ends.eliminate()
+    solve.ends.eliminate(solve.scale)
     solve.found(new=True)
     for _ in range(LEAST_STEPS):
         solve.refine()
@@ -86,29 +81,27 @@ class _Solve:
         self.beta, self.zero = taken(1), taken(1)
         place = taken(0)
         self.ends = BothEnds(code, size, self.diagonals, self.right, self.residual, place)
-        self._scale(size, stride)
-
-    def _scale(self, size: int, stride: int) -> None:
-        """Scale rows: where they stand, or in the room what is not side by side."""
-        code, rows = self.code, self.rows
-        with code.loop(self.length // LANES) as turn:
-            at = code.integer("mul", turn.i, LANES)
-            entries = []
-            for numbers in self.given:
-                if stride == 1:
-                    entries.append(rows.load(code.at(numbers, at)))
-                    continue
-                places = [code.integer("add", at, lane) for lane in range(LANES)]
-                places = [code.integer("mul", place, stride) for place in places]
-                entries.append(rows.packed([code.load(numbers, place) for place in places]))
-            largest = rows.call("fabs", entries[0])
-            for entry in entries[1:WIDTH]:
-                largest = _larger(rows, rows.call("fabs", entry), largest)
-            scale = scale_of(rows, largest)
-            for entry, to in zip(entries, [*self.diagonals, self.right], strict=True):
-                rows.store(rows.mul(entry, scale), code.at(to, at))
+        self.stride = stride
         for i in (-LANES, size):
-            rows.store("zeroinitializer", code.at(self.x, i))
+            self.rows.store("zeroinitializer", code.at(self.x, i))
+
+    def scale(self, at: str) -> None:
+        """Scale eight rows: where they stand, or in the room what is not side by side."""
+        code, rows = self.code, self.rows
+        entries = []
+        for numbers in self.given:
+            if self.stride == 1:
+                entries.append(rows.load(code.at(numbers, at)))
+                continue
+            places = [code.integer("add", at, lane) for lane in range(LANES)]
+            places = [code.integer("mul", place, self.stride) for place in places]
+            entries.append(rows.packed([code.load(numbers, place) for place in places]))
+        largest = rows.call("fabs", entries[0])
+        for entry in entries[1:WIDTH]:
+            largest = _larger(rows, rows.call("fabs", entry), largest)
+        scale = scale_of(rows, largest)
+        for entry, to in zip(entries, [*self.diagonals, self.right], strict=True):
+            rows.store(rows.mul(entry, scale), code.at(to, at))
 
     # ---- Refinement ------------------------------------------------------------------------------
 
@@ -123,20 +116,21 @@ class _Solve:
 
     def refine(self) -> None:
         """Make one step of refinement."""
-        code = self.code
-        with code.loop(self.length // LANES) as turn:
-            at = code.integer("mul", turn.i, LANES)
-            self.rows.store(self._residual(at, sizes=False)[0], code.at(self.residual, at))
-        self.ends.forward()
+
+        def write(at: str) -> None:
+            self.rows.store(self._residual(at, sizes=False)[0], self.code.at(self.residual, at))
+
+        self.ends.forward(write)
         self.found(new=False)
 
     def refine_step_by_step(self) -> None:
         """Begin again, and refine as long as each step halves the backward error."""
         code, rows = self.code, self.rows
-        with code.loop(self.length // LANES) as turn:
-            at = code.integer("mul", turn.i, LANES)
+
+        def write(at: str) -> None:
             rows.store(rows.load(code.at(self.right, at)), code.at(self.residual, at))
-        self.ends.forward()
+
+        self.ends.forward(write)
         self.found(new=True)
         state = (("double", code.constant(float("inf"))), ("i64", "0"))
         with code.repeat(*state) as turn:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from eomcheck.kernels import machine
-from eomcheck.kernels.code import Code
+from eomcheck.kernels.code import LANES, Code
 from eomcheck.kernels.dense import Inline
 from eomcheck.numbers.pivots import from_both_ends
 
@@ -27,6 +27,19 @@ ENDS = 2
 ROW = (WIDTH - 1) * ENDS
 """Doubles that are kept of two rows of U, one of each end, side by side: entries behind the pivot,
 divided by it."""
+
+
+PART = 16
+"""Vectors of rows that are made ready at once."""
+
+AHEAD = 2 * ENDS
+"""How many vectors of rows steps are ahead of those that are made ready: `HALF` rows at each end,
+and what a vector at the far end is short of."""
+
+
+def padded(size: int) -> int:
+    """Return the length of a diagonal, or of a right-hand side, in memory: whole vectors."""
+    return -(-size // LANES) * LANES
 
 
 def steps_of(size: int) -> int:
@@ -88,22 +101,72 @@ class BothEnds:
             code.at(place, self.steps * sum(counts[: i + 1])) for i in range(4)
         )
 
-    def eliminate(self) -> None:
-        """Write factors, and what becomes of the right-hand side."""
+    def _inward(
+        self,
+        prepare: Callable[[str], None],
+        begin: Callable[[], list[tuple[str, str]]],
+        step: Callable[[str, list[str]], list[str]],
+    ) -> list[str]:
+        """Make the steps of both ends, and return what they hand on to the middle.
+
+        Args:
+            prepare: writes what makes eight rows ready, whose place it is handed. All are made
+                ready once, not long before they are read: they are still near the processor then.
+            begin: returns types and numbers that the first step is handed.
+            step: writes step i, and returns what it hands on.
+        """
+        code, vectors = self.code, padded(self.size) // LANES
+        parts = (vectors - AHEAD) // PART
+        first = vectors - parts * PART if parts > 1 else vectors
+
+        def ready(count: int, before: str | int) -> None:
+            with code.loop(count) as turn:
+                v = code.integer("add", turn.i, before)
+                near = code.integer("mul", code.integer("lshr", v, 1), LANES)
+                far = code.integer("sub", (vectors - 1) * LANES, near)
+                even = code.let(f"trunc i64 {v} to i1")
+                prepare(code.let(f"select i1 {even}, i64 {far}, i64 {near}"))
+
+        ready(first, 0)
+        if not self.steps:
+            return []
+        state = begin()
+        if parts <= 1:
+            with code.loop(self.steps, *state) as turn:
+                turn.handed = step(turn.i, turn.carried)
+            return turn.carried
+        some = PART * LANES // ENDS
+        with code.loop(parts, *state) as part:
+            ready(PART, code.integer("add", code.integer("mul", part.i, PART), first))
+            last = code.let(f"icmp eq i64 {part.i}, {parts - 1}")
+            rest = self.steps - (parts - 1) * some
+            count = code.let(f"select i1 {last}, i64 {rest}, i64 {some}")
+            done = code.integer("mul", part.i, some)
+            handed = [(kind, x) for (kind, _), x in zip(state, part.carried, strict=True)]
+            with code.loop(count, *handed) as turn:
+                turn.handed = step(code.integer("add", done, turn.i), turn.carried)
+            part.handed = turn.carried
+        return part.carried
+
+    def eliminate(self, prepare: Callable[[str], None]) -> None:
+        """Write factors, and what becomes of the right-hand side; `prepare` as for `_inward`."""
         code, wide, kind = self.code, self.open, self.open.real
-        state: list[tuple[str, str]] = []
-        for end in self.ends if self.steps else ():
-            state += [(kind, self._first_rows(end, j)) for j in range(WIDTH - 1)]
-            state.append((kind, self._begun(end, self.right)))
-            state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
+
+        def begin() -> list[tuple[str, str]]:
+            state: list[tuple[str, str]] = []
+            for end in self.ends:
+                state += [(kind, self._first_rows(end, j)) for j in range(WIDTH - 1)]
+                state.append((kind, self._begun(end, self.right)))
+                state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
+            return state
+
         count = WIDTH + 1
         A, b = [], []
+        carried = self._inward(prepare, begin, self._step)
         if self.steps:
-            with code.loop(self.steps, *state) as turn:
-                turn.handed = self._step(turn.i, turn.carried)
             for end in self.ends:
                 here = slice(end.number * count, (end.number + 1) * count)
-                *columns, which = turn.carried[here]
+                *columns, which = carried[here]
                 *columns, right = (self._closed(x, which) for x in columns)
                 places = self._ahead(end)
                 for lane in range(HALF):
@@ -228,35 +291,42 @@ class BothEnds:
         picked = wide.packed([wide.lane(x, place) for place in places])
         return wide.call("arithmetic.fence", picked)
 
-    def forward(self) -> None:
-        """Write what elimination makes of the residual, and solve the middle."""
+    def forward(self, prepare: Callable[[str], None]) -> None:
+        """Write what elimination makes of the residual, and solve the middle.
+
+        The residual is what `prepare` writes, as for `_inward`.
+        """
         code, wide, kind = self.code, self.open, self.open.like("i64")
-        b = []
-        if self.steps:
+
+        def begin() -> list[tuple[str, str]]:
             state = [(wide.real, self._begun(end, self.residual)) for end in self.ends]
-            state += [(kind, wide.splat_of(f"i64 {HALF}"))] * ENDS
-            with code.loop(self.steps, *state) as turn:
-                for end in self.ends:
-                    x, which = turn.carried[end.number :: ENDS]
-                    new = end.row(code, code.integer("add", turn.i, HALF))
-                    new = wide.packed([code.load(self.residual, new)])
-                    x = wide.choose(self._at(which), new, x)
-                    at = code.integer("add", code.integer("mul", turn.i, ENDS), end.number)
-                    place = code.let(f"load i8, ptr {code.at(self.which, at, 'i8')}")
-                    place = code.let(f"zext i8 {place} to i64")
-                    which = "poison"
-                    for i in range(OPEN):
-                        which = wide.let(f"insertelement {kind} {which}, i64 {place}, i64 {i}")
-                    pivot = self._picked(x, which)
-                    factors = code.at(self.factors, code.integer("mul", at, OPEN))
-                    entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
-                    code.store(entry, self.residual, end.row(code, turn.i))
-                    turn.handed[end.number :: ENDS] = [
-                        minus(wide, x, wide.load(factors), pivot),
-                        which,
-                    ]
+            return state + [(kind, wide.splat_of(f"i64 {HALF}"))] * ENDS
+
+        def step(i: str, carried: Sequence[str]) -> list[str]:
+            handed = list(carried)
             for end in self.ends:
-                x = self._closed(*turn.carried[end.number :: ENDS])
+                x, which = carried[end.number :: ENDS]
+                new = end.row(code, code.integer("add", i, HALF))
+                new = wide.packed([code.load(self.residual, new)])
+                x = wide.choose(self._at(which), new, x)
+                at = code.integer("add", code.integer("mul", i, ENDS), end.number)
+                place = code.let(f"load i8, ptr {code.at(self.which, at, 'i8')}")
+                place = code.let(f"zext i8 {place} to i64")
+                which = "poison"
+                for lane in range(OPEN):
+                    which = wide.let(f"insertelement {kind} {which}, i64 {place}, i64 {lane}")
+                pivot = self._picked(x, which)
+                factors = code.at(self.factors, code.integer("mul", at, OPEN))
+                entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
+                code.store(entry, self.residual, end.row(code, i))
+                handed[end.number :: ENDS] = [minus(wide, x, wide.load(factors), pivot), which]
+            return handed
+
+        b = []
+        carried = self._inward(prepare, begin, step)
+        if self.steps:
+            for end in self.ends:
+                x = self._closed(*carried[end.number :: ENDS])
                 b += [wide.lane(x, lane) for lane in range(HALF)]
         b += [code.load(self.residual, i) for i in self._between()]
         self.found = self.dense.solve(b)

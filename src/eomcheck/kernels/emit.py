@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.code import NOT_FINITE, Code
-from eomcheck.kernels.machine import CACHE_LINE
 from eomcheck.kernels.instructions import Tree
 from eomcheck.kernels.loops import FARTHEST
+from eomcheck.kernels.machine import CACHE_LINE
 from eomcheck.kernels.program import Program
 from eomcheck.numbers import tape as t
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.band import padded
+from eomcheck.kernels.band_ends import padded
 from eomcheck.kernels.sincos import room
 from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape
