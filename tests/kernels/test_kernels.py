@@ -26,9 +26,9 @@ from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels import machine, sincos
-from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.instructions import FEW_ANGLES
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.layout import HEADER
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.mechanics.records import velocity as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene

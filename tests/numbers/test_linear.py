@@ -14,8 +14,8 @@ from tests.machine_code import MachineCode, in_machine_code
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.instructions import INLINE
+from eomcheck.kernels.layout import HEADER
 from eomcheck.lab.studies.stability.families.ratios import MASS_RATIO
 from eomcheck.numbers import linear
 from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching

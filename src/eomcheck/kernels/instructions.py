@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.band_ends import padded
+from eomcheck.kernels.band_ends import WIDTH, padded, place_of
 from eomcheck.kernels.sincos import room
 from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape
@@ -39,6 +39,7 @@ class Instructions:
         self._classes: dict[Any, int] = {}
 
     def class_of(self, name: Any) -> int:
+        """Return the class of an array or a constant."""
         found = self._classes.get(name)
         if found is None:
             found = self._classes[name] = len(self.names)
@@ -46,6 +47,7 @@ class Instructions:
         return found
 
     def add(self, op: Any, x=(0, -1), y=(0, -1), out=(0, -1)) -> int:
+        """Add an instruction, and return its number."""
         code = self._op_codes.setdefault(op, len(self._op_codes))
         if code == len(self.ops):
             self.ops.append(op)
@@ -104,6 +106,7 @@ def urgent(tape: Tape, places: Sequence[int]) -> list[int]:
 def instructions_of(
     tape: Tape, places: Sequence[int], outputs: Mapping[str, Sequence[int]]
 ) -> tuple[Instructions, dict[str, int]]:
+    """Return what is done for `outputs`, in the order of `places`, and the sizes of arrays."""
     lines, arrays = Instructions(), {}
     made: dict[int, int] = {}
     done: dict[int, int] = {}
@@ -178,10 +181,12 @@ def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None
     """Return what a group reads as it is to stand in memory; None is nothing."""
     if kind is t.FACTORS:  # column by column, as LAPACK wants it
         return [reads[i * order + j] for j in range(order) for i in range(order)]
-    if kind is t.BAND:  # diagonal by diagonal, the right-hand side as the last one
-        rest = [None] * (padded(order) - order)
-        columns = [*(reads[j : 7 * order : 7] for j in range(7)), reads[7 * order :]]
-        return [x for column in columns for x in (*column, *rest)]
+    if kind is t.BAND:  # a few rows together, with the right-hand side
+        ordered: list[int | None] = [None] * (padded(order) * (WIDTH + 1))
+        for i in range(order):
+            for j, x in enumerate((*reads[WIDTH * i : WIDTH * (i + 1)], reads[WIDTH * order + i])):
+                ordered[place_of(i, j)] = x
+        return ordered
     return reads
 
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, layout_of
+from eomcheck.kernels.emit import function_texts
+from eomcheck.kernels.layout import FAILURE_TIME, HEADER, Layout, layout_of
 from eomcheck.kernels.machine import Machine, memory
 from eomcheck.kernels.program import Program
 from eomcheck.kernels.repeat import along

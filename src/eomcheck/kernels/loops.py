@@ -158,7 +158,7 @@ class _Encoder:
         for at in range(start, start + period):
             code, *reads, target, place = self.table[at]
             later = self.table[at + period]
-            args = [self._inside(*reads[c : c + 2], later[c + 2], where) for c in (0, 2)]
+            args = [self._inside(reads[c], reads[c + 1], later[c + 2], where) for c in (0, 2)]
             op = self.lines.ops[code]
             if op == "put":
                 step = later[6] - place

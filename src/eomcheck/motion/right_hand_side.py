@@ -17,8 +17,8 @@ import numpy as np
 
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation
-from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.layout import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back
 from eomcheck.motion.state import state_of, state_size, state_vector, take_speeds
