@@ -13,7 +13,7 @@ afterwards, all steps are made again, each one judged by the one before.
 from __future__ import annotations
 
 from eomcheck.kernels import band_ends
-from eomcheck.kernels.band_ends import BLOCK, HALF, WIDTH, BothEnds, minus, padded, place_of, plus
+from eomcheck.kernels.band_ends import HALF, WIDTH, BothEnds, minus, padded, plus
 from eomcheck.kernels.code import LANES, Code
 from eomcheck.kernels.dense import scale_of
 from eomcheck.numbers.pivots import (
@@ -32,10 +32,10 @@ def room(size: int) -> int:
 
 
 def band_text(name: str, size: int, stride: int) -> str:
-    """Return the function (rows, x, room) for a matrix of `size` rows.
+    """Return the function (diagonals, x, room) for a matrix of `size` rows.
 
-    Entries of its rows, at the places of `place_of`, and those of x are `stride` doubles apart.
-    Rows are scaled where they stand, or with a stride in the room.
+    Entries of the diagonals (8, padded size), of which the last is the right-hand side, and those
+    of x are `stride` doubles apart. Numbers of other rows are scaled where they stand.
     """
     code = Code()
     solve = _Solve(code, size, stride)
@@ -65,7 +65,7 @@ class _Solve:
 
     def __init__(self, code: Code, size: int, stride: int):
         self.code, self.length = code, padded(size)
-        self.rows, self.half = code.wider(LANES), code.wider(BLOCK)
+        self.rows = code.wider(LANES)
         at = 0
 
         def taken(count: int) -> str:
@@ -73,52 +73,35 @@ class _Solve:
             at += count
             return code.at("%room", at - count)
 
-        self.matrix = taken((WIDTH + 1) * self.length) if stride > 1 else "%rows"
+        self.given = [code.at("%rows", j * self.length * stride) for j in range(WIDTH + 1)]
+        scaled = [taken(self.length) for _ in self.given] if stride > 1 else self.given
+        *self.diagonals, self.right = scaled
         self.residual = taken(self.length)
         self.x = code.at(taken(self.length + 2 * LANES), LANES)
         self.beta, self.zero = taken(1), taken(1)
         place = taken(0)
-        self.ends = BothEnds(code, size, self.matrix, self.residual, place)
+        self.ends = BothEnds(code, size, self.diagonals, self.right, self.residual, place)
         self.stride = stride
         for i in (-LANES, size):
             self.rows.store("zeroinitializer", code.at(self.x, i))
 
     def scale(self, at: str) -> None:
         """Scale eight rows: where they stand, or in the room what is not side by side."""
-        rows = self.rows
-        entries = [self._given(at, j) for j in range(WIDTH + 1)]
+        code, rows = self.code, self.rows
+        entries = []
+        for numbers in self.given:
+            if self.stride == 1:
+                entries.append(rows.load(code.at(numbers, at)))
+                continue
+            places = [code.integer("add", at, lane) for lane in range(LANES)]
+            places = [code.integer("mul", place, self.stride) for place in places]
+            entries.append(rows.packed([code.load(numbers, place) for place in places]))
         largest = rows.call("fabs", entries[0])
         for entry in entries[1:WIDTH]:
             largest = _larger(rows, rows.call("fabs", entry), largest)
         scale = scale_of(rows, largest)
-        for j, entry in enumerate(entries):
-            scaled = rows.mul(entry, scale)
-            for half, place in enumerate(self._places(at, j)):
-                lanes = ", ".join(f"i32 {BLOCK * half + i}" for i in range(BLOCK))
-                some = f"{rows.real} {scaled}, {rows.real} poison, <{BLOCK} x i32> <{lanes}>"
-                self.half.store(self.half.let(f"shufflevector {some}"), place)
-
-    def _places(self, at: str, j: int) -> list[str]:
-        """Return the addresses of entries j of eight rows: two blocks."""
-        code = self.code
-        first = code.at(self.matrix, code.integer("mul", at, WIDTH + 1))
-        return [code.at(first, place_of(i, j)) for i in (0, BLOCK)]
-
-    def _entries(self, at: str, j: int) -> str:
-        """Return entries j of eight rows that are scaled."""
-        one, two = (f"{self.half.real} {self.half.load(place)}" for place in self._places(at, j))
-        lanes = ", ".join(f"i32 {i}" for i in range(LANES))
-        return self.rows.let(f"shufflevector {one}, {two}, <{LANES} x i32> <{lanes}>")
-
-    def _given(self, at: str, j: int) -> str:
-        """Return entries j of eight rows as they are given."""
-        if self.stride == 1:
-            return self._entries(at, j)
-        code = self.code
-        first = code.integer("mul", at, (WIDTH + 1) * self.stride)
-        places = [place_of(i, j) * self.stride for i in range(LANES)]
-        places = [code.integer("add", first, place) for place in places]
-        return self.rows.packed([code.load("%rows", place) for place in places])
+        for entry, to in zip(entries, [*self.diagonals, self.right], strict=True):
+            rows.store(rows.mul(entry, scale), code.at(to, at))
 
     # ---- Refinement ------------------------------------------------------------------------------
 
@@ -145,7 +128,7 @@ class _Solve:
         code, rows = self.code, self.rows
 
         def write(at: str) -> None:
-            rows.store(self._entries(at, WIDTH), code.at(self.residual, at))
+            rows.store(rows.load(code.at(self.right, at)), code.at(self.residual, at))
 
         self.ends.forward(write)
         self.found(new=True)
@@ -177,10 +160,10 @@ class _Solve:
     def _residual(self, at: str, *, sizes: bool = True) -> tuple[str, str]:
         """Return b - A x and, with `sizes`, |A||x| + |b| of eight rows."""
         code, rows = self.code, self.rows
-        left = self._entries(at, WIDTH)
+        left = rows.load(code.at(self.right, at))
         whole = rows.call("fabs", left) if sizes else ""
         for j in range(WIDTH):
-            entry = self._entries(at, j)
+            entry = rows.load(code.at(self.diagonals[j], at))
             x = rows.load(code.at(self.x, code.integer("add", at, j - HALF)))
             left = minus(rows, left, entry, x)
             if sizes:

@@ -42,15 +42,6 @@ def padded(size: int) -> int:
     return -(-size // LANES) * LANES
 
 
-BLOCK = 4
-"""Rows of the matrix that stand together in memory: entry by entry, side by side."""
-
-
-def place_of(i: int, j: int) -> int:
-    """Return where entry j of row i stands; entry 7 is the right-hand side."""
-    return i // BLOCK * BLOCK * (WIDTH + 1) + j * BLOCK + i % BLOCK
-
-
 def steps_of(size: int) -> int:
     """Return how many columns are eliminated from each end: 6 or 7 are left, or all."""
     return max((size - 2 * HALF) // 2, 0)
@@ -84,14 +75,23 @@ class BothEnds:
     Args:
         code: what is written.
         size: rows.
-        matrix: address of its entries, at the places of `place_of`.
+        diagonals: addresses of the diagonals (7, size).
+        right: address of the right-hand side.
         residual: address of what else is solved for. What elimination makes of either stands there.
         place: address of the room for factors.
     """
 
-    def __init__(self, code: Code, size: int, matrix: str, residual: str, place: str):
+    def __init__(
+        self,
+        code: Code,
+        size: int,
+        diagonals: Sequence[str],
+        right: str,
+        residual: str,
+        place: str,
+    ):
         self.code, self.size, self.steps = code, size, steps_of(size)
-        self.matrix, self.residual = matrix, residual
+        self.diagonals, self.right, self.residual = diagonals, right, residual
         self.open, self.pair = (code.wider(k) for k in (OPEN, ENDS))
         self.ends = [End(0, 0, 1), End(1, size - 1, -1)]
         self.lanes = f"<{', '.join(f'i64 {i}' for i in range(OPEN))}>"
@@ -155,9 +155,8 @@ class BothEnds:
         def begin() -> list[tuple[str, str]]:
             state: list[tuple[str, str]] = []
             for end in self.ends:
-                columns = [end.first + end.way * j for j in range(WIDTH - 1)]
-                state += [(kind, self._first_rows(end, self._column(j))) for j in columns]
-                state.append((kind, self._first_rows(end, self._right)))
+                state += [(kind, self._first_rows(end, j)) for j in range(WIDTH - 1)]
+                state.append((kind, self._begun(end, self.right)))
                 state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
             return state
 
@@ -176,7 +175,7 @@ class BothEnds:
                     b.append(wide.lane(right, lane))
         for i in self._between():
             A.append([self._entry(i, j) for j in self.middle])
-            b.append(self._right(i))
+            b.append(code.load(self.right, i))
         self.dense = Inline(code, A, scaled=True)
         self.found = self.dense.solve(b)
 
@@ -184,13 +183,7 @@ class BothEnds:
         """Return entry (i, j) of the matrix."""
         if abs(i - j) > HALF:
             return self.code.constant(0.0)
-        return self.code.load(self.matrix, place_of(i, HALF + j - i))
-
-    def _column(self, j: int) -> Callable[[int], str]:
-        return lambda i: self._entry(i, j)
-
-    def _right(self, i: int) -> str:
-        return self.code.load(self.matrix, place_of(i, WIDTH))
+        return self.code.load(self.diagonals[HALF + j - i], i)
 
     def _ahead(self, end: End) -> list[int]:
         """Return the columns that an end has reached and not eliminated."""
@@ -201,9 +194,15 @@ class BothEnds:
         reached = self.steps + HALF if self.steps else 0
         return range(reached, self.size - reached)
 
-    def _first_rows(self, end: End, entry: Callable[[int], str]) -> str:
-        """Return what an end begins with: the entries of three rows."""
-        first = [entry(end.first + end.way * i) for i in range(HALF)]
+    def _first_rows(self, end: End, j: int) -> str:
+        """Return what an end begins with in its column j: three rows."""
+        rows = [end.first + end.way * i for i in range(HALF)]
+        entries = [self._entry(i, end.first + end.way * j) for i in rows]
+        return self.open.packed([*entries, self.code.constant(0.0)])
+
+    def _begun(self, end: End, numbers: str) -> str:
+        """Return the numbers of the first three rows of an end."""
+        first = [self.code.load(numbers, end.first + end.way * i) for i in range(HALF)]
         return self.open.packed([*first, self.code.constant(0.0)])
 
     def _at(self, which: str) -> str:
@@ -227,15 +226,12 @@ class BothEnds:
             *columns, right, which = carried[end.number * count : (end.number + 1) * count]
             free = self._at(which)
             new = end.row(code, code.integer("add", i, HALF))
-            block = code.integer("lshr", new, 2)
-            block = code.integer("mul", block, BLOCK * (WIDTH + 1))
-            row = code.at(self.matrix, code.integer("add", block, code.integer("and", new, 3)))
-            places = [*(end.entry(j) for j in range(WIDTH)), WIDTH]
+            numbers = [self.diagonals[end.entry(j)] for j in range(WIDTH)]
             window = [*columns, wide.constant(0.0), right]
             windows.append(
                 [
-                    wide.choose(free, wide.packed([code.load(row, j * BLOCK)]), x)
-                    for x, j in zip(window, places, strict=True)
+                    wide.choose(free, wide.packed([code.load(to, new)]), x)
+                    for x, to in zip(window, [*numbers, self.right], strict=True)
                 ]
             )
         for window in windows:
@@ -303,10 +299,7 @@ class BothEnds:
         code, wide, kind = self.code, self.open, self.open.like("i64")
 
         def begin() -> list[tuple[str, str]]:
-            state = [
-                (wide.real, self._first_rows(end, lambda i: code.load(self.residual, i)))
-                for end in self.ends
-            ]
+            state = [(wide.real, self._begun(end, self.residual)) for end in self.ends]
             return state + [(kind, wide.splat_of(f"i64 {HALF}"))] * ENDS
 
         def step(i: str, carried: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.band_ends import WIDTH, padded, place_of
+from eomcheck.kernels.band_ends import WIDTH, padded
 from eomcheck.kernels.sincos import room
 from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape
@@ -181,12 +181,13 @@ def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None
     """Return what a group reads as it is to stand in memory; None is nothing."""
     if kind is t.FACTORS:  # column by column, as LAPACK wants it
         return [reads[i * order + j] for j in range(order) for i in range(order)]
-    if kind is t.BAND:  # a few rows together, with the right-hand side
-        ordered: list[int | None] = [None] * (padded(order) * (WIDTH + 1))
-        for i in range(order):
-            for j, x in enumerate((*reads[WIDTH * i : WIDTH * (i + 1)], reads[WIDTH * order + i])):
-                ordered[place_of(i, j)] = x
-        return ordered
+    if kind is t.BAND:  # diagonal by diagonal, the right-hand side as the last one
+        rest = [None] * (padded(order) - order)
+        columns = [
+            *(reads[j : WIDTH * order : WIDTH] for j in range(WIDTH)),
+            reads[WIDTH * order :],
+        ]
+        return [x for column in columns for x in (*column, *rest)]
     return reads
 
 
