@@ -25,10 +25,10 @@ from eomcheck.evaluation.point import net_force
 from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels import machine, sincos
+from eomcheck.kernels import band_ends, machine, sincos
 from eomcheck.kernels.instructions import FEW_ANGLES
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.layout import HEADER
+from eomcheck.kernels.layout import HEADER, layout_of
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.mechanics.records import velocity as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene
@@ -37,6 +37,7 @@ from eomcheck.motion.right_hand_side import RightHandSide, exact_jacobian, kerne
 from eomcheck.motion.state import state_of
 from eomcheck.motion.trace import MANY_LINKS, SHORTER, parameter_arrays
 from eomcheck.numbers import tape as tapes
+from eomcheck.numbers.banded import WIDTH, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.numbers.linear import solve
@@ -406,6 +407,40 @@ def test_code_with_loops_has_the_bits_of_straight_code(key, width):
     _, rolled = compiled(scene, key, 0, width)
     _, straight = compiled(scene, key, 10**9, width)
     assert rolled(t, y).tobytes() == straight(t, y).tobytes()
+
+
+@pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.linear])
+def test_what_goes_along_a_chain_is_read_and_written_once(key):
+    scene = uneven(30, springs=True)
+    traced = rates_on(scene, FORMULATIONS[key])
+    program = program_of(traced.tape, traced.outputs, short=0)
+    long = [len(item[2]) for item in program.items if item[0] == "loop"]
+    assert sorted(long)[-2] < 8 < 64 <= max(long)
+    kept = [name for name in layout_of(program, {}).places if name.startswith("l")]
+    assert len(kept) <= 5  # what is summed up after all else was
+
+
+# ---- Bands ---------------------------------------------------------------------------------------
+
+
+def hostile_band(size: int) -> tuple[Array, Array]:
+    """Return rows of a band of every size, some so small that they are scaled as far as can be."""
+    random = np.random.default_rng(size)
+    bands, b = random.uniform(-1, 1, (size, WIDTH)), random.uniform(-1, 1, size)
+    units = 10.0 ** random.uniform(-20, 20, size)
+    units[:: size // 12] = 1e-310
+    return bands * units[:, None], b * units
+
+
+@pytest.mark.parametrize("size", [*range(65, 73), 200, 300])
+def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(size, monkeypatch):
+    bands, b = hostile_band(size)
+    found = []
+    for part in (2, 10**6):
+        monkeypatch.setattr(band_ends, "PART", part)
+        found.append(MachineCode(lambda A, b: solve_banded(A, b, "A"), bands, b)(bands, b))
+    assert np.isfinite(found[0]).all()
+    assert found[0].tobytes() == found[1].tobytes()
 
 
 # ---- Lanes ---------------------------------------------------------------------------------------
