@@ -398,7 +398,7 @@ def compiled(
 @pytest.mark.parametrize("width", [1, 4])
 @every_formulation
 def test_code_with_loops_has_the_bits_of_straight_code(key, width):
-    scene = uneven(10, springs=True)
+    scene = uneven(30 if FORMULATIONS[key].linear else 10, springs=True)
     y = state_vector(Evaluation(scene, *state(scene)), key)
     y = y if width == 1 else y[:, None] * np.linspace(1.0, 1.2, width)
     t = np.zeros(width)
