@@ -432,7 +432,7 @@ def hostile_band(size: int) -> tuple[Array, Array]:
     return bands * units[:, None], b * units
 
 
-@pytest.mark.parametrize("size", [*range(65, 73), 200, 300])
+@pytest.mark.parametrize("size", [*range(65, 73), 120])
 def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(size, monkeypatch):
     bands, b = hostile_band(size)
     found = []
