@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from eomcheck import scenes, strategies
+    from eomcheck import scenes, strategies, testing
     from eomcheck.claims import CLAIMS, Claim, Finding, Proof
     from eomcheck.claims.proof import prove
     from eomcheck.claims.run import check, validate
@@ -68,7 +68,7 @@ _HOME = {
     "EngineError": "errors",
     "RefusedError": "errors",
 }
-_MODULES = ("scenes", "strategies")
+_MODULES = ("scenes", "strategies", "testing")
 
 
 def __getattr__(name: str) -> Any:
@@ -114,6 +114,7 @@ __all__ = [
     "simulate_many",
     "speeds_of",
     "strategies",
+    "testing",
     "validate",
     "velocity",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -39,6 +39,24 @@ class Proof:
     failure_probability: float
 
 
+class Subject(Protocol):
+    """What is on trial where it is no scene."""
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        ...
+
+    @property
+    def structure(self) -> str:
+        """What it is, apart from numbers."""
+        ...
+
+    def as_python(self, state: State | None) -> str:
+        """Return Python code that shows what fails in a state, or in all where it is None."""
+        ...
+
+
 @dataclass(frozen=True)
 class Finding:
     """One claim at one state, or for all states at once.
@@ -46,7 +64,7 @@ class Finding:
     Attributes:
         claim: id of the claim, a key of `eomcheck.claims.CLAIMS`.
         subject: what it is about there, such as "au ~ kane" or "pinocchio".
-        scene: the scene.
+        scene: the scene, or what else is on trial.
         state: (q, v, t), or None where it holds for all states of all scenes of this structure.
         observed: largest error seen, in the units of the quantity; for a proof, the number of
             points at which the sides differ.
@@ -62,7 +80,7 @@ class Finding:
 
     claim: str
     subject: str
-    scene: Scene
+    scene: Scene | Subject
     state: State | None
     observed: float
     allowed: float
@@ -126,8 +144,10 @@ def ratio(observed: float, allowed: float) -> float:
     return 0.0 if observed == 0 else float("inf")
 
 
-def python_of(scene: Scene, state: State | None) -> str:
+def python_of(scene: Scene | Subject, state: State | None) -> str:
     """Return Python code that prints what fails in a state, or for all states where it is None."""
+    if not isinstance(scene, Scene):
+        return scene.as_python(state)
     kind = type(scene)
     home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
     head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {scene!r}\n"
@@ -164,9 +184,16 @@ def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Ver
     return allowed, "passed" if observed <= allowed else "failed"
 
 
-def diagnose(found: Array, expected: Array, allowed: float) -> str:
-    """Return what `found` looks like beside `expected`, as a person would put it."""
-    worst = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
+def diagnose(
+    found: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
+) -> str:
+    """Return what `found` looks like beside `expected`, as a person would put it.
+
+    In the entry `worst`, by default that of the largest error.
+    """
+    if worst is None:
+        at = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
+        worst = tuple(int(i) for i in at)
     x, y = float(found[worst]), float(expected[worst])
     near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
     what = looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)

@@ -1,0 +1,44 @@
+"""Checks for your own equations and your own test suite, of what is not written as a scene."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from eomcheck.testing.check import check_functions
+    from eomcheck.testing.reference import from_engine, from_scene
+    from eomcheck.testing.registry import FUNCTION_CLAIMS
+    from eomcheck.testing.subject import Functions
+    from eomcheck.testing.sympy import from_kane, from_lagrange
+
+_HOME = {
+    "FUNCTION_CLAIMS": "testing.check",
+    "Functions": "testing.subject",
+    "check_functions": "testing.check",
+    "from_engine": "testing.reference",
+    "from_kane": "testing.sympy",
+    "from_lagrange": "testing.sympy",
+    "from_scene": "testing.reference",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(importlib.import_module(f"eomcheck.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'eomcheck.testing' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(_HOME)
+
+
+__all__ = [
+    "FUNCTION_CLAIMS",
+    "Functions",
+    "check_functions",
+    "from_engine",
+    "from_kane",
+    "from_lagrange",
+    "from_scene",
+]

@@ -1,0 +1,110 @@
+"""What the functions answer: each call looked at, and a failure named with its function."""
+
+from __future__ import annotations
+
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.subject import INPUTS, MAY_READ_MORE, Functions
+
+
+class BrokenError(Exception):
+    """A function did not answer with finite numbers of the right shape.
+
+    Attributes:
+        name: of the function, a key of `INPUTS`.
+        why: what is wrong, in words.
+    """
+
+    def __init__(self, name: str, why: str):
+        self.name, self.why = name, why
+        super().__init__(f"{name}: {why}")
+
+
+class Answers:
+    """The functions, called with copies of what they read.
+
+    Args:
+        functions: the functions.
+    """
+
+    def __init__(self, functions: Functions):
+        self.functions = functions
+        self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
+        self.single: dict[str, str] = {}
+        """Names of functions that answered in single precision or less, and their type."""
+        self.changed: set[str] = set()
+        """Names of functions that wrote into what they were handed."""
+
+    def reads(self, name: str) -> str:
+        """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""
+        if name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2:
+            return MAY_READ_MORE[name]
+        return INPUTS[name].reads
+
+    def __call__(self, name: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return what the function `name` answers at (q, v, t), called with what it reads.
+
+        Raises:
+            BrokenError: an exception inside, no array of numbers, of wrong shape, or not finite.
+        """
+        function, make = self.functions.function(name), self.functions.array
+        assert function is not None
+        handed = {"q": q.copy(), "v": v.copy()}
+        arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
+        arguments = [(arrays | {"t": t})[letter] for letter in self.reads(name)]
+        try:
+            with np.errstate(all="ignore"):
+                answer = function(*arguments)
+        except Exception as error:
+            text = " ".join(str(error).split())
+            what = type(error).__name__
+            raise BrokenError(name, f"{what}: {text}" if text else what) from error
+        if (handed["q"] != q).any() or (handed["v"] != v).any():
+            self.changed.add(name)
+        return self._checked(name, answer)
+
+    def _checked(self, name: str, answer: Any) -> Array:
+        if answer is None:
+            raise BrokenError(name, "answers None, expected an array of numbers")
+        try:
+            raw = np.asarray(answer.detach() if hasattr(answer, "detach") else answer)
+            if raw.dtype.kind not in "fiuO":
+                raise TypeError
+            array = np.array(raw, np.float64)
+        except (TypeError, ValueError, RuntimeError):
+            kind = type(answer).__name__
+            raise BrokenError(name, f"answers a {kind}, expected an array of numbers") from None
+        if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
+            self.single[name] = str(raw.dtype)
+        array = self._shaped(name, array)
+        if not np.isfinite(array).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            entry = f"{name}{list(where)}" if where else name
+            raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
+        return array
+
+    def _shaped(self, name: str, array: Array) -> Array:
+        symbols = INPUTS[name].shape
+        if "r" in symbols and "r" not in self.sizes and array.ndim >= 1:
+            self.sizes["r"] = array.shape[0]
+        shape = tuple(self.sizes.get(x, 1) for x in symbols)
+        # A column, or a number in an array, as lambdified SymPy answers.
+        if len(shape) < 2 and array.shape in ((*shape, 1), (1, 1)) and array.size == np.prod(shape):
+            return array.reshape(shape)
+        if array.shape != shape:
+            raise BrokenError(name, f"answers an array of shape {array.shape}, expected {shape}")
+        return array
+
+
+def _arguments(function: Any) -> int:
+    """Return how many arguments must be given to a function, 1 where it does not tell."""
+    try:
+        found = signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return 1
+    positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(x.kind in positional and x.default is Parameter.empty for x in found)

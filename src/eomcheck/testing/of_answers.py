@@ -1,0 +1,142 @@
+"""Claims about how functions answer: at all, in doubles, always the same, touching nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.answers import Answers, BrokenError
+from eomcheck.testing.measured import Measured
+from eomcheck.testing.point import Point
+from eomcheck.testing.registry import Sides, Told, claim
+from eomcheck.testing.subject import INPUTS, Functions, functions_of
+
+NOISE = 2.0**-32
+"""Noise per size of a function, above which there are single-precision numbers in it.
+
+Rounding to doubles leaves 2^-53 and what cancels, to single precision 2^-24.
+"""
+
+UNFELT, FELT = 2.0**-36, 2.0**-16
+"""Relative changes of what a function reads: doubles feel the smaller one, singles do not."""
+
+
+def working(at: Point) -> Iterator[str]:
+    """Yield the names of the functions that answer here."""
+    for name in at.functions.given:
+        try:
+            at.answers(name, at.q, at.v)
+        except BrokenError:
+            continue
+        yield name
+
+
+def axes(at: Point, name: str) -> tuple[tuple[str, ...], ...]:
+    """Return names along each axis of what a function answers."""
+    f = at.functions
+    rows = tuple(f"{i}" for i in range(at.answers.sizes.get("r", 0)))
+    known = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
+    return tuple(known[symbol] for symbol in INPUTS[name].shape)
+
+
+@claim("answers", "each function answers with finite numbers of the right shape", "")
+def answers(at: Point) -> Iterator[Told]:
+    """No exception, no NaN, no wrong shape."""
+    for name in at.functions.given:
+        try:
+            at.answers(name, at.q, at.v)
+        except BrokenError as broken:
+            yield Told(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
+        else:
+            yield Told(name, 0.0, 0.0, "passed")
+
+
+@claim("arguments-unchanged", "what a function is handed is the same afterwards", "arguments")
+def arguments_unchanged(at: Point) -> Iterator[Told]:
+    """A function must not write into q or v."""
+    for name in working(at):
+        if name in at.answers.changed:
+            yield Told(name, float("inf"), 0.0, "failed", f"{name} writes into its arguments")
+        else:
+            yield Told(name, 0.0, 0.0, "passed")
+
+
+@claim("same-answer", "f(x) after f(y) is f(x)", "state kept between calls")
+def same_answer(at: Point) -> Iterator[Sides]:
+    """What one call leaves behind does not change what the next one answers."""
+    for name in working(at):
+        first = at.of(name)
+        for other in working(at):
+            # As in a simulation: every function at another state in between.
+            at.raw(other)(at.q - 0.3 * at.width_q, at.v + 0.7 * at.width_v)
+        again = at.answers(name, at.q, at.v)
+        yield Sides(name, Measured(again, first.error, first.size), first, axes(at, name))
+
+
+@claim("fresh-answer", "f(x) of a fresh instance is f(x)", "state kept between calls", ("factory",))
+def fresh_answer(at: Point) -> Iterator[Sides | Told]:
+    """What was called before does not change what is answered."""
+    fresh = Answers(made_anew(at.functions))
+    for name in working(at):
+        if fresh.functions.function(name) is None:
+            continue
+        first = at.of(name)
+        try:
+            anew = fresh(name, at.q, at.v)
+        except BrokenError as broken:
+            yield Told(name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}")
+            continue
+        yield Sides(name, first, Measured(anew, first.error, first.size), axes(at, name))
+
+
+def made_anew(functions: Functions) -> Functions:
+    """Return the functions that the factory makes."""
+    assert functions.factory is not None
+    made = functions.factory()
+    if isinstance(made, Functions):
+        return made
+    given = made if isinstance(made, dict) else {x: getattr(made, x, None) for x in INPUTS}
+    options = {"speeds": functions.speeds, "qdot": functions.qdot, "array": functions.array}
+    return functions_of(functions.n, options | given)
+
+
+@claim("double-precision", "functions compute in doubles", "precision")
+def double_precision(at: Point) -> Iterator[Told]:
+    """Single precision somewhere inside shows, whatever type the answer has."""
+    for name in working(at):
+        found = at.of(name)
+        # Accelerations are noisy where M is nearly singular, which is no fault of theirs.
+        blur = 0.0 if name == "qdd" else _relative(found)
+        if name in at.answers.single:
+            what = f"answers in {at.answers.single[name]}"
+        elif blur > NOISE:
+            what = f"noise of {blur:.1g} of its size, as float32 arithmetic leaves"
+        elif _steps(at, name):
+            what = "does not feel changes below 1e-10 of what it reads: float32 arithmetic"
+        else:
+            yield Told(name, blur, NOISE, "passed")
+            continue
+        yield Told(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {what}")
+
+
+def _relative(found: Measured) -> float:
+    """Return the largest error of an entry beside the largest size."""
+    size = largest(found.size)
+    return largest(found.error) / size if size > 0.0 and np.isfinite(size) else 0.0
+
+
+def _steps(at: Point, name: str) -> bool:
+    """Return whether a function answers the same to close inputs, and only to those."""
+    f = at.raw(name)
+    here = f(at.q, at.v)
+
+    def felt(share: float) -> Array:
+        return np.asarray(f(at.q + share * at.width_q, at.v + share * at.width_v) != here)
+
+    coarse = felt(FELT)
+    return bool(coarse.any() and not any(felt(k * UNFELT).any() for k in (1, 2, 3)))
+
+

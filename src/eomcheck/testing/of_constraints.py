@@ -1,0 +1,90 @@
+"""Claims about constraints: Jacobian, drift, and accelerations that keep them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.derivative import partial
+from eomcheck.testing.measured import Measured, contract, exact
+from eomcheck.testing.of_terms import proportional, rows
+from eomcheck.testing.point import Point
+from eomcheck.testing.registry import Blind, Sides, Skipped, claim
+
+CLOCK = 0.25
+"""Half width of the times, s, at which ḃ is looked for."""
+
+
+def constraints(at: Point) -> tuple[str, ...]:
+    """Return the names of the constraints."""
+    return tuple(f"constraint {i}" for i in range(at.answers.sizes.get("r", 0)))
+
+
+@claim(
+    "constraint-jacobian",
+    "a = ∂c/∂v, or ∂c/∂q of c(q)",
+    "constraint Jacobian",
+    ("a", "c"),
+    blind=(Blind("a", "whether a belongs to the constraints", ("c", "against")),),
+)
+def constraint_jacobian(at: Point) -> Iterator[Sides]:
+    """a is the derivative of the constraints."""
+    c, a = at.raw("c"), at.of("a")
+    if at.answers.reads("c") == "qv":
+        expected = at.by_v(c).T
+    else:
+        expected = contract("nr,np->rp", at.by_q(c), at.S())
+    yield Sides("a", a, expected, (constraints(at), rows(at)))
+
+
+@claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
+def constraint_velocity(at: Point) -> Iterator[Sides]:
+    """Constraints at velocity level are a v + b."""
+    if not at.answers.reads("c") == "qv":
+        return
+    found = at.of("a") @ exact(at.v)
+    if at.has("b"):
+        found = found + at.of("b")
+    yield Sides("a v + b", found, at.of("c"), (constraints(at),))
+
+
+@claim(
+    "constraint-drift",
+    "γ = ȧ v + ḃ",
+    "constraint drift",
+    ("a", "gamma"),
+    blind=(
+        Blind("gamma", "whether γ belongs to a", ("a", "against")),
+        Blind("a", "whether a depends on q as it should", ("c", "gamma", "qdd", "against")),
+    ),
+)
+def constraint_drift(at: Point) -> Iterator[Sides]:
+    """γ is the rate of a v + b at v̇ = 0, for every v."""
+    expected = at.along(at.by_q(at.raw("a"))) @ exact(at.v)
+    if at.has("b"):
+        expected = expected + clock_rate(at)
+    yield Sides("γ", at.of("gamma"), expected, (constraints(at),), proportional)
+
+
+def clock_rate(at: Point) -> Measured:
+    """Return ḃ (r,) at t = 0 s."""
+    here = at.of("b")
+
+    def of_time(t: Array) -> Array:
+        return at.answers("b", at.q, at.v, float(t[0]))
+
+    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size)
+    return rate + at.along(at.by_q(at.raw("b"))) if at.answers.reads("b") == "qt" else rate
+
+
+@claim("constraint-acceleration", "a q̈ + γ = 0", "acceleration", ("a", "gamma", "qdd"))
+def constraint_acceleration(at: Point) -> Iterator[Sides | Skipped]:
+    """Accelerations keep the constraints."""
+    here = at.consistent()
+    if here is None:
+        yield Skipped("qdd", "no state is found nearby that keeps the constraints")
+        return
+    found = here.of("a") @ here.of("qdd")
+    yield Sides("a q̈ ~ -γ", found, -here.of("gamma"), (constraints(at),), proportional)

@@ -1,0 +1,237 @@
+"""Claims about single terms, and about M, B, C and gravity belonging together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import C, allowed_error
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.measured import Measured, contract, exact, zero
+from eomcheck.testing.point import Point
+from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
+
+def rows(at: Point) -> tuple[str, ...]:
+    """Return the names of the rows of M and of forces."""
+    return at.functions.velocity_names
+
+
+@claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
+def mass_matrix_symmetric(at: Point) -> Iterator[Sides]:
+    """The mass matrix is symmetric."""
+    M = at.of("M")
+
+    def say(found: Array, expected: Array, allowed: float) -> str:
+        for part, name in ((np.tril(found, -1), "lower"), (np.triu(found, 1), "upper")):
+            if not part.any():
+                return f"the {name} triangle is empty"
+        return ""
+
+    yield Sides("M", M, M.T, (rows(at), rows(at)), say)
+
+
+@claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
+def mass_matrix_positive(at: Point) -> Iterator[Told]:
+    """M is positive definite, in units in which its diagonal is 1."""
+    M = at.of("M")
+    diagonal = np.diagonal(M.value)
+    if (diagonal < -allowed_error(1.0 / EPS) * np.diagonal(M.error)).any():
+        k = int(np.argmin(diagonal))
+        yield Told("M", float(-diagonal[k]), 0.0, "failed", f"mass matrix, entry ({rows(at)[k]}, {rows(at)[k]}): negative")
+        return
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    least = float(np.linalg.eigvalsh(0.5 * (M.value + M.value.T) * np.outer(scale, scale))[0])
+    allowed = C * float((M.error * np.outer(scale, scale)).sum() + EPS * len(scale))
+    if least < -allowed:
+        what = f"mass matrix, its least eigenvalue is {least:.3g} of its diagonal"
+        yield Told("M", -least, allowed, "failed", what)
+    elif least > allowed:
+        yield Told("M", 0.0, allowed, "passed")
+    else:
+        yield Told("M", abs(least), allowed, "inconclusive", "M is singular to rounding")
+
+
+@claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
+def bias_at_rest(at: Point) -> Iterator[Sides]:
+    """Nothing is left of the bias at rest; what is left often is gravity."""
+    rest = at.moved(np.zeros(len(at.v)))
+    if at.functions.bias_has_gravity:
+        if at.functions.gravity is not None or at.has("U"):
+            g = at.of("gravity") if at.functions.gravity is not None else at.U_q()
+            yield Sides("bias at rest ~ ∂U/∂q", rest.of("bias"), g, (rows(at),))
+        return
+
+    def say(found: Array, expected: Array, allowed: float) -> str:
+        known = at.gravity() if at.has("gravity") or at.has("U") else None
+        for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
+            if known is not None and _same(found, sign * known.value, allowed + C * known.error):
+                return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
+        potential = at.functions.qdot is None and _symmetric(_by_q(rest))
+        return "should vanish, and has a potential: gravity in it?" if potential else ""
+
+    yield Sides("bias", rest.of("bias"), zero(at.of("bias")), (rows(at),), say)
+
+
+def _by_q(rest: Point) -> Measured:
+    return rest.by_q(rest.raw("bias"))
+
+
+def _same(found: Array, expected: Array, allowed: Array) -> bool:
+    return bool((np.abs(found - expected) <= allowed).all())
+
+
+def _symmetric(jacobian: Measured) -> bool:
+    return _same(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
+
+
+@claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
+def bias_quadratic(at: Point) -> Iterator[Sides]:
+    """The bias is quadratic in v."""
+    yield Sides("bias", at.moved(2.0 * at.v).B(), 4.0 * at.B(), (rows(at),))
+
+
+@claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
+def bias_even(at: Point) -> Iterator[Sides]:
+    """The bias does not change when the motion runs backwards; damping would."""
+    yield Sides("bias", at.moved(-at.v).B(), at.B(), (rows(at),))
+
+
+@claim(
+    "bias-of-mass-matrix",
+    "B = Ṁ v - ½ ∂(vᵀ M v)/∂q",
+    "bias",
+    ("M", "bias"),
+    natural=True,
+    blind=(
+        Blind("bias", "whether the bias belongs to the mass matrix", ("M", "T", "against")),
+        Blind("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
+    ),
+)
+def bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
+    """B follows from the derivatives of M."""
+    expected = bias_of(at)
+    if expected is None:
+        yield Skipped("bias", "more coordinates than speeds: M tells B only along them")
+        return
+    yield Sides("bias", at.B(), expected, (rows(at),), proportional)
+
+
+def bias_of(at: Point) -> Measured | None:
+    """Return B (p,) as M says; None where there are fewer speeds than coordinates.
+
+    With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
+    B = Sᵀ (b + S⁻ᵀ M S⁻¹ Ṡ u).
+    """
+    if at.functions.qdot is None:
+        v = exact(at.v)
+        dM = at.dM()
+        return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
+    if len(at.q) != len(at.v):
+        return None
+    mass, S = at.raw("M"), at.S()
+    qdot = at.raw("qdot")
+
+    def speeds(q: Array) -> Array:
+        return np.array([qdot(q, axis) for axis in np.eye(len(at.v))]).T
+
+    def of_rates(q: Array, v: Array) -> Array:
+        back = np.linalg.inv(speeds(q))
+        return back.T @ mass(q, v) @ back
+
+    rates = at.rates()
+    dM, M = at.by_q(of_rates), at.measure(of_rates)
+    Su = at.along(at.by_q(lambda q, v: speeds(q) @ at.v))
+    b = contract("kij,j,k->i", dM, rates, rates) - 0.5 * contract("ijk,j,k->i", dM, rates, rates)
+    return S.T @ (b + M @ Su)
+
+
+def proportional(found: Array, expected: Array, allowed: float) -> str:
+    """Say by which factor all rows are too large, if by one."""
+    size = float(np.abs(expected).max(initial=0.0))
+    if size == 0.0 or found.size < 1:
+        return ""
+    factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
+    known = {-1.0: "sign", 0.5: "half of it", 0.0: "missing"}
+    if not (np.abs(found - factor * expected) <= np.maximum(allowed, 1e-10 * size)).all():
+        return ""
+    for value, name in known.items():
+        if abs(factor - value) <= 1e-9:
+            return f"{name}, in every row"
+    return f"{factor:.7g} times what is expected, in every row"
+
+
+@claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M", "bias"), natural=True)
+def bias_power(at: Point) -> Iterator[Sides]:
+    """The bias takes no energy: it does the work that M says."""
+    v = exact(at.v)
+    rate = at.along(at.dM())
+    yield Sides("bias", v @ at.B(), 0.5 * (v @ (rate @ v)), ())
+
+
+@claim(
+    "coriolis-bias",
+    "C v = B",
+    "Coriolis matrix",
+    ("C", "bias|M"),
+    natural=True,
+    blind=(Blind("C", "what C should be", ("bias", "M")),),
+)
+def coriolis_bias(at: Point) -> Iterator[Sides]:
+    """C v is the bias: as given, else as M says."""
+    expected = at.B() if at.has("bias") else bias_of(at)
+    if expected is not None:
+        yield Sides("C v", at.of("C") @ exact(at.v), expected, (rows(at),), proportional)
+
+
+@claim(
+    "coriolis-skew",
+    "Ṁ - 2 C is skew-symmetric",
+    "Coriolis matrix",
+    ("C", "M"),
+    without=("qdot",),
+    natural=True,
+    blind=(Blind("C", "whether Ṁ - 2 C is skew-symmetric", ("M",)),),
+)
+def coriolis_skew(at: Point) -> Iterator[Sides]:
+    """C is made of Christoffel's symbols: Ṁ = C + Cᵀ."""
+    found = at.of("C") + at.of("C").T
+    yield Sides("C + Cᵀ ~ Ṁ", found, at.along(at.dM()), (rows(at), rows(at)))
+
+
+@claim("gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",))
+def gravity_potential(at: Point) -> Iterator[Sides]:
+    """Gravity has a potential."""
+    given = at.functions.gravity is not None
+    rest = at.moved(np.zeros(len(at.v)))
+    jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
+    yield Sides("gravity", jacobian, jacobian.T, (rows(at), rows(at)))
+
+
+@claim(
+    "gravity-of-potential",
+    "g = ∂U/∂q",
+    "gravity",
+    ("gravity", "U"),
+    blind=(
+        Blind("gravity", "a gravity that is too strong or too weak", ("U", "qdd", "against")),
+        Blind("U", "a potential energy that is too large or too small", ("gravity", "qdd", "against")),
+    ),
+)
+def gravity_of_potential(at: Point) -> Iterator[Sides]:
+    """Gravity is the derivative of the potential energy."""
+    yield Sides("gravity", at.gravity(), at.U_q(), (rows(at),), proportional)
+
+
+@claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
+def gravity_velocity(at: Point) -> Iterator[Sides]:
+    """Gravity is the same at rest, also after something moved was looked at."""
+    if at.functions.gravity is None:
+        return  # it is the bias at rest
+    here = at.of("gravity")
+    moved = at.moved(-3.0 * at.v + at.width_v)
+    for name in at.functions.given:
+        moved.raw(name)(moved.q, moved.v)
+    found = moved.answers("gravity", moved.q, moved.v)
+    yield Sides("gravity", Measured(found, here.error, here.size), here, (rows(at),))

@@ -1,0 +1,209 @@
+"""The quantities of somebody's functions at one state, each with the error that was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import C
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.answers import Answers, BrokenError
+from eomcheck.testing.derivative import gradient
+from eomcheck.testing.measured import Measured, contract, exact
+from eomcheck.testing.noise import noise, size_of
+from eomcheck.testing.subject import Functions
+
+FLIPS = 4
+"""Choices of signs of v among which the largest entries of what depends on v are looked for."""
+
+
+class Point:
+    """Quantities at (q, v), each computed on first use.
+
+    Args:
+        answers: the functions.
+        q: coordinates (n,).
+        v: velocities (p,).
+        seed: of the directions in which noise is measured.
+        reference: what they are compared with, or None.
+    """
+
+    def __init__(
+        self,
+        answers: Answers,
+        q: Array,
+        v: Array,
+        seed: int = 0,
+        reference: Functions | None = None,
+    ):
+        self.answers, self.functions, self.reference = answers, answers.functions, reference
+        self.q, self.v, self.seed = q, v, seed
+        _, widths = self.functions.half_ranges()
+        self.width_q, self.width_v = widths[: len(q)], widths[len(q) :]
+        self._kept: dict[Any, Any] = {}
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` gives, once."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def has(self, name: str) -> bool:
+        """Return whether a quantity can be had: one that is given, or follows at once."""
+        if name == "gravity":
+            return self.functions.gravity is not None or self.functions.bias_has_gravity
+        if name == "against":
+            return self.reference is not None
+        return self.functions.function(name) is not None
+
+    def moved(self, v: Array) -> Point:
+        """Return the same coordinates with another velocity."""
+        return self.kept(("v", v.tobytes()), lambda: Point(self.answers, self.q, v, self.seed))
+
+    # ---- Black boxes ---------------------------------------------------------------------------
+
+    def raw(self, name: str) -> Callable[[Array, Array], Array]:
+        """Return the function `name` of (q, v), NaN where it has no value."""
+        here = self.answers(name, self.q, self.v)
+
+        def quiet(q: Array, v: Array) -> Array:
+            try:
+                return self.answers(name, q, v)
+            except BrokenError:
+                return np.full(here.shape, np.nan)
+
+        return quiet
+
+    def measure(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return f(q, v) with the noise it shows, and the size of what cancels in it."""
+        n = len(self.q)
+        x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
+        value = f(self.q, self.v)
+        spread = noise(lambda y: f(y[:n], y[n:]), x, width, self.seed)
+        signs = np.random.default_rng(self.seed).choice((-1.0, 1.0), (FLIPS, len(self.v)))
+        flipped = [size_of(f(self.q, sign * self.v)) for sign in signs]
+        size = np.fmax.reduce([size_of(value), *flipped])
+        return Measured(value, spread + np.finfo(np.float64).eps * size, size)
+
+    def of(self, name: str) -> Measured:
+        """Return what the function `name` answers."""
+
+        return self.kept(name, lambda: self.measure(self.raw(name)))
+
+    def by_q(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return ∂f/∂q (n, ...)."""
+        return gradient(lambda q: f(q, self.v), self.q, self.width_q, self.measure(f))
+
+    def by_v(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return ∂f/∂v (p, ...)."""
+        return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
+
+    # ---- What follows --------------------------------------------------------------------------
+
+    def S(self) -> Measured:
+        """∂q̇/∂v (n, p)."""
+
+        def columns(q: Array, v: Array) -> Array:
+            qdot = self.raw("qdot")
+            return np.array([qdot(q, axis) for axis in np.eye(len(self.v))]).T
+
+        if self.functions.qdot is None:
+            return exact(np.eye(len(self.q)))
+        return self.kept("S", lambda: self.measure(columns))
+
+    def rates(self) -> Measured:
+        """q̇ (n,)."""
+        return self.S() @ exact(self.v)
+
+    def along(self, gradient_: Measured) -> Measured:
+        """Return the rate of what has the derivatives ∂/∂q (n, ...) while q moves."""
+        axes = "abc"[: len(gradient_.shape) - 1]
+        return contract(f"n{axes},n->{axes}", gradient_, self.rates())
+
+    def dM(self) -> Measured:
+        """∂M/∂q (n, p, p)."""
+        return self.kept("dM", lambda: self.by_q(self.raw("M")))
+
+    def B(self) -> Measured:
+        """Bias without gravity (p,)."""
+        if not self.functions.bias_has_gravity:
+            return self.of("bias")
+        return self.of("bias") - self.gravity()
+
+    def gravity(self) -> Measured:
+        """∂U/∂q (p,), along v: as given, else as `bias` holds it, else differentiated from U."""
+        if self.functions.gravity is not None:
+            return self.of("gravity")
+        if self.functions.bias_has_gravity:
+            return self.moved(np.zeros(len(self.v))).of("bias")
+        return self.U_q()
+
+    def U_q(self) -> Measured:
+        """∂U/∂q along v (p,)."""
+        return self.kept("U_q", lambda: self.S().T @ self.by_q(self.raw("U")))
+
+    def R_v(self) -> Measured:
+        """∂R/∂v (p,)."""
+        return self.kept("R_v", lambda: self.by_v(self.raw("R")))
+
+    def forces(self) -> Measured:
+        """Return Q - gravity - ∂R/∂v (p,), of what there is."""
+        total = exact(np.zeros(len(self.v)))
+        if self.has("Q"):
+            total = total + self.of("Q")
+        if self.has("gravity") or self.has("U"):
+            total = total - self.gravity()
+        if self.has("R"):
+            total = total - self.R_v()
+        return total
+
+    def natural(self) -> bool:
+        """Return whether T, where it is given, is quadratic in v and nothing else."""
+
+        def look() -> bool:
+            rest = self.moved(np.zeros(len(self.v))).of("T")
+            here, back = self.of("T"), self.moved(-self.v).of("T")
+            odd = here - back
+            return all(abs(x.value) <= C * (x.error + here.error) for x in (rest, odd))
+
+        return not self.has("T") or self.kept("natural", look)
+
+    def consistent(self) -> Point | None:
+        """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.
+
+        None where none is found nearby.
+        """
+        return self.kept("consistent", lambda: _consistent(self)) if self.has("a") else self
+
+    def free(self) -> Array:
+        """Directions of v that the constraints leave (p, p - r), or all of them (p, p)."""
+        if not self.has("a"):
+            return np.eye(len(self.v))
+        a = self.of("a").value
+        _, singular, rows = np.linalg.svd(a)
+        largest = singular.max(initial=0.0)
+        rank = int((singular > max(a.shape) * np.finfo(np.float64).eps * largest * C).sum())
+        return rows[rank:].T
+
+
+def _consistent(at: Point) -> Point | None:
+    """Return the nearest consistent point: Newton's method for q, least squares for v."""
+    answers, q = at.answers, at.q.copy()
+    try:
+        if at.has("c") and answers.reads("c") == "q":
+            for _ in range(30):
+                c, a = answers("c", q, at.v), answers("a", q, at.v)
+                q = q - at.S().value @ (np.linalg.pinv(a) @ c)
+                if np.abs(answers("c", q, at.v)).max(initial=0.0) <= 1e-13 * max(1.0, np.abs(q).max()):
+                    break
+            else:
+                return None
+        a = answers("a", q, at.v)
+        b = answers("b", q, at.v) if at.has("b") else 0.0
+        v = at.v - np.linalg.pinv(a) @ (a @ at.v + b)
+    except (BrokenError, np.linalg.LinAlgError):
+        return None
+    return Point(answers, q, v, at.seed)
+

@@ -1,0 +1,114 @@
+"""What is claimed of somebody's functions, and how a claim is registered: by what it yields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from eomcheck.claims.finding import Verdict
+from eomcheck.claims.registry import Names, Skipped
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.measured import Measured
+from eomcheck.testing.point import Point
+
+
+class Sides(NamedTuple):
+    """found = expected, about `subject`.
+
+    Attributes:
+        subject: what is compared.
+        found: theirs.
+        expected: what it should be, same shape.
+        names: names along each axis.
+        say: says what `found` looks like beside `expected`, "" where that is nothing it knows;
+            None for what is said of any two arrays.
+    """
+
+    subject: str
+    found: Measured
+    expected: Measured
+    names: Names
+    say: Callable[[Array, Array, float], str] | None = None
+
+
+class Told(NamedTuple):
+    """What a claim has decided by itself; see `eomcheck.Finding`."""
+
+    subject: str
+    observed: float
+    allowed: float
+    verdict: Verdict
+    detail: str = ""
+
+
+class Blind(NamedTuple):
+    """What cannot be told of an input.
+
+    Attributes:
+        about: the input, a key of `eomcheck.testing.subject.INPUTS`.
+        what: what would not be noticed.
+        told_by: inputs any one of which would tell; "against" is what one compares with.
+    """
+
+    about: str
+    what: str
+    told_by: tuple[str, ...]
+
+
+Outcome = Sides | Told | Skipped
+
+
+@dataclass(frozen=True)
+class FunctionClaim:
+    """One statement about somebody's functions at a state.
+
+    Attributes:
+        id: short name.
+        statement: what is claimed, in symbols.
+        term: what is to blame when it fails.
+        needs: names of quantities without which it is not looked at; "T|M" is either.
+        without: names of inputs with which it does not hold.
+        natural: whether it holds only where T is quadratic in v, see `Point.natural`.
+        blind: what cannot be told where what it needs is missing.
+        look: function of a `Point`.
+    """
+
+    id: str
+    statement: str
+    term: str
+    needs: tuple[str, ...]
+    without: tuple[str, ...]
+    natural: bool
+    blind: tuple[Blind, ...]
+    look: Callable[[Point], Iterator[Outcome]] = field(repr=False)
+
+    def applies(self, at: Point) -> bool:
+        """Return whether what it needs is there, and nothing with which it does not hold."""
+        there = all(any(at.has(one) for one in name.split("|")) for name in self.needs)
+        return there and not any(at.has(name) for name in self.without)
+
+
+FUNCTION_CLAIMS: dict[str, FunctionClaim] = {}
+"""Id -> claim, single functions before what ties them together: the first that fails is closest."""
+
+
+def claim(
+    id: str,
+    statement: str,
+    term: str,
+    needs: tuple[str, ...] = (),
+    *,
+    without: tuple[str, ...] = (),
+    natural: bool = False,
+    blind: tuple[Blind, ...] = (),
+) -> Callable:
+    """Register the decorated function of a `Point`, which yields `Outcome`s."""
+
+    def register(look: Callable[[Any], Iterator[Outcome]]) -> Callable:
+        FUNCTION_CLAIMS[id] = FunctionClaim(
+            id, statement, term, needs, without, natural, blind, look
+        )
+        return look
+
+    return register
