@@ -6,16 +6,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eomcheck.testing.check import check_functions
+    from eomcheck.testing.run import check, check_functions
     from eomcheck.testing.reference import from_engine, from_scene
     from eomcheck.testing.registry import FUNCTION_CLAIMS
     from eomcheck.testing.subject import Functions
     from eomcheck.testing.sympy import from_kane, from_lagrange
 
 _HOME = {
-    "FUNCTION_CLAIMS": "testing.check",
+    "FUNCTION_CLAIMS": "testing.run",
     "Functions": "testing.subject",
-    "check_functions": "testing.check",
+    "check": "testing.run",
+    "check_functions": "testing.run",
     "from_engine": "testing.reference",
     "from_kane": "testing.sympy",
     "from_lagrange": "testing.sympy",
@@ -36,6 +37,7 @@ def __dir__() -> list[str]:
 __all__ = [
     "FUNCTION_CLAIMS",
     "Functions",
+    "check",
     "check_functions",
     "from_engine",
     "from_kane",

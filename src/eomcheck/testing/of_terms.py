@@ -13,6 +13,9 @@ from eomcheck.testing.measured import Measured, contract, exact, zero
 from eomcheck.testing.point import Point
 from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
+UNKNOWN = "constraints may be built into M, which then does not tell B: holonomic=True says not"
+
+
 def rows(at: Point) -> tuple[str, ...]:
     """Return the names of the rows of M and of forces."""
     return at.functions.velocity_names
@@ -113,23 +116,23 @@ def bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
     """B follows from the derivatives of M."""
     expected = bias_of(at)
     if expected is None:
-        yield Skipped("bias", "more coordinates than speeds: M tells B only along them")
+        yield Skipped("bias", UNKNOWN)
         return
     yield Sides("bias", at.B(), expected, (rows(at),), proportional)
 
 
 def bias_of(at: Point) -> Measured | None:
-    """Return B (p,) as M says; None where there are fewer speeds than coordinates.
+    """Return B (p,) as M says; None where M does not tell it.
 
     With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
     B = Sᵀ (b + S⁻ᵀ M S⁻¹ Ṡ u).
     """
+    if not at.functions.of_lagrange or len(at.q) != len(at.v):
+        return None
     if at.functions.qdot is None:
         v = exact(at.v)
         dM = at.dM()
         return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
-    if len(at.q) != len(at.v):
-        return None
     mass, S = at.raw("M"), at.S()
     qdot = at.raw("qdot")
 

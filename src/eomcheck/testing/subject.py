@@ -101,6 +101,9 @@ class Functions:
     """Whether `bias` is the sum of bias and gravity."""
     speeds: int | None = None
     """Number p of generalized speeds where it is not n; only with `qdot`."""
+    holonomic: bool | None = None
+    """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where constraints that are not
+    holonomic are built into M; None for True without `qdot`, and False with it."""
     ranges: Any = None
     """What states are drawn from: (low, high) for all, n pairs for the coordinates, or n + p pairs;
     by default [-1, 1] for each coordinate and each velocity."""
@@ -146,6 +149,11 @@ class Functions:
     def p(self) -> int:
         """Number of velocities."""
         return self.n if self.speeds is None else int(self.speeds)
+
+    @property
+    def of_lagrange(self) -> bool:
+        """Whether M determines the bias."""
+        return self.qdot is None if self.holonomic is None else self.holonomic
 
     @property
     def structure(self) -> str:

@@ -1,4 +1,4 @@
-"""`check_functions`: every claim at random states, and what cannot be told."""
+"""`check_functions` and `check`: every claim at random states, and what cannot be told."""
 
 from __future__ import annotations
 

@@ -1,0 +1,186 @@
+"""Equations that SymPy derived, as functions: of `KanesMethod` and of `LagrangesMethod`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import InputError, required
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.subject import Functions
+
+
+class _Numbers:
+    """Makes functions of arrays q and v from expressions in SymPy's symbols.
+
+    Args:
+        what: what they come from, for messages.
+        q: the coordinates.
+        v: the velocities, symbols or functions of time.
+        parameters: symbol -> number.
+    """
+
+    def __init__(self, what: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
+        self._sympy = required("sympy")
+        self.what = what
+        symbols = [self._sympy.Dummy(str(i)) for i in range(len(q) + len(v))]
+        # Rates before the coordinates that they are rates of.
+        self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
+        self._arguments = symbols
+        self._parameters = dict(parameters or {})
+
+    def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
+        """Return the function (q, v) -> array.
+
+        Raises:
+            InputError: symbols are left that have no number.
+        """
+        sp = self._sympy
+        matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
+        msubs = required("sympy.physics.mechanics").msubs
+        plain = msubs(matrix, self._names).subs(self._parameters)
+        left = plain.free_symbols - set(self._arguments)
+        left |= required("sympy.physics.mechanics").find_dynamicsymbols(plain)
+        if left:
+            names = ", ".join(sorted(map(str, left)))
+            raise InputError(f"parameters of {self.what} have no number for {names}")
+        function = sp.lambdify(self._arguments, plain, "numpy", cse=True)
+
+        def numbers(q: Array, v: Array) -> Array:
+            return np.asarray(function(*q, *v), np.float64)
+
+        return numbers
+
+
+def from_kane(
+    kane: Any, parameters: Mapping[Any, float] | None = None, *, name: str = "kane", **options: Any
+) -> Functions:
+    """Return the equations of a SymPy `KanesMethod` as functions of q and its independent speeds.
+
+    Its speeds need not be q̇: its kinematic equations are the `qdot`. Dependent speeds follow from
+    its velocity constraints, u = W u_i, so that M is p × p and symmetric. The kinetic energy of its
+    bodies is a second derivation of M. All loads are in `Q`.
+
+    Args:
+        kane: after `kanes_equations` was called.
+        parameters: symbol -> number, for all that are neither coordinates nor speeds.
+        name: what reports call it.
+        options: `ranges` and others, see `eomcheck.testing.Functions`.
+
+    Raises:
+        InputError: it is no such thing, its equations are not formed, a symbol has no number, or
+            its velocity constraints are not homogeneous in u.
+        EngineError: SymPy is not installed.
+    """
+    mechanics = required("sympy.physics.mechanics")
+    if not isinstance(kane, mechanics.KanesMethod):
+        raise InputError(f"kane = {kane!r}, expected a sympy.physics.mechanics.KanesMethod")
+    try:
+        Fr, p = kane._fr, len(kane._fr)
+        mass, forcing = kane.mass_matrix, kane.forcing
+    except (TypeError, ValueError):
+        raise InputError("kane has no equations yet, call kane.kanes_equations first") from None
+    if any(term != 0 for term in kane._f_nh):
+        raise InputError("kane has velocity constraints that are not homogeneous in its speeds")
+    rates = kane.kindiffdict()
+    numbers = _Numbers("kane", kane.q, kane.u, parameters)
+    in_u = {rate.diff(): value.diff() for rate, value in rates.items()} | dict(rates)
+
+    def of(expression: Any) -> Callable[[Array, Array], Array]:
+        return numbers(mechanics.msubs(expression, in_u))
+
+    K, f, loads = of(mass), of(forcing), of(Fr)
+    qdot = of(required("sympy").Matrix([rates[q.diff()] for q in kane.q]))
+    T = of(mechanics.kinetic_energy(kane._inertial, *kane.bodies))
+    o = len(kane.u)
+
+    def W(q: Array) -> Array:
+        """All speeds of the independent ones (o, p)."""
+        a = K(q, np.zeros(o))[p:]
+        return np.vstack((np.eye(p), -np.linalg.solve(a[:, p:], a[:, :p])))
+
+    def rest(q: Array, u: Array) -> Array:
+        """What is left of u̇ (o,) where u̇_i = 0."""
+        a = K(q, u)[p:]
+        return np.concatenate((np.zeros(p), np.linalg.solve(a[:, p:], f(q, u)[p:, 0])))
+
+    def bias(q: Array, u: Array) -> Array:
+        full = W(q) @ u
+        return K(q, full)[:p] @ rest(q, full) + loads(q, full)[:, 0] - f(q, full)[:p, 0]
+
+    def qdd(q: Array, u: Array) -> Array:
+        full = W(q) @ u
+        return np.linalg.solve(K(q, full), f(q, full)[:, 0])[:p]
+
+    return Functions(
+        len(kane.q),
+        M=lambda q: K(q, np.zeros(o))[:p] @ W(q),
+        bias=bias,
+        Q=lambda q, u: loads(q, W(q) @ u)[:, 0],
+        qdd=qdd,
+        T=lambda q, u: T(q, W(q) @ u),
+        qdot=lambda q, u: qdot(q, W(q) @ u)[:, 0],
+        speeds=p,
+        name=name,
+        **options,
+    )
+
+
+def from_lagrange(
+    lagrange: Any,
+    parameters: Mapping[Any, float] | None = None,
+    *,
+    name: str = "lagrange",
+    **options: Any,
+) -> Functions:
+    """Return the equations of a SymPy `LagrangesMethod` as functions of q and q̇.
+
+    Of its Lagrangian L, -L(q, 0) is the potential energy and the rest the kinetic energy. The bias
+    has gravity in it, forces of its list are in `Q`.
+
+    Args:
+        lagrange: after `form_lagranges_equations` was called.
+        parameters: symbol -> number, for all that are not coordinates.
+        name: what reports call it.
+        options: `ranges` and others, see `eomcheck.testing.Functions`.
+
+    Raises:
+        InputError: it is no such thing, its equations are not formed, or a symbol has no number.
+        EngineError: SymPy is not installed.
+    """
+    mechanics = required("sympy.physics.mechanics")
+    if not isinstance(lagrange, mechanics.LagrangesMethod):
+        raise InputError(
+            f"lagrange = {lagrange!r}, expected a sympy.physics.mechanics.LagrangesMethod"
+        )
+    if lagrange.eom is None:
+        said = "call lagrange.form_lagranges_equations first"
+        raise InputError(f"lagrange has no equations yet, {said}")
+    q, n, r = lagrange.q, len(lagrange.q), len(lagrange.coneqs)
+    numbers = _Numbers("lagrange", q, q.diff(mechanics.dynamicsymbols._t), parameters)
+    M, f = numbers(lagrange.mass_matrix[:, :n]), numbers(lagrange.forcing)
+    loads, L = numbers(lagrange._term4), numbers(lagrange._L)
+    full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)
+    still = np.zeros(n)
+
+    given: dict[str, Any] = {}
+    if r:
+        a, c = numbers(-lagrange.lam_coeffs), numbers(lagrange.coneqs)
+        given["a"] = lambda q: a(q, still)
+        given["c"] = lambda q, v: c(q, v)[:, 0]
+        given["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
+    return Functions(
+        n,
+        M=lambda q: M(q, still),
+        bias=lambda q, v: (loads(q, v) - f(q, v))[:, 0],
+        bias_has_gravity=True,
+        Q=lambda q, v: loads(q, v)[:, 0],
+        qdd=lambda q, v: np.linalg.solve(full_mass(q, v), full_forcing(q, v)[:, 0])[n : 2 * n],
+        T=lambda q, v: L(q, v) - L(q, still),
+        U=lambda q: -L(q, still),
+        name=name,
+        **given,
+        **options,
+    )
