@@ -1,0 +1,197 @@
+"""Every claim about functions: right ones pass, wrong ones fail by it, at the size allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from tests.testing.own import coriolis, given, guide
+
+from eomcheck.claims.finding import Finding
+from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+
+CART, DRIVE = guide("cart"), guide("drive")
+
+STATES = {
+    "cart": [([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])],
+    "drive": [([0.3, 0.7, -0.4, 0.2, 0.6, 0.5, -0.3], [0.5, -0.8, 0.9, 0.4, -0.3, 0.6, 0.7])],
+}
+
+
+class Wrong(NamedTuple):
+    """What makes a claim fail.
+
+    Attributes:
+        own: the file of the guide whose functions are changed.
+        change: eps -> functions that are wrong by an amount that is linear in eps, right at 0.
+        counted: whether the error that is observed is linear in eps; not where a claim is about
+            what functions do and not about numbers.
+    """
+
+    own: str
+    change: Callable[[float], dict[str, Any]]
+    counted: bool = True
+
+
+def plus(name: str, own: Any, entry: Callable) -> Callable[[float], dict[str, Any]]:
+    """Return the change that adds eps times `entry(*arguments)` to a function."""
+    function = getattr(own, name)
+
+    def change(eps: float) -> dict[str, Any]:
+        @wraps(function)
+        def wrong(*x):
+            return function(*x) + eps * np.asarray(entry(*x))
+
+        return {name: wrong}
+
+    return change
+
+
+class Kept:
+    """Gravity that grows by eps with the first call that was not at the state looked at."""
+
+    def __init__(self, eps: float):
+        self.eps, self.moved = eps, False
+
+    def gravity(self, q):
+        found = CART.gravity(q) + np.array([0.0, self.eps * self.moved, 0.0])
+        self.moved |= bool(abs(q[0] - 0.3) > 0.2)
+        return found
+
+
+def writes(q):
+    q[0] += 0.1
+    return CART.gravity(q)
+
+
+def nan_at_moving(q, v):
+    return CART.bias(q, v) * np.nan
+
+
+def singles(q):
+    return CART.gravity(q).astype(np.float32)
+
+
+def singular(eps: float) -> dict[str, Any]:
+    flat = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    # sin and cos so that it is rounded: the least eigenvalue is -2 eps.
+    return {
+        "M": lambda q: flat * (np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2)
+        - eps * np.diag([1.0, 1.0, 0.0])
+    }
+
+
+def factory_of(eps: float) -> dict[str, Any]:
+    return {"factory": lambda: {"gravity": lambda q: CART.gravity(q) + eps * np.array([0, 1, 0])}}
+
+
+def cubic(q, v):
+    return v[0] ** 3
+
+
+WRONG: dict[str, Wrong] = {
+    "answers": Wrong("cart", lambda eps: {"bias": nan_at_moving} if eps else {}, counted=False),
+    "arguments-unchanged": Wrong(
+        "cart", lambda eps: {"gravity": writes} if eps else {}, counted=False
+    ),
+    "same-answer": Wrong("cart", lambda eps: {"gravity": Kept(eps).gravity}),
+    "fresh-answer": Wrong("cart", factory_of),
+    "double-precision": Wrong(
+        "cart", lambda eps: {"gravity": singles} if eps else {}, counted=False
+    ),
+    "mass-matrix-symmetric": Wrong("cart", plus("M", CART, lambda q: [[0, 1, 0], [0, 0, 0], [0, 0, 0]])),
+    "mass-matrix-positive": Wrong("cart", singular),
+    "bias-at-rest": Wrong("cart", plus("bias", CART, lambda q, v: [0, 1, 0])),
+    "bias-quadratic": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0], 0])),
+    "bias-even": Wrong("cart", plus("bias", CART, lambda q, v: [v[0], 0, 0])),
+    "bias-of-mass-matrix": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0] ** 2, 0])),
+    "bias-power": Wrong("cart", plus("bias", CART, lambda q, v: [v[2] ** 2, 0, 0])),
+    "coriolis-bias": Wrong(
+        "cart", lambda eps: {"C": lambda q, v: coriolis(q, v) + eps * np.diag([v[0], 0, 0])}
+    ),
+    "coriolis-skew": Wrong(
+        "cart", lambda eps: {"C": lambda q, v: coriolis(q, v) + eps * np.diag([v[0], 0, 0])}
+    ),
+    "gravity-potential": Wrong("cart", plus("gravity", CART, lambda q: [q[1], 0, 0])),
+    "gravity-of-potential": Wrong("cart", plus("gravity", CART, lambda q: [0, 1, 0])),
+    "gravity-velocity": Wrong(
+        "cart", lambda eps: {"gravity": lambda q, v: CART.gravity(q) + eps * np.array([0, v[1], 0])}
+    ),
+    "energy-quadratic": Wrong("cart", plus("T", CART, cubic)),
+    "kinetic-energy": Wrong("cart", plus("M", CART, lambda q: np.diag([0, 1, 0]))),
+    "bias-of-energy": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0] ** 2, 0])),
+    "constraint-jacobian": Wrong("drive", plus("a", DRIVE, lambda q: np.outer(np.eye(5)[0], np.eye(7)[3]))),
+    "constraint-velocity": Wrong("drive", plus("c", DRIVE, lambda q, v: np.eye(5)[2])),
+    "constraint-drift": Wrong("drive", plus("gamma", DRIVE, lambda q, v: np.eye(5)[2])),
+    "constraint-acceleration": Wrong("drive", plus("qdd", DRIVE, lambda q, v: np.eye(7)[0])),
+    "motion": Wrong("cart", plus("qdd", CART, lambda q, v: [0, 1, 0])),
+    "power-balance": Wrong("cart", plus("qdd", CART, lambda q, v: [0, 1, 0])),
+    "acceleration-even": Wrong(
+        "cart",
+        lambda eps: {
+            "R": None,
+            "qdd": lambda q, v: np.linalg.solve(
+                CART.M(q), -CART.bias(q, v) - CART.gravity(q) - eps * np.array([v[0], 0, 0])
+            ),
+        },
+    ),
+    "acceleration-quadratic": Wrong(
+        "cart",
+        lambda eps: {
+            "R": None,
+            "qdd": lambda q, v: np.linalg.solve(
+                CART.M(q), -CART.bias(q, v) - CART.gravity(q) - eps * np.array([v[0] ** 3, 0, 0])
+            ),
+        },
+    ),
+    "reference": Wrong(
+        "cart",
+        lambda eps: {
+            "gravity": lambda q: CART.gravity(q) + eps * np.array([0, 1, 0]),
+            "against": Functions(**given("cart")),
+        },
+    ),
+}
+
+
+def looked_at(id: str, eps: float, **options: Any) -> list[Finding]:
+    wrong = WRONG[id]
+    more = given(wrong.own) | wrong.change(eps) | {"states": STATES[wrong.own]} | options
+    return check_functions(**more)
+
+
+def worst(id: str, eps: float) -> Finding:
+    """Return the Finding of the claim alone that is closest to failing."""
+    found = looked_at(id, eps, claims=[id])
+    return max((x for x in found if x.verdict != "not looked at"), key=lambda x: x.ratio)
+
+
+def test_every_claim_is_tried():
+    assert set(WRONG) == set(FUNCTION_CLAIMS)
+
+
+@pytest.mark.parametrize("id", WRONG)
+def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
+    right = looked_at(id, 0.0, claims=[id])
+    assert right
+    if id != "mass-matrix-positive":  # singular at 0
+        assert {x.verdict for x in right} == {"passed"}
+    failed = [x for x in looked_at(id, 1e-3) if x.verdict == "failed"]
+    assert id in {x.claim for x in failed}
+    (named,) = [x for x in failed if x.claim == id][:1]
+    assert named.detail
+
+
+@pytest.mark.parametrize("id", [id for id, wrong in WRONG.items() if wrong.counted])
+def test_ten_times_what_is_allowed_fails_and_a_tenth_does_not(id: str):
+    if id == "mass-matrix-positive":
+        (allowed, per_eps), passes = (worst(id, 0.0).allowed, 2.0), "inconclusive"
+    else:
+        large = worst(id, 1e-3)
+        per_eps, passes = large.observed / 1e-3, "passed"
+        allowed = worst(id, 100.0 * large.allowed / per_eps).allowed
+    assert worst(id, 10.0 * allowed / per_eps).verdict == "failed"
+    assert worst(id, 0.1 * allowed / per_eps).verdict == passes
