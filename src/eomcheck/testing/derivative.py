@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.measured import Measured
@@ -37,7 +38,9 @@ def partial(
     too small: that is what the constant 32 is for that every error here is multiplied with before
     anything is judged (`eomcheck.evaluation.tolerance.C`). With 1 instead right functions fail.
 
-    Where f has no value, or no finite one, at a step, only shorter ones count.
+    Where f has no value, or no finite one, at a step, only shorter ones count. And where the plain
+    differences of the shortest steps do not settle, as beside a kink or of a vibration that is
+    faster than these steps show, the error is as large as they differ.
 
     Args:
         f: function of an array (m,), which answers an array.
@@ -49,6 +52,8 @@ def partial(
     """
     above: list[Array] = []  # the row before, entry by entry of the triangle
     best: Measured | None = None
+    plain: list[Array] = []
+    blur: Array | float = 0.0
     for row in range(STEPS):
         ahead, behind = x.copy(), x.copy()
         h = FIRST * width / 2**row
@@ -65,11 +70,27 @@ def partial(
                 best = _better(best, here[-1], away + 2.0 * blur)
         # A row without a value starts the triangle anew.
         above = here if np.isfinite(here[0]).all() else []
+        plain = [*plain, here[0]] if above else []
     if best is None:
         missing = np.full(np.shape(f(x)), np.nan)
         return Measured(missing, np.full(missing.shape, np.inf), missing)
+    error = np.maximum(best.error, _unsettled(best.value, plain, blur))
     # What is much smaller than f over its range counts as 0.
-    return Measured(best.value, best.error, np.maximum(np.abs(best.value), size / width))
+    return Measured(best.value, error, np.maximum(np.abs(best.value), size / width))
+
+
+def _unsettled(best: Array, plain: list[Array], blur: Array | float) -> Array:
+    """Return how far differences of short steps are from settling at `best`; 0 where they do.
+
+    Of a smooth function each is four times closer than the one before, until noise is left.
+    """
+    if len(plain) < 3:
+        return np.zeros(best.shape)
+    *_, before, late, last = plain
+    change, earlier = np.abs(last - late), np.abs(late - before)
+    away = np.abs(last - best)
+    settled = (change <= 0.6 * earlier + C * blur) & (away <= 2.0 * change + C * blur)
+    return np.where(settled, 0.0, np.maximum(change, away))
 
 
 def _better(best: Measured | None, value: Array, error: Array) -> Measured:

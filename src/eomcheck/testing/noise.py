@@ -21,10 +21,10 @@ POINTS = 9
 ORDERS = (4, 5, 6)
 """Orders of the differences that are looked at."""
 
-SPACING = 2.0**-20
+SPACING = 2.0**-26
 """Distance of two points, per half width of the range.
 
-A term sin(ω x) leaves (ω SPACING)⁴ in the lowest difference: below rounding up to ω = 100.
+A term sin(ω x) leaves (ω SPACING)⁴ in the lowest difference: below rounding up to ω = 5000.
 """
 
 LINES = 2

@@ -64,12 +64,13 @@ def power_balance(at: Point) -> Iterator[Sides | Skipped]:
 def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     """Return what constraint forces do because v keeps the constraints to rounding only: 0, or so.
 
-    What v may violate them by is as large as what rounds where it is made to keep them.
+    v violates them by what is left of a v, and by what rounds in that.
     """
     if not at.has("a"):
         return exact(0.0)
-    a = np.abs(at.of("a").value)
-    violation = EPS * (np.abs(np.linalg.pinv(at.of("a").value)) @ a + np.eye(len(at.v))) @ np.abs(at.v)
+    a, speed = at.of("a").value, np.abs(at.v)
+    left = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
+    violation = np.abs(np.linalg.pinv(a)) @ left + EPS * speed
     size = (inertia_of(at) @ qdd).size + forces.size
     return Measured(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
 

@@ -1,0 +1,268 @@
+"""What breaks is named with its function and state, and the rest is looked at all the same."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from textwrap import indent
+
+import numpy as np
+import pytest
+from tests.testing.own import GUIDES, given, guide
+
+import eomcheck
+from eomcheck import testing
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.scenes import ChainPendulum, Snake
+from eomcheck.testing import Functions, check_functions
+
+CART = guide("cart")
+
+
+def failed(change, **options):
+    found = check_functions(**(given("cart") | change), **({"states": 3} | options))
+    return [x for x in found if x.verdict == "failed"]
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "detail"),
+    [
+        ("M", lambda q: np.full((3, 3), np.nan), "M, M[0, 0] = nan, expected a finite number"),
+        ("bias", lambda q, v: np.ones(2), "bias, answers an array of shape (2,), expected (3,)"),
+        ("M", lambda q: np.ones(3), "M, answers an array of shape (3,), expected (3, 3)"),
+        ("gravity", lambda q: None, "gravity, answers None, expected an array of numbers"),
+        ("gravity", lambda q: "g", "gravity, answers a str, expected an array of numbers"),
+        ("gravity", lambda q: 1j * q, "gravity, answers a ndarray, expected an array of numbers"),
+        ("bias", lambda q, v: 1 // 0, "bias, ZeroDivisionError: integer division or modulo by z"),
+        ("T", lambda q, v: q, "T, answers an array of shape (3,), expected ()"),
+        ("qdd", lambda q, v: [[1], 2], "qdd, answers a list, expected an array of numbers"),
+    ],
+)
+def test_a_function_that_breaks_is_named_and_the_others_are_looked_at(name, wrong, detail):
+    found = check_functions(**(given("cart") | {name: wrong}), states=2)
+    (broken,) = [x for x in found if x.verdict == "failed"]
+    assert (broken.claim, broken.subject) == ("answers", name)
+    assert broken.detail.startswith(detail)
+    assert broken.state is not None
+    others = {x.subject for x in found if x.claim == "answers" and x.verdict == "passed"}
+    assert others == set(CART_FUNCTIONS) - {name}
+    assert any(x.claim not in ("answers", "arguments-unchanged") for x in found)
+
+
+CART_FUNCTIONS = [x for x in given("cart") if x != "n"]
+
+
+def test_a_function_that_breaks_in_one_state_is_looked_at_in_the_others():
+    def at_times(q):
+        if q[0] > 0:
+            raise ValueError("no value\nhere")
+        return CART.gravity(q) * 2
+
+    found = failed({"gravity": at_times}, states=8)
+    assert [x.claim for x in found][:2] == ["answers", "gravity-of-potential"]
+    assert found[0].detail == "gravity, ValueError: no value here"
+    assert found[0].state is not None
+    assert found[0].state.q[0] > 0
+
+
+def test_an_interrupt_is_not_taken_for_a_failure():
+    def interrupted(q):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        failed({"M": interrupted})
+
+
+def test_columns_numbers_in_arrays_and_lists_are_read():
+    given_ = given("cart") | {
+        "gravity": lambda q: CART.gravity(q).reshape(3, 1),
+        "T": lambda q, v: np.array([[CART.T(q, v)]]),
+        "U": lambda q: [CART.U(q)],
+        "M": lambda q: CART.M(q).tolist(),
+    }
+    assert not [x for x in check_functions(**given_, states=2) if x.verdict == "failed"]
+
+
+def test_functions_of_another_library_get_its_arrays():
+    class Wrapped:
+        def __init__(self, x):
+            self.x = x
+
+        def detach(self):
+            return self.x
+
+    found = check_functions(
+        1, M=lambda q: Wrapped(np.eye(1)), U=lambda q: Wrapped(q.x @ q.x), array=Wrapped, states=2
+    )
+    assert not [x for x in found if x.verdict == "failed"]
+
+
+def test_single_precision_is_named_as_such():
+    (one,) = failed({"M": lambda q: CART.M(q).astype(np.float32)})[:1]
+    assert (one.claim, one.detail) == ("double-precision", "M, answers in float32")
+
+
+def test_the_state_of_a_finding_is_where_it_is_worst():
+    states = [(np.full(3, x), np.full(3, 1.0)) for x in (0.1, 0.9, 0.2)]
+    own = given("cart") | {"gravity": lambda q: CART.gravity(q) + np.array([0, q[0] ** 8, 0])}
+    found = check_functions(**own, states=states, claims=["gravity-of-potential"])
+    assert found[0].state is not None
+    assert found[0].state.q.tolist() == [0.9, 0.9, 0.9]
+
+
+def test_the_same_seed_gives_the_same_findings_and_another_one_other_states():
+    def told(seed):
+        return [x.as_dict() for x in check_functions(**given("cart"), states=2, seed=seed)]
+
+    assert told(3) == told(3)
+    assert told(3) != told(4)
+
+
+def test_states_are_drawn_from_the_ranges():
+    seen = []
+
+    def M(q):
+        seen.append(q[0])
+        return np.eye(2)
+
+    check_functions(2, M=M, ranges=[(2.0, 3.0), (5.0, 9.0)], claims=["answers"], states=40)
+    assert 2.0 <= min(seen) < 2.1 < 2.9 < max(seen) <= 3.0
+
+
+def test_a_finding_is_plain_data():
+    for finding in failed({"bias": lambda q, v: CART.bias(q, v) / 2}):
+        row = json.loads(json.dumps(finding.as_dict()))
+        assert row["verdict"] == "failed"
+        assert len(row["q"]) == 3
+
+
+# ---- As Python -----------------------------------------------------------------------------------
+
+FILE = """
+import numpy as np
+
+def M(q):
+    return np.eye(2)
+
+def bias(q, v):
+    return np.array([v[0], 0.0])
+"""
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_code_of_a_finding_runs_as_printed(tmp_path):
+    path = tmp_path / "own.py"
+    check = (
+        "from eomcheck.testing import check_functions\n"
+        "for finding in check_functions(2, M=M, bias=bias, ranges=(0, 1), name='own'):\n"
+        "    if finding.verdict == 'failed':\n"
+        "        print(finding.as_python())\n        break\n"
+    )
+    path.write_text(f"{FILE}\nif __name__ == '__main__':\n{indent(check, '    ')}")
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("import runpy\n")
+    assert run(done.stdout).startswith("bias-quadratic [bias] failed on own")
+
+
+def test_the_code_of_what_was_not_looked_at_runs_too():
+    found = check_functions(**given("cart"), states=1)
+    (untold,) = [x for x in found if x.state is None]
+    code = untold.as_python()
+    assert str(GUIDES / "cart.py") in code
+    assert run(code) == ""
+
+
+def test_the_code_says_which_functions_are_to_be_put_in():
+    own = Functions(2, M=lambda q: np.eye(2))
+    assert "# to be put in: M = test_the_code_says_which" in own.as_python()
+    compile(own.as_python(), "printed", "exec")
+
+
+# ---- What is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n": 0}, "n = 0, expected a whole number of at least 1"),
+        ({"n": 2.0}, "n = 2.0, expected a whole number of at least 1"),
+        ({"M": np.eye(2)}, "M = array"),
+        ({"factory": 3}, "factory = 3, expected a function"),
+        ({"M": None}, "no function is given, expected at least one of M, bias, "),
+        ({"states": 0}, "states = 0, expected a whole number of at least 1"),
+        ({"states": "many"}, "states = ['m', 'a', 'n', 'y'], expected a number of at least 1 or a"),
+        ({"states": [([0.0], [1.0])]}, "states = [([0.0], [1.0])], expected a number of at least"),
+        ({"states": [([0, 0], [np.nan, 0])]}, "states = "),
+        ({"states": []}, "states = [], expected a number"),
+        ({"states": 2.5}, "states = 2.5, expected a number"),
+        ({"ranges": (1.0, -1.0)}, "ranges = (1.0, -1.0), expected (low, high) with low < high"),
+        ({"ranges": [(0, 1)] * 3}, "ranges = "),
+        ({"ranges": "wide"}, "ranges = 'wide', expected"),
+        ({"ranges": (0.0, np.inf)}, "ranges = "),
+        ({"speeds": 1}, "speeds = 1 without qdot(q, u)"),
+        ({"bias_has_gravity": True}, "bias_has_gravity = True, but no bias is given"),
+        ({"against": 3}, "against = 3, expected a scene, an engine made for one, or"),
+        ({"against": Snake.coil(3)}, "against has 5 coordinates, expected 2 as the functions have"),
+        ({"seed": 0.5}, "seed = 0.5, expected a whole number"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_sentence(arguments, message):
+    with pytest.raises(InputError) as caught:
+        check_functions(**({"n": 2, "M": lambda q: np.eye(2)} | arguments))
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"mass": np.eye}, {"claims": ["no-claim"]}, {"against": ("no-engine", Snake.coil(3))}],
+)
+def test_unknown_names_are_refused_with_those_that_are_known(arguments):
+    with pytest.raises(UnknownNameError, match=r"unknown .*; known: "):
+        check_functions(2, M=lambda q: np.eye(2), **arguments)
+
+
+# ---- What they are compared with -----------------------------------------------------------------
+
+
+def pendulum():
+    """The chain pendulum's own terms by another way: from positions, differentiated by hand."""
+    scene = ChainPendulum.example()
+    return scene, testing.from_scene(scene)
+
+
+@pytest.mark.parametrize("how", ["scene", "key", "class", "engine", "functions"])
+def test_every_quantity_is_compared_with_a_scene_or_an_engine(how: str):
+    scene, own = pendulum()
+    engine = eomcheck.ENGINES["pinocchio"]
+    against = {
+        "scene": scene,
+        "key": ("pinocchio", scene),
+        "class": (engine, scene),
+        "engine": engine(scene),
+        "functions": own,
+    }[how]
+    doubled = {"M": lambda q: 2 * own.M(q), "bias": own.bias, "T": own.T, "gravity": own.gravity}
+    found = check_functions(own.n, **doubled, against=against, states=2, claims=["reference"])
+    verdicts = {x.subject.split(" ~ ")[0]: x.verdict for x in found}
+    expected = {"M": "failed", "bias": "passed"}
+    if how in ("scene", "functions"):
+        expected |= {"T": "passed", "forces": "passed"}
+    assert verdicts == expected
+    (wrong,) = [x for x in found if x.verdict == "failed"]
+    assert wrong.detail.endswith("2 times what is expected, in every row")
+    assert wrong.detail.startswith("mass matrix, entry (q[")
+
+
+def test_an_engine_that_does_not_represent_the_scene_is_refused():
+    scene = eomcheck.SCENES["bicycle"].example()
+    own = testing.from_scene(scene)
+    with pytest.raises(InputError, match="pinocchio, which does not represent bicycle"):
+        check_functions(own.n, M=own.M, against=("pinocchio", scene))

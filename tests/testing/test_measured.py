@@ -1,0 +1,118 @@
+"""Derivatives and noise of black boxes, held against what is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eomcheck.evaluation.tolerance import C
+from eomcheck.testing.derivative import gradient, partial
+from eomcheck.testing.measured import Measured, contract, exact, zero
+from eomcheck.testing.noise import noise
+
+EPS = np.finfo(np.float64).eps
+
+
+def smooth(x):
+    return np.array([np.sin(3 * x[0]), np.exp(x[0]) * x[1], 1 / (2 + x[0] * x[1]), x[1] ** 5])
+
+
+def slope(x):
+    below = 2 + x[0] * x[1]
+    return np.array([3 * np.cos(3 * x[0]), np.exp(x[0]) * x[1], -x[1] / below**2, 0])
+
+
+def measured(f, x):
+    value = f(x)
+    size = np.abs(value)
+    return Measured(value, noise(f, x, np.ones(len(x))) + EPS * size, size)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_derivative_is_within_its_error_and_the_error_is_small(seed: int):
+    x = np.random.default_rng(seed).uniform(-1, 1, 2)
+    here = measured(smooth, x)
+    found = partial(smooth, x, 0, 1.0, here.error, here.size)
+    assert (np.abs(found.value - slope(x)) <= C * found.error).all()
+    assert found.error.max() < 1e-11
+
+
+def test_a_gradient_has_the_new_axis_first():
+    x = np.array([0.3, -0.7])
+    found = gradient(smooth, x, np.ones(2), measured(smooth, x))
+    assert found.shape == (2, 4)
+    np.testing.assert_allclose(found.value[0], slope(x), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(found.value[1, 3], 5 * 0.7**4, rtol=1e-10)
+
+
+def test_steps_that_leave_the_domain_do_not_count():
+    found = partial(lambda x: np.sqrt(1e-2 + x), np.zeros(1), 0, 1.0)
+    expected = 0.5 / np.sqrt(1e-2)
+    assert abs(found.value[0] - expected) <= C * found.error[0]
+    assert found.error[0] < 0.1 * expected
+
+
+def test_a_function_without_a_value_anywhere_has_an_infinite_error():
+    found = partial(lambda x: np.array([np.nan]), np.zeros(1), 0, 1.0)
+    assert np.isinf(found.error).all()
+
+
+def test_a_kink_has_an_error_as_large_as_its_derivative():
+    found = partial(lambda x: np.abs(x - 1e-3), np.zeros(1), 0, 1.0)
+    assert C * found.error[0] > 0.1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_vibration_that_is_too_fast_to_see_is_not_taken_for_its_average(seed: int):
+    at = np.random.default_rng(seed).uniform(-1, 1, 1)
+    found = partial(lambda x: np.sin(1e4 * x), at, 0, 1.0)
+    assert C * found.error[0] > abs(found.value[0] - 1e4 * np.cos(1e4 * at[0]))
+
+
+@pytest.mark.parametrize("share", [1e-14, 1e-10, 1e-7])
+def test_noise_is_measured_within_a_factor_of_three(share: float):
+    rng = np.random.default_rng(1)
+
+    def noisy(x):
+        return np.array([np.sin(x[0]) + share * rng.standard_normal()])
+
+    found = [noise(noisy, np.array([0.4]), np.ones(1), seed)[0] for seed in range(20)]
+    assert share / 3 < np.median(found) < 3 * share
+
+
+@pytest.mark.parametrize("frequency", [1.0, 50.0, 2000.0])
+def test_a_smooth_function_has_no_noise_but_its_rounding(frequency: float):
+    found = noise(lambda x: np.sin(frequency * x), np.array([0.4]), np.ones(1))
+    assert found[0] < 20 * frequency * EPS
+
+
+def test_cancellation_shows_as_noise():
+    def cancels(x):
+        return (1e8 + np.sin(x)) - 1e8
+
+    found = noise(cancels, np.array([0.4]), np.ones(1))
+    assert 1e-10 < found[0] < 1e-7
+
+
+def test_errors_of_sums_and_products_hold_what_they_are_made_of():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        A, x = rng.uniform(-1, 1, (3, 3)), rng.uniform(-1, 1, 3)
+        dA, dx = rng.uniform(-1, 1, (3, 3)) * 1e-6, rng.uniform(-1, 1, 3) * 1e-6
+        M = Measured(A, np.abs(dA), np.abs(A))
+        v = Measured(x, np.abs(dx), np.abs(x))
+        product = M @ v
+        moved = (A + dA) @ (x + dx)
+        assert (np.abs(product.value - moved) <= 1.01 * product.error).all()
+        difference = v - M[0]
+        assert (np.abs(difference.value + (dx - dA[0]) - (x + dx - A[0] - dA[0])) <= 1e-15).all()
+        assert (difference.error >= np.abs(dx) + np.abs(dA[0])).all()
+
+
+def test_the_size_of_a_sum_is_that_of_its_terms():
+    one = exact(np.array([1.0, -2.0]))
+    assert (one - one).size.tolist() == [2.0, 4.0]
+    assert zero(one).value.tolist() == [0.0, 0.0]
+    assert zero(one).size.tolist() == [1.0, 2.0]
+    assert float(contract("i,i->", one, one).size) == 5.0
+    assert float((3.0 * one).size[1]) == 6.0
