@@ -37,6 +37,24 @@ def test_a_derivative_is_within_its_error_and_the_error_is_small(seed: int):
     assert found.error.max() < 1e-11
 
 
+def test_with_1_in_the_place_of_32_right_derivatives_would_be_refused():
+    """Errors that are told by neighbours are too small now and then, by chance: hence 32."""
+    worst = []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(-1, 1, 2)
+        A, rates = rng.uniform(-1, 1, (4, 6)), rng.uniform(0, 6, 6)
+
+        def f(y, A=A, rates=rates):
+            return A @ np.sin(rates * y[0] + y[1])
+
+        here = measured(f, x)
+        found = partial(f, x, 0, 1.0, here.error, here.size)
+        error = np.abs(found.value - A @ (rates * np.cos(rates * x[0] + x[1])))
+        worst.append((error / found.error).max())
+    assert 1.0 < max(worst) < C / 8
+
+
 def test_a_gradient_has_the_new_axis_first():
     x = np.array([0.3, -0.7])
     found = gradient(smooth, x, np.ones(2), measured(smooth, x))

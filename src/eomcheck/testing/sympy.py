@@ -31,22 +31,25 @@ class _Numbers:
         self._arguments = symbols
         self._parameters = dict(parameters or {})
 
-    def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
-        """Return the function (q, v) -> array.
-
-        Raises:
-            InputError: symbols are left that have no number.
-        """
-        sp = self._sympy
+    def plain(self, expression: Any) -> Any:
+        """Return an expression as a matrix in symbols for q and v alone."""
+        sp, mechanics = self._sympy, required("sympy.physics.mechanics")
         matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
-        msubs = required("sympy.physics.mechanics").msubs
-        plain = msubs(matrix, self._names).subs(self._parameters)
-        left = plain.free_symbols - set(self._arguments)
-        left |= required("sympy.physics.mechanics").find_dynamicsymbols(plain)
-        if left:
+        return mechanics.msubs(matrix, self._names).subs(self._parameters)
+
+    def check(self, *expressions: Any) -> None:
+        """Raise InputError if symbols are left in an expression that have no number."""
+        mechanics, left = required("sympy.physics.mechanics"), set()
+        for plain in map(self.plain, expressions):
+            left |= plain.free_symbols | mechanics.find_dynamicsymbols(plain)
+        if left := left - set(self._arguments):
             names = ", ".join(sorted(map(str, left)))
             raise InputError(f"parameters of {self.what} have no number for {names}")
-        function = sp.lambdify(self._arguments, plain, "numpy", cse=True)
+
+    def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
+        """Return the function (q, v) -> array (rows, columns) of an expression."""
+        plain = self.plain(expression)
+        function = self._sympy.lambdify(self._arguments, plain, "numpy", cse=True)
 
         def numbers(q: Array, v: Array) -> Array:
             return np.asarray(function(*q, *v), np.float64)
@@ -88,12 +91,11 @@ def from_kane(
     numbers = _Numbers("kane", kane.q, kane.u, parameters)
     in_u = {rate.diff(): value.diff() for rate, value in rates.items()} | dict(rates)
 
-    def of(expression: Any) -> Callable[[Array, Array], Array]:
-        return numbers(mechanics.msubs(expression, in_u))
-
-    K, f, loads = of(mass), of(forcing), of(Fr)
-    qdot = of(required("sympy").Matrix([rates[q.diff()] for q in kane.q]))
-    T = of(mechanics.kinetic_energy(kane._inertial, *kane.bodies))
+    energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
+    speeds = required("sympy").Matrix([rates[q.diff()] for q in kane.q])
+    expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
+    numbers.check(*expressions)
+    K, f, loads, qdot, T = map(numbers, expressions)
     o = len(kane.u)
 
     def W(q: Array) -> Array:
@@ -160,6 +162,7 @@ def from_lagrange(
         raise InputError(f"lagrange has no equations yet, {said}")
     q, n, r = lagrange.q, len(lagrange.q), len(lagrange.coneqs)
     numbers = _Numbers("lagrange", q, q.diff(mechanics.dynamicsymbols._t), parameters)
+    numbers.check(lagrange.mass_matrix, lagrange.forcing_full, lagrange._term4, lagrange._L)
     M, f = numbers(lagrange.mass_matrix[:, :n]), numbers(lagrange.forcing)
     loads, L = numbers(lagrange._term4), numbers(lagrange._L)
     full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)

@@ -1,0 +1,210 @@
+"""Equations that SymPy derived: its speeds, its constraints, and a disc that agrees with ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sm
+from sympy.physics.mechanics import (
+    KanesMethod,
+    Lagrangian,
+    LagrangesMethod,
+    Particle,
+    Point,
+    ReferenceFrame,
+    RigidBody,
+    dynamicsymbols,
+    inertia,
+)
+
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.scenes import RollingDisk
+from eomcheck.testing import check, check_functions, from_kane, from_lagrange, from_scene
+
+m, r, g = sm.symbols("m r g")
+DISK = RollingDisk(mass=1.3, radius=0.4, gravity=9.81)
+NUMBERS = {m: 1.3, r: 0.4, g: 9.81}
+
+
+def disc(sign: int = 1) -> KanesMethod:
+    """SymPy's rolling disc: three speeds, with rolling built in."""
+    q1, q2, q3 = dynamicsymbols("q1:4")
+    u1, u2, u3 = dynamicsymbols("u1:4")
+    N = ReferenceFrame("N")
+    Y = N.orientnew("Y", "Axis", [q1, N.z])
+    L = Y.orientnew("L", "Axis", [q2, Y.x])
+    R = L.orientnew("R", "Axis", [q3, L.y])
+    turning, speeds = R.ang_vel_in(N), u1 * L.x + u2 * L.y + u3 * L.z
+    kinematic = [(turning - speeds).dot(axis) for axis in L]
+    R.set_ang_vel(N, speeds)
+    contact = Point("C")
+    contact.set_vel(N, 0)
+    center = contact.locatenew("D", r * L.z)
+    center.v2pt_theory(contact, N, R)
+    about = inertia(L, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
+    body = RigidBody("B", center, R, m, (about, center))
+    kane = KanesMethod(N, [q1, q2, q3], [u1, u2, u3], kinematic)
+    kane.kanes_equations([body], [(center, -sign * m * g * Y.z)])
+    return kane
+
+
+def disc_that_is_held() -> KanesMethod:
+    """The same disc with five speeds, two of which follow from its velocity constraints."""
+    q1, q2, q3, q4, q5 = q = dynamicsymbols("q1:6")
+    u1, u2, u3, u4, u5 = u = dynamicsymbols("u1:6")
+    N = ReferenceFrame("N")
+    Y = N.orientnew("Y", "Axis", [q1, N.z])
+    L = Y.orientnew("L", "Axis", [q2, Y.x])
+    R = L.orientnew("R", "Axis", [q3, L.y])
+    kinematic = [(R.ang_vel_in(N) - u1 * L.x - u2 * L.y - u3 * L.z).dot(x) for x in L]
+    kinematic += [q4.diff() - u4, q5.diff() - u5]
+    R.set_ang_vel(N, u1 * L.x + u2 * L.y + u3 * L.z)
+    ground = Point("O")
+    ground.set_vel(N, 0)
+    center = ground.locatenew("D", q4 * N.x + q5 * N.y + r * sm.cos(q2) * N.z)
+    center.set_vel(N, u4 * N.x + u5 * N.y - r * sm.sin(q2) * u1 * N.z)
+    contact = center.locatenew("C", -r * L.z)
+    contact.v2pt_theory(center, N, R)
+    rolling = [contact.vel(N).dot(axis) for axis in (Y.x, Y.y)]
+    about = inertia(L, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
+    body = RigidBody("B", center, R, m, (about, center))
+    kane = KanesMethod(
+        N, q, u[:3], kinematic, u_dependent=u[3:], velocity_constraints=rolling
+    )
+    kane.kanes_equations([body], [(center, -m * g * N.z)])
+    return kane
+
+
+def largest_difference(functions: Any, order: list[int]) -> float:
+    """Return the largest difference of u̇ to ours over its size, at 50 states.
+
+    Args:
+        functions: of a disc.
+        order: which of our coordinates theirs are.
+    """
+    worst = 0.0
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        q, u = rng.uniform(-1, 1, 5), rng.uniform(-3, 3, 3)
+        at = Evaluation(DISK, q, np.zeros(5), 0.0)
+        at.__dict__["u"] = u
+        ours = at.rates(FORMULATIONS["kane"]).vdot
+        theirs = functions.qdd(q[order], u)
+        worst = max(worst, np.abs(theirs - ours).max() / np.abs(ours).max())
+    return worst
+
+
+def test_the_rolling_disc_of_sympy_is_ours():
+    assert largest_difference(from_kane(disc(), NUMBERS), [2, 3, 4]) < 1e-13
+
+
+def test_the_rolling_disc_with_dependent_speeds_is_ours_too():
+    functions = from_kane(disc_that_is_held(), NUMBERS)
+    assert (functions.n, functions.p) == (5, 3)
+    assert largest_difference(functions, [2, 3, 4, 0, 1]) < 1e-13
+
+
+@pytest.mark.parametrize("make", [disc, disc_that_is_held])
+def test_equations_by_kanes_method_pass(make):
+    found = check(from_kane(make(), NUMBERS), states=4)
+    assert not [str(x) for x in found if x.verdict == "failed"]
+    passed = {x.claim for x in found if x.verdict == "passed"}
+    assert {"bias-power", "kinetic-energy", "motion", "power-balance"} <= passed
+    # Rolling is built into M, which then does not tell the bias.
+    assert "bias-of-mass-matrix" not in passed
+
+
+def test_a_wrong_force_in_sympy_differs_from_ours():
+    assert largest_difference(from_kane(disc(sign=-1), NUMBERS), [2, 3, 4]) > 0.1
+
+
+def test_speeds_that_are_not_rates_are_seen_through():
+    """M in generalized speeds tells the bias, if nothing is built into it."""
+    q1, q2, u1, u2 = dynamicsymbols("q1 q2 u1 u2")
+    N = ReferenceFrame("N")
+    origin = Point("O")
+    origin.set_vel(N, 0)
+    there = origin.locatenew("P", q1 * sm.cos(q2) * N.x + q1 * sm.sin(q2) * N.y)
+    # Cartesian components of the velocity, along axes that turn with q1: no rates of anything.
+    radial, turn = u1 + q2 * u2, (u2 - u1 * sm.sin(q1)) / (2 + q1)
+    velocity = there.pos_from(origin).dt(N).subs({q1.diff(): radial, q2.diff(): turn})
+    there.set_vel(N, velocity)
+    kane = KanesMethod(N, [q1, q2], [u1, u2], [q1.diff() - radial, q2.diff() - turn])
+    kane.kanes_equations([Particle("P", there, m)], [(there, -m * g * N.y)])
+    functions = from_kane(kane, {m: 2.0, g: 9.81}, holonomic=True)
+    found = check(functions, states=4)
+    assert not [str(x) for x in found if x.verdict == "failed"]
+    assert "bias-of-mass-matrix" in {x.claim for x in found if x.verdict == "passed"}
+    wrong = {"bias": lambda q, v: 1.001 * functions.bias(q, v)}
+    given = {x: functions.function(x) for x in functions.given} | wrong
+    found = check_functions(2, **given, holonomic=True, states=4)
+    failed = [x.claim for x in found if x.verdict == "failed"]
+    assert failed[0] == "bias-of-mass-matrix"
+
+
+def pendulum(rod: bool, damping: float = 0.0) -> LagrangesMethod:
+    """A pendulum on a cart; with `rod` in coordinates of its end, which a rod holds."""
+    N = ReferenceFrame("N")
+    origin = Point("O")
+    origin.set_vel(N, 0)
+    q1, q2, q3 = dynamicsymbols("q1:4")
+    cart = origin.locatenew("A", q1 * N.x)
+    cart.set_vel(N, q1.diff() * N.x)
+    end = (q2 * N.x + q3 * N.y) if rod else (q1 + r * sm.sin(q2)) * N.x - r * sm.cos(q2) * N.y
+    tip = origin.locatenew("B", end)
+    tip.set_vel(N, end.dt(N))
+    bodies = Particle("A", cart, 2 * m), Particle("B", tip, m)
+    bodies[1].potential_energy = m * g * end.dot(N.y)
+    q = [q1, q2, q3] if rod else [q1, q2]
+    held = [(q2 - q1) ** 2 + q3**2 - r**2] if rod else None
+    forces = [(cart, -damping * q1.diff() * N.x)] if damping else None
+    lagrange = LagrangesMethod(
+        Lagrangian(N, *bodies), q, hol_coneqs=held, forcelist=forces, frame=N
+    )
+    lagrange.form_lagranges_equations()
+    return lagrange
+
+
+@pytest.mark.parametrize("rod", [False, True])
+@pytest.mark.parametrize("damping", [0.0, 0.7])
+def test_equations_by_lagranges_method_pass(rod: bool, damping: float):
+    found = check(from_lagrange(pendulum(rod, damping), NUMBERS), states=4)
+    assert not [str(x) for x in found if x.verdict == "failed"]
+    passed = {x.claim for x in found if x.verdict == "passed"}
+    expected = {"bias-of-mass-matrix", "bias-of-energy", "kinetic-energy", "motion"}
+    expected |= {"constraint-drift", "constraint-jacobian"} if rod else {"power-balance"}
+    assert expected <= passed
+
+
+def test_sympy_can_be_what_functions_are_compared_with():
+    functions = from_lagrange(pendulum(False), NUMBERS)
+    doubled = {"M": lambda q: 2 * functions.M(q)}
+    found = check_functions(2, **doubled, against=functions, states=2, claims=["reference"])
+    assert [x.verdict for x in found] == ["failed"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: from_kane(3), "kane = 3, expected a sympy.physics.mechanics.KanesMethod"),
+        (lambda: from_lagrange(3), "lagrange = 3, expected a sympy.physics.mechanics.Lagranges"),
+        (lambda: from_kane(disc(), {m: 1.0}), "parameters of kane have no number for g, r"),
+        (lambda: from_lagrange(pendulum(False), {}), "parameters of lagrange have no number for g, m, r"),
+        (
+            lambda: from_lagrange(LagrangesMethod(dynamicsymbols("q1"), dynamicsymbols("q1:2"))),
+            "lagrange has no equations yet",
+        ),
+    ],
+)
+def test_what_is_no_method_or_has_no_numbers_is_refused(make, message):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert str(caught.value).startswith(message)
+
+
+def test_our_own_disc_passes_too():
+    assert not [x for x in check(from_scene(DISK), states=1) if x.verdict == "failed"]
