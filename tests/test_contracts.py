@@ -167,6 +167,7 @@ LAYERS = (
     "motion",
     "strategies",
     "claims",
+    "testing",
     "lab",
     "cli",
 )

@@ -79,8 +79,9 @@ def singular(eps: float) -> dict[str, Any]:
     flat = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     # sin and cos so that it is rounded: the least eigenvalue is -2 eps.
     return {
-        "M": lambda q: flat * (np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2)
-        - eps * np.diag([1.0, 1.0, 0.0])
+        "M": lambda q: (
+            flat * (np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2) - eps * np.diag([1.0, 1.0, 0.0])
+        )
     }
 
 
@@ -102,7 +103,9 @@ WRONG: dict[str, Wrong] = {
     "double-precision": Wrong(
         "cart", lambda eps: {"gravity": singles} if eps else {}, counted=False
     ),
-    "mass-matrix-symmetric": Wrong("cart", plus("M", CART, lambda q: [[0, 1, 0], [0, 0, 0], [0, 0, 0]])),
+    "mass-matrix-symmetric": Wrong(
+        "cart", plus("M", CART, lambda q: [[0, 1, 0], [0, 0, 0], [0, 0, 0]])
+    ),
     "mass-matrix-positive": Wrong("cart", singular),
     "bias-at-rest": Wrong("cart", plus("bias", CART, lambda q, v: [0, 1, 0])),
     "bias-quadratic": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0], 0])),
@@ -123,7 +126,9 @@ WRONG: dict[str, Wrong] = {
     "energy-quadratic": Wrong("cart", plus("T", CART, cubic)),
     "kinetic-energy": Wrong("cart", plus("M", CART, lambda q: np.diag([0, 1, 0]))),
     "bias-of-energy": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0] ** 2, 0])),
-    "constraint-jacobian": Wrong("drive", plus("a", DRIVE, lambda q: np.outer(np.eye(5)[0], np.eye(7)[3]))),
+    "constraint-jacobian": Wrong(
+        "drive", plus("a", DRIVE, lambda q: np.outer(np.eye(5)[0], np.eye(7)[3]))
+    ),
     "constraint-velocity": Wrong("drive", plus("c", DRIVE, lambda q, v: np.eye(5)[2])),
     "constraint-drift": Wrong("drive", plus("gamma", DRIVE, lambda q, v: np.eye(5)[2])),
     "constraint-acceleration": Wrong("drive", plus("qdd", DRIVE, lambda q, v: np.eye(7)[0])),

@@ -170,9 +170,7 @@ FAULTS: dict[str, Fault] = {
         "motion",
         "row q[0]",
     ),
-    "float32 mass matrix": Fault(
-        "cart", {"M": in_single(CART.M)}, "double-precision", "M, "
-    ),
+    "float32 mass matrix": Fault("cart", {"M": in_single(CART.M)}, "double-precision", "M, "),
     "float32 sines": Fault(
         "cart",
         {"gravity": lambda q: CART.gravity(np.arcsin(np.float64(np.float32(np.sin(q)))))},
@@ -240,11 +238,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "swivel forgotten in gamma": Fault(
         "drive",
-        {
-            "gamma": added(
-                DRIVE.gamma, (4,), lambda q, v: DRIVE.behind * v[2] * v[5] * np.cos(q[5])
-            )
-        },
+        {"gamma": added(DRIVE.gamma, (4,), lambda q, v: DRIVE.behind * v[2] * v[5] * np.cos(q[5]))},
         "constraint-drift",
         "row constraint 4",
     ),
@@ -275,8 +269,10 @@ FAULTS: dict[str, Fault] = {
     "centre of mass on the axle in T": Fault(
         "drive",
         {
-            "T": lambda q, v: DRIVE.T(q, v)
-            - DRIVE.m * DRIVE.ahead * v[2] * (v[1] * np.cos(q[2]) - v[0] * np.sin(q[2]))
+            "T": lambda q, v: (
+                DRIVE.T(q, v)
+                - DRIVE.m * DRIVE.ahead * v[2] * (v[1] * np.cos(q[2]) - v[0] * np.sin(q[2]))
+            )
         },
         "kinetic-energy",
         "entry",

@@ -9,8 +9,8 @@ import pytest
 import sympy as sm
 from sympy.physics.mechanics import (
     KanesMethod,
-    Lagrangian,
     LagrangesMethod,
+    Lagrangian,
     Particle,
     Point,
     ReferenceFrame,
@@ -72,9 +72,7 @@ def disc_that_is_held() -> KanesMethod:
     rolling = [contact.vel(N).dot(axis) for axis in (Y.x, Y.y)]
     about = inertia(L, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
     body = RigidBody("B", center, R, m, (about, center))
-    kane = KanesMethod(
-        N, q, u[:3], kinematic, u_dependent=u[3:], velocity_constraints=rolling
-    )
+    kane = KanesMethod(N, q, u[:3], kinematic, u_dependent=u[3:], velocity_constraints=rolling)
     kane.kanes_equations([body], [(center, -m * g * N.z)])
     return kane
 
@@ -193,7 +191,10 @@ def test_sympy_can_be_what_functions_are_compared_with():
         (lambda: from_kane(3), "kane = 3, expected a sympy.physics.mechanics.KanesMethod"),
         (lambda: from_lagrange(3), "lagrange = 3, expected a sympy.physics.mechanics.Lagranges"),
         (lambda: from_kane(disc(), {m: 1.0}), "parameters of kane have no number for g, r"),
-        (lambda: from_lagrange(pendulum(False), {}), "parameters of lagrange have no number for g, m, r"),
+        (
+            lambda: from_lagrange(pendulum(False), {}),
+            "parameters of lagrange have no number for g, m, r",
+        ),
         (
             lambda: from_lagrange(LagrangesMethod(dynamicsymbols("q1"), dynamicsymbols("q1:2"))),
             "lagrange has no equations yet",

@@ -1,4 +1,4 @@
-"""Random trees of bodies by Pinocchio, as somebody's own functions: right equations, all of them."""
+"""Random trees of bodies by Pinocchio as somebody's own functions: right equations, all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ def random_tree(seed: int) -> dict[str, Any]:
     pin.seed(seed)
     model = pin.Model()
     model.gravity.linear = rng.uniform(-10.0, 10.0, 3)
-    kinds = [pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelPX, pin.JointModelPZ]
+    kinds = [
+        pin.JointModelRX,
+        pin.JointModelRY,
+        pin.JointModelRZ,
+        pin.JointModelPX,
+        pin.JointModelPZ,
+    ]
     scale = 10.0 ** rng.uniform(-3.0, 3.0)
     n = int(rng.integers(1, 6))
     branch = [0]

@@ -64,7 +64,7 @@ class Finding:
     Attributes:
         claim: id of the claim, a key of `eomcheck.claims.CLAIMS`.
         subject: what it is about there, such as "au ~ kane" or "pinocchio".
-        scene: the scene, or what else is on trial.
+        scene: the `Scene`, or the `Subject` that is on trial in its place.
         state: (q, v, t), or None where it holds for all states of all scenes of this structure.
         observed: largest error seen, in the units of the quantity; for a proof, the number of
             points at which the sides differ.
@@ -80,7 +80,7 @@ class Finding:
 
     claim: str
     subject: str
-    scene: Scene | Subject
+    scene: Any
     state: State | None
     observed: float
     allowed: float

@@ -6,9 +6,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eomcheck.testing.run import check, check_functions
     from eomcheck.testing.reference import from_engine, from_scene
     from eomcheck.testing.registry import FUNCTION_CLAIMS
+    from eomcheck.testing.run import check, check_functions
     from eomcheck.testing.subject import Functions
     from eomcheck.testing.sympy import from_kane, from_lagrange
 

@@ -36,14 +36,16 @@ class Answers:
         self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
         self.single: dict[str, str] = {}
         """Names of functions that answered in single precision or less, and their type."""
+        self._reads: dict[str, str] = {}
         self.changed: set[str] = set()
         """Names of functions that wrote into what they were handed."""
 
     def reads(self, name: str) -> str:
         """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""
-        if name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2:
-            return MAY_READ_MORE[name]
-        return INPUTS[name].reads
+        if name not in self._reads:
+            more = name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2
+            self._reads[name] = MAY_READ_MORE[name] if more else INPUTS[name].reads
+        return self._reads[name]
 
     def __call__(self, name: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return what the function `name` answers at (q, v, t), called with what it reads.
@@ -57,13 +59,12 @@ class Answers:
         arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
         arguments = [(arrays | {"t": t})[letter] for letter in self.reads(name)]
         try:
-            with np.errstate(all="ignore"):
-                answer = function(*arguments)
+            answer = function(*arguments)
         except Exception as error:
             text = " ".join(str(error).split())
             what = type(error).__name__
             raise BrokenError(name, f"{what}: {text}" if text else what) from error
-        if (handed["q"] != q).any() or (handed["v"] != v).any():
+        if handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes():
             self.changed.add(name)
         return self._checked(name, answer)
 

@@ -73,8 +73,8 @@ def exact(array: Any) -> Measured:
 
 
 def zero(like: Measured) -> Measured:
-    """Return what should vanish, beside terms of the size of `like`."""
-    return Measured(np.zeros(like.shape), np.zeros(like.shape), like.size)
+    """Return what should vanish, to the rounding of terms of the size of `like`."""
+    return Measured(np.zeros(like.shape), EPS * like.size, like.size)
 
 
 def contract(subscripts: str, *factors: Measured) -> Measured:

@@ -152,5 +152,3 @@ def _steps(at: Point, name: str) -> bool:
 
     coarse = felt(FELT)
     return bool(coarse.any() and not any(felt(k * UNFELT).any() for k in (1, 2, 3)))
-
-

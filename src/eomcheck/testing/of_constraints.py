@@ -42,7 +42,7 @@ def constraint_jacobian(at: Point) -> Iterator[Sides]:
 @claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
 def constraint_velocity(at: Point) -> Iterator[Sides]:
     """Constraints at velocity level are a v + b."""
-    if not at.answers.reads("c") == "qv":
+    if at.answers.reads("c") != "qv":
         return
     found = at.of("a") @ exact(at.v)
     if at.has("b"):
@@ -62,7 +62,7 @@ def constraint_velocity(at: Point) -> Iterator[Sides]:
 )
 def constraint_drift(at: Point) -> Iterator[Sides]:
     """γ is the rate of a v + b at v̇ = 0, for every v."""
-    expected = at.along(at.by_q(at.raw("a"))) @ exact(at.v)
+    expected = at.rate_of(at.raw("a")) @ exact(at.v)
     if at.has("b"):
         expected = expected + clock_rate(at)
     yield Sides("γ", at.of("gamma"), expected, (constraints(at),), proportional)
@@ -76,7 +76,7 @@ def clock_rate(at: Point) -> Measured:
         return at.answers("b", at.q, at.v, float(t[0]))
 
     rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size)
-    return rate + at.along(at.by_q(at.raw("b"))) if at.answers.reads("b") == "qt" else rate
+    return rate + at.rate_of(at.raw("b")) if at.answers.reads("b") == "qt" else rate
 
 
 @claim("constraint-acceleration", "a q̈ + γ = 0", "acceleration", ("a", "gamma", "qdd"))

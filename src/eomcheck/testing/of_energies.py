@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from eomcheck.numbers.contract import Array
-from eomcheck.testing.measured import Measured, contract, exact
+from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.measured import Measured, exact
 from eomcheck.testing.of_terms import proportional, rows
 from eomcheck.testing.point import Point
 from eomcheck.testing.registry import Blind, Sides, claim
@@ -28,10 +29,7 @@ def energy_quadratic(at: Point) -> Iterator[Sides]:
     blind=(Blind("M", "a constant added to M", ("T", "qdd", "against")),),
 )
 def kinetic_energy(at: Point) -> Iterator[Sides]:
-    """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry.
-
-    T is quadratic, so its second differences have no error but rounding, however long the steps.
-    """
+    """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry."""
 
     def say(found: Array, expected: Array, allowed: float) -> str:
         more = found - expected
@@ -45,22 +43,26 @@ def kinetic_energy(at: Point) -> Iterator[Sides]:
 
 
 def second_differences(at: Point) -> Measured:
-    """Return ∂²T/∂v² (p, p)."""
+    """Return ∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
     p, widths, T = len(at.v), at.width_v, at.raw("T")
 
-    def second(q: Array, v: Array) -> Array:
+    def second() -> Measured:
         steps = np.diag(widths)
-        rest = float(T(q, 0.0 * v))
-        alone = [(float(T(q, s)) - rest, float(T(q, -s)) - rest) for s in steps]
-        found = np.empty((p, p))
-        for i in range(p):
-            found[i, i] = sum(alone[i])
-            for k in range(i):
-                both = float(T(q, steps[i] + steps[k])) - rest
-                found[i, k] = found[k, i] = both - alone[i][0] - alone[k][0]
-        return found / np.outer(widths, widths)
+        rest = float(T(at.q, 0.0 * at.v))
+        ahead = np.array([float(T(at.q, step)) for step in steps])
+        behind = np.array([float(T(at.q, -step)) for step in steps])
+        found, size = np.diag(ahead + behind - 2.0 * rest), np.maximum.outer(ahead, ahead)
+        for i, k in zip(*np.tril_indices(p, -1), strict=True):
+            both = float(T(at.q, steps[i] + steps[k]))
+            found[i, k] = found[k, i] = both - ahead[i] - ahead[k] + rest
+            size[i, k] = size[k, i] = max(size[i, k], abs(both))
+        scale, here = np.outer(widths, widths), at.of("T")
+        # Each entry is a sum of four, as noisy for their sizes as T is here.
+        noisy = float(here.error / here.size) if here.size > 0.0 else EPS
+        size = 4.0 * np.maximum(np.abs(size), abs(rest))
+        return Measured(found / scale, noisy * size / scale, size / scale)
 
-    return at.kept("∂²T/∂v²", lambda: at.measure(second))
+    return at.kept("∂²T/∂v²", second)
 
 
 def inertia_of(at: Point) -> Measured:
@@ -86,8 +88,8 @@ def bias_of_energy(at: Point) -> Iterator[Sides]:
         behind = np.array([float(T(q, v - step)) for step in steps])
         return (ahead - behind) / (2.0 * widths)
 
-    rate = contract("kp,k->p", at.by_q(momentum), exact(at.v))
-    yield Sides("bias ~ T", at.B(), rate - at.by_q(T), (rows(at),), proportional)
+    expected = at.rate_of(momentum) - at.by_q(T)
+    yield Sides("bias ~ T", at.B(), expected, (rows(at),), proportional)
 
 
 def kinetic_rate(at: Point, qdd: Measured) -> Measured:
@@ -95,6 +97,6 @@ def kinetic_rate(at: Point, qdd: Measured) -> Measured:
     v = exact(at.v)
     if at.has("T"):
         T = at.raw("T")
-        return at.along(at.by_q(T)) + at.by_v(T) @ qdd
+        return at.rate_of(T) + at.by_v(T) @ qdd
     rate = at.along(at.dM())
     return 0.5 * (v @ (rate @ v)) + v @ (at.of("M") @ qdd)

@@ -75,7 +75,14 @@ def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     return Measured(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
 
 
-@claim("acceleration-even", "q̈(q, -v) = q̈(q, v)", "acceleration", ("qdd",), without=("R", "Q", "b"), natural=True)
+@claim(
+    "acceleration-even",
+    "q̈(q, -v) = q̈(q, v)",
+    "acceleration",
+    ("qdd",),
+    without=("R", "Q", "b"),
+    natural=True,
+)
 def acceleration_even(at: Point) -> Iterator[Sides | Skipped]:
     """Without damping a motion can run backwards."""
     here = at.consistent()

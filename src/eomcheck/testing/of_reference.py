@@ -37,7 +37,9 @@ def _has(at: Point, name: str) -> bool:
     "each quantity is that of the reference",
     "",
     ("against",),
-    blind=(Blind("", "a number that all functions share, such as a mass, a length or g", ("against",)),),
+    blind=(
+        Blind("", "a number that all functions share, such as a mass, a length or g", ("against",)),
+    ),
 )
 def reference(at: Point) -> Iterator[Sides | Skipped]:
     """Each quantity is what the scene or the engine says."""
@@ -51,7 +53,9 @@ def reference(at: Point) -> Iterator[Sides | Skipped]:
         if name == "qdd":
             consistent = at.consistent()
             if consistent is None:
-                yield Skipped(f"{name} ~ {at.reference.name}", "no consistent state is found nearby")
+                yield Skipped(
+                    f"{name} ~ {at.reference.name}", "no consistent state is found nearby"
+                )
                 continue
             here, theirs = consistent, Point(other, consistent.q, consistent.v, at.seed)
         try:
@@ -60,4 +64,6 @@ def reference(at: Point) -> Iterator[Sides | Skipped]:
             yield Skipped(f"{name} ~ {at.reference.name}", f"the reference breaks: {broken}")
             continue
         found = of(here)
-        yield Sides(f"{name} ~ {at.reference.name}", found, expected, axes(at, shaped), proportional)
+        yield Sides(
+            f"{name} ~ {at.reference.name}", found, expected, axes(at, shaped), proportional
+        )

@@ -42,7 +42,13 @@ def mass_matrix_positive(at: Point) -> Iterator[Told]:
     diagonal = np.diagonal(M.value)
     if (diagonal < -allowed_error(1.0 / EPS) * np.diagonal(M.error)).any():
         k = int(np.argmin(diagonal))
-        yield Told("M", float(-diagonal[k]), 0.0, "failed", f"mass matrix, entry ({rows(at)[k]}, {rows(at)[k]}): negative")
+        yield Told(
+            "M",
+            float(-diagonal[k]),
+            0.0,
+            "failed",
+            f"mass matrix, entry ({rows(at)[k]}, {rows(at)[k]}): negative",
+        )
         return
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     least = float(np.linalg.eigvalsh(0.5 * (M.value + M.value.T) * np.outer(scale, scale))[0])
@@ -219,7 +225,9 @@ def gravity_potential(at: Point) -> Iterator[Sides]:
     ("gravity", "U"),
     blind=(
         Blind("gravity", "a gravity that is too strong or too weak", ("U", "qdd", "against")),
-        Blind("U", "a potential energy that is too large or too small", ("gravity", "qdd", "against")),
+        Blind(
+            "U", "a potential energy that is too large or too small", ("gravity", "qdd", "against")
+        ),
     ),
 )
 def gravity_of_potential(at: Point) -> Iterator[Sides]:

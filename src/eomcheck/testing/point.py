@@ -122,6 +122,17 @@ class Point:
         axes = "abc"[: len(gradient_.shape) - 1]
         return contract(f"n{axes},n->{axes}", gradient_, self.rates())
 
+    def rate_of(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return the rate of f while q moves as v says and v stays."""
+        rates = self.rates().value
+        longest = float(np.abs(rates / self.width_q).max(initial=0.0))
+        if longest == 0.0:
+            return 0.0 * self.measure(f)
+        here = self.measure(f)
+        width = np.array([1.0 / longest])  # no further than the ranges are wide
+        found = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, here)
+        return found[0]
+
     def dM(self) -> Measured:
         """∂M/∂q (n, p, p)."""
         return self.kept("dM", lambda: self.by_q(self.raw("M")))
@@ -196,7 +207,9 @@ def _consistent(at: Point) -> Point | None:
             for _ in range(30):
                 c, a = answers("c", q, at.v), answers("a", q, at.v)
                 q = q - at.S().value @ (np.linalg.pinv(a) @ c)
-                if np.abs(answers("c", q, at.v)).max(initial=0.0) <= 1e-13 * max(1.0, np.abs(q).max()):
+                if np.abs(answers("c", q, at.v)).max(initial=0.0) <= 1e-13 * max(
+                    1.0, np.abs(q).max()
+                ):
                     break
             else:
                 return None
@@ -206,4 +219,3 @@ def _consistent(at: Point) -> Point | None:
     except (BrokenError, np.linalg.LinAlgError):
         return None
     return Point(answers, q, v, at.seed)
-

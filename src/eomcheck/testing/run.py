@@ -111,7 +111,13 @@ def check(
     """Return the Findings of `functions`; see `check_functions`."""
     ids = tuple(FUNCTION_CLAIMS if claims is None else distinct("claims", claims))
     selected = [named("claim", one, FUNCTION_CLAIMS) for one in ids]
-    given = states if isinstance(states, int | np.integer) else list(states) if isinstance(states, Iterable) else states
+    given = (
+        states
+        if isinstance(states, int | np.integer)
+        else list(states)
+        if isinstance(states, Iterable)
+        else states
+    )
     wanted = checked_states(functions, given)
     reference = None if against is None else reference_of(against)
     if reference is not None and (reference.n, reference.p) != (functions.n, functions.p):

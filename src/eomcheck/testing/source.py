@@ -46,7 +46,12 @@ def python_of_functions(
         arguments.append(f"states=[({state.q.tolist()}, {state.v.tolist()})]")
     listed = "".join(f"    {argument},\n" for argument in arguments)
     call = f"for finding in check_functions(\n    {functions.n},\n{listed}):\n"
-    return "\n".join(head) + "\n\n" + call + '    if finding.verdict == "failed":\n        print(finding)\n'
+    return (
+        "\n".join(head)
+        + "\n\n"
+        + call
+        + '    if finding.verdict == "failed":\n        print(finding)\n'
+    )
 
 
 def place(function: Any) -> tuple[str | Path, str] | None:

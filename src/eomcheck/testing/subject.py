@@ -168,7 +168,9 @@ class Functions:
     @property
     def velocity_names(self) -> tuple[str, ...]:
         """Names of the rows of M and of forces."""
-        return self.coordinate_names if self.qdot is None else tuple(f"u[{i}]" for i in range(self.p))
+        return (
+            self.coordinate_names if self.qdot is None else tuple(f"u[{i}]" for i in range(self.p))
+        )
 
     def __repr__(self) -> str:
         return f"<{self.structure}>"
@@ -246,9 +248,13 @@ def checked_states(functions: Functions, states: Any) -> Sequence[State] | int:
         found = []
     n, p = functions.n, functions.p
     good = [one for one in found if one.q.shape == (n,) and one.v.shape == (p,)]
-    if not found or len(good) < len(found) or not all(np.isfinite([*one.q, *one.v]).all() for one in good):
+    if (
+        not found
+        or len(good) < len(found)
+        or not all(np.isfinite([*one.q, *one.v]).all() for one in good)
+    ):
         raise InputError(
-            f"states = {states!r}, expected a number of at least 1 or a list of (q ({n},), v ({p},)) "
-            "of finite numbers"
+            f"states = {states!r}, expected a number of at least 1 or a list of (q, v) of {n} and "
+            f"{p} finite numbers"
         )
     return found
