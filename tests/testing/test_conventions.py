@@ -152,6 +152,19 @@ def test_a_reference_that_breaks_is_no_failure_of_the_functions():
     assert "the reference breaks: M: RuntimeError: out of order" in told[0].detail
 
 
+@pytest.mark.parametrize(("slow", "offset"), [(1e-2, 0.0), (1e-3, 0.0), (1.0, 1e5), (1.0, 1e9)])
+def test_terms_that_cancel_are_not_taken_for_single_precision(slow: float, offset: float):
+    """A bias that is left of gravity, and a potential energy above a far level, are doubles."""
+
+    def bias(q, v):
+        return (CART.bias(q, v) + 100 * CART.gravity(q)) - 100 * CART.gravity(q)
+
+    own = given("cart") | {"bias": bias, "U": lambda q: offset + CART.U(q)}
+    ranges = [(-1, 1)] * 3 + [(-slow, slow)] * 3
+    found = check_functions(**own, ranges=ranges, states=4)
+    assert not [str(x) for x in found if x.verdict == "failed"]
+
+
 def test_an_engine_as_functions_offers_what_it_overrides():
     from eomcheck.engines import ENGINES
 

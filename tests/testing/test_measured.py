@@ -98,18 +98,19 @@ def test_noise_is_measured_within_a_factor_of_three(share: float):
     assert share / 3 < np.median(found) < 3 * share
 
 
-@pytest.mark.parametrize("frequency", [1.0, 50.0, 2000.0])
+@pytest.mark.parametrize("frequency", [1.0, 20.0, 100.0])
 def test_a_smooth_function_has_no_noise_but_its_rounding(frequency: float):
     found = noise(lambda x: np.sin(frequency * x), np.array([0.4]), np.ones(1))
     assert found[0] < 20 * frequency * EPS
 
 
-def test_cancellation_shows_as_noise():
+@pytest.mark.parametrize("far", [1.0, 1e4, 1e8, 1e10])
+def test_cancellation_shows_as_noise_also_where_it_leaves_steps(far: float):
     def cancels(x):
-        return (1e8 + np.sin(x)) - 1e8
+        return (far + np.sin(x)) - far
 
     found = noise(cancels, np.array([0.4]), np.ones(1))
-    assert 1e-10 < found[0] < 1e-7
+    assert 0.02 < found[0] / (far * EPS) < 2
 
 
 def test_errors_of_sums_and_products_hold_what_they_are_made_of():

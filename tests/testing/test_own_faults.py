@@ -177,6 +177,12 @@ FAULTS: dict[str, Fault] = {
         "double-precision",
         "gravity, ",
     ),
+    "float32 sines in an energy": Fault(
+        "cart",
+        {"T": lambda q, v: CART.T(np.arcsin(np.float64(np.float32(np.sin(q)))), v)},
+        "double-precision",
+        "T, does not feel small changes of q[1]: float32 arithmetic",
+    ),
     "permuted C": Fault(
         "cart",
         {"C": lambda q, v: coriolis(q, v)[[1, 2, 0]]},

@@ -10,25 +10,38 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 
 from eomcheck.numbers.contract import Array
 
-POINTS = 9
-"""Points on a line."""
 
-ORDERS = (4, 5, 6)
-"""Orders of the differences that are looked at."""
+class Line(NamedTuple):
+    """Points on a line, and the orders of the differences that are looked at over them.
 
-SPACING = 2.0**-26
-"""Distance of two points, per half width of the range.
+    Attributes:
+        points: their number.
+        spacing: distance of two, per half width of the range. A term sin(ω x) leaves (ω spacing)ᵏ
+            in the difference of order k.
+        orders: orders k.
+        among: which of the orders counts.
+    """
 
-A term sin(ω x) leaves (ω SPACING)⁴ in the lowest difference: below rounding up to ω = 5000.
-"""
+    points: int
+    spacing: float
+    orders: tuple[int, ...]
+    among: Callable[..., Array]
 
-LINES = 2
-"""Lines along which the noise is measured; the largest counts."""
+
+LINES = (
+    Line(9, 2.0**-26, (4, 5, 6), np.fmax.reduce),
+    Line(12, 2.0**-12, (6, 7, 8), np.fmin.reduce),
+)
+"""A short line, on which nothing smooth is left over up to ω = 5000, and a longer one: numbers that
+are left of much larger ones have steps, and may be the same all over the short line. Noise is the
+same in all orders; on the longer line the least counts, as smooth functions leave less in higher
+ones, nothing up to ω = 100."""
 
 
 def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> Array:
@@ -40,17 +53,20 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         width: half widths of the ranges of x (m,).
         seed: of the directions of the lines.
     """
-    directions = np.random.default_rng(seed).uniform(0.5, 1.0, (LINES, len(x)))
-    signs = np.random.default_rng(seed + 1).choice((-1.0, 1.0), (LINES, len(x)))
+    rng = np.random.default_rng(seed)
     found = []
-    for direction in directions * signs * width:
-        steps = np.arange(POINTS) - POINTS // 2
-        values = np.array([f(x + step * SPACING * direction) for step in steps])
-        for order in ORDERS:
+    for line in LINES:
+        direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
+        steps = np.arange(line.points) - line.points // 2
+        values = np.array([f(x + step * line.spacing * direction) for step in steps])
+        spread = []
+        for order in line.orders:
             differences = np.diff(values, order, axis=0)
             mean_square = np.mean(np.square(differences), axis=0) / comb(2 * order, order)
-            found.append(np.sqrt(mean_square))
-    return np.max(found, axis=0)
+            spread.append(np.sqrt(mean_square))
+        found.append(line.among(spread))
+    # Where f has no value on one of them, the other tells.
+    return np.fmax.reduce(found)
 
 
 def size_of(value: Array) -> Array:

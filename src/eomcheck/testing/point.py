@@ -18,6 +18,9 @@ from eomcheck.testing.subject import Functions
 FLIPS = 4
 """Choices of signs of v among which the largest entries of what depends on v are looked for."""
 
+STEPS, CLOSE = 50, 1e-10
+"""Steps of Newton's method at most, and how small the last one has to be, relative to q."""
+
 
 class Point:
     """Quantities at (q, v), each computed on first use.
@@ -200,18 +203,12 @@ class Point:
 
 
 def _consistent(at: Point) -> Point | None:
-    """Return the nearest consistent point: Newton's method for q, least squares for v."""
-    answers, q = at.answers, at.q.copy()
+    """Return a consistent point nearby: Newton's method for q, least squares for v."""
+    answers, q = at.answers, at.q
     try:
         if at.has("c") and answers.reads("c") == "q":
-            for _ in range(30):
-                c, a = answers("c", q, at.v), answers("a", q, at.v)
-                q = q - at.S().value @ (np.linalg.pinv(a) @ c)
-                if np.abs(answers("c", q, at.v)).max(initial=0.0) <= 1e-13 * max(
-                    1.0, np.abs(q).max()
-                ):
-                    break
-            else:
+            q = _closed(at)
+            if q is None:
                 return None
         a = answers("a", q, at.v)
         b = answers("b", q, at.v) if at.has("b") else 0.0
@@ -219,3 +216,17 @@ def _consistent(at: Point) -> Point | None:
     except (BrokenError, np.linalg.LinAlgError):
         return None
     return Point(answers, q, v, at.seed)
+
+
+def _closed(at: Point) -> Array | None:
+    """Return q (n,) with c(q) = 0, to the last bit that steps of Newton's method still gain."""
+    answers, q, left = at.answers, at.q, np.inf
+    for _ in range(STEPS):
+        c = answers("c", q, at.v)
+        residual = float(np.abs(c).max(initial=0.0))
+        step = at.S().value @ (np.linalg.pinv(answers("a", q, at.v)) @ c)
+        small = float(np.abs(step).max(initial=0.0)) <= CLOSE * max(1.0, float(np.abs(q).max()))
+        if small and residual >= left:
+            return q
+        q, left = q - step, residual
+    return None

@@ -124,7 +124,7 @@ def check(
         raise InputError(
             f"against has {reference.n} coordinates, expected {functions.n} as the functions have"
         )
-    whole_number("seed", seed, None)
+    whole_number("seed", seed, 0)
     where = drawn(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
     answers = Answers(functions)
     points = [
