@@ -29,13 +29,24 @@ every_formulation = pytest.mark.parametrize("key", applicable(FourBarChain))
 AT_VELOCITY_LEVEL = [key for key, f in applicable(FourBarChain).items() if f.level == "velocity"]
 
 
+def compound(scene: FourBarChain) -> tuple[float, float]:
+    """Return (moment of inertia, kg m²; first moment of mass, kg m) of it as one pendulum.
+
+    Rods turn about their feet and couplers only travel, with the tips of the rods.
+    """
+    is_rod = np.array([name.startswith("θ") for name in scene.coordinate_names])
+    rods, couplers = scene.mass[is_rod].sum(), scene.mass[~is_rod].sum()
+    about_feet = scene.inertia[is_rod].sum() + (rods / 4 + couplers) * scene.length**2
+    return float(about_feet), float((rods / 2 + couplers) * scene.length)
+
+
 def crank(scene: FourBarChain, times: np.ndarray) -> np.ndarray:
     """Return θ_0 of a chain that starts upright, fast enough to turn over.
 
     With γ from hanging straight down, γ̈ = -k sin γ. At the bottom γ̇² = rate² + 4k = 4k/m, and
     sin(γ/2) = sn(sqrt(k/m) t | m), counted from there.
     """
-    inertia, moment = scene.compound()
+    inertia, moment = compound(scene)
     k = scene.gravity * moment / inertia
     fastest = scene.rate**2 + 4.0 * k
     m = 4.0 * k / fastest
@@ -85,7 +96,7 @@ def test_every_formulation_refuses_the_singular_pose_itself(key: str):
 @every_formulation
 def test_the_benchmark_at_rest_upside_up_has_the_acceleration_of_the_pendulum(key: str):
     scene = replace(UNEVEN, angle=1.1, rate=0.0)
-    inertia, moment = scene.compound()
+    inertia, moment = compound(scene)
     found = acceleration(scene, key, *scene.initial_state()).vdot
     is_rod = np.array([name.startswith("θ") for name in scene.coordinate_names])
     expected = np.where(is_rod, -9.81 * moment / inertia * np.cos(1.1), 0.0)

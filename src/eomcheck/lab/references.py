@@ -37,9 +37,6 @@ from eomcheck.scenes import (
     TurntableBall,
 )
 
-FOLDER = Path("validation/references")
-"""Where references are kept, from the root of the repository."""
-
 PERCENT = 100
 
 SHORTER = 3.0

@@ -215,17 +215,6 @@ class FourBarChain(OfLinks, functions=globals()):
         q[is_rod], v[is_rod] = self.angle, self.rate
         return q, v
 
-    def compound(self) -> tuple[float, float]:
-        """Return (moment of inertia, kg m²; first moment of mass, kg m) of it as one pendulum.
-
-        Rods turn about their feet and couplers only travel, with the tips of the rods.
-        """
-        is_rod = np.ones(self.n, dtype=bool)
-        is_rod[self.windows : 2 * self.windows] = False
-        rods, couplers = self.mass[is_rod].sum(), self.mass[~is_rod].sum()
-        about_feet = self.inertia[is_rod].sum() + (rods / 4 + couplers) * self.length**2
-        return float(about_feet), float((rods / 2 + couplers) * self.length)
-
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield one turn of every link by 2π, which changes nothing."""
         yield full_turns(self, q, v)

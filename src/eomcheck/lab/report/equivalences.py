@@ -1,8 +1,7 @@
 """The page of verified equivalences: every claim, its evidence, and the test that shows it.
 
 Generated from Records of `validate` and `prove` and from the sources of the validation suite, never
-by hand. `independent_of_run` takes away what another run would say otherwise, so that a test can
-tell whether a page is that of this suite.
+by hand.
 """
 
 from __future__ import annotations
@@ -180,22 +179,3 @@ def _claims_in(test: ast.FunctionDef) -> set[str]:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
     }
     return (CLAIMS.keys() & _constants(test)) | ({PROVED} if "prove" in calls else set())
-
-
-# ---- What another run says too -------------------------------------------------------------------
-
-
-def independent_of_run(page: str) -> list[str]:
-    """Return the lines of a page that do not depend on the run that it was made from.
-
-    Those are the claims with statements, equations, scenes, levels of evidence and tests; numbers
-    of links and of states, errors, places, dates, versions and machines are taken away.
-    """
-    lines, in_run = [], False
-    for line in page.splitlines():
-        if line.startswith("## "):
-            in_run = line == RUN
-        if in_run or not line:
-            continue
-        lines.append("|".join(line.split("|")[:3]) if line.startswith("| ") else line)
-    return lines
