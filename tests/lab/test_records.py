@@ -20,9 +20,10 @@ import pytest
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
 from eomcheck.lab.report.records import columns, record_sheet
-from eomcheck.lab.store import records as module
+from eomcheck.lab.store import cells as module
+from eomcheck.lab.store.cells import run_cells
 from eomcheck.lab.store.provenance import blas_threads, machine, versions
-from eomcheck.lab.store.records import Record, Records, key_of, run_cells
+from eomcheck.lab.store.records import Record, Records, key_of
 
 
 @pytest.fixture
@@ -384,7 +385,8 @@ def test_only_cells_that_are_left_advance_the_bar(path: Path, monkeypatch):
 
 STUDY = """
 import sys, time
-from eomcheck.lab.store.records import Record, Records, run_cells
+from eomcheck.lab.store.cells import run_cells
+from eomcheck.lab.store.records import Record, Records
 
 path, log, cells, seconds = sys.argv[1:]
 

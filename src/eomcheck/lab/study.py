@@ -17,7 +17,8 @@ from typing import Annotated, Any
 from eomcheck.files import write_text
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, Records, Settings, rows_of, run_cells
+from eomcheck.lab.store.cells import run_cells
+from eomcheck.lab.store.records import Record, Records, Settings, rows_of
 from eomcheck.lab.store.workers import check_place
 
 Work = Callable[[Settings], Record]

@@ -6,17 +6,14 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, get_args
 
-from eomcheck.console import progress
-from eomcheck.errors import EomcheckError, InputError, RefusedError
+from eomcheck.errors import InputError
 from eomcheck.lab.store.provenance import blas_threads, machine, now, versions
-from eomcheck.lab.store.workers import spread
 
 Settings = dict[str, Any]
 """What a study varies -> its value in this cell; values are numbers, text, None, lists, dicts."""
@@ -364,76 +361,3 @@ def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Recor
 def rows_of(records: Iterable[Record], kind: type[Row]) -> list[Row]:
     """Return what `record_of_rows` was given, in order; of Records that are not done, nothing."""
     return [kind(**row) for record in records for row in record.series.get("rows", ())]
-
-
-def run_cells(
-    records: Records,
-    study: str,
-    cells: Iterable[Settings],
-    work: Callable[[Settings], Record],
-    *,
-    fresh: bool = False,
-    label: str | None = None,
-    where: str | None = None,
-    by: Sequence[str] = (),
-) -> list[Record]:
-    """Work off the cells of a study that are not in `records` yet; return the Records of all.
-
-    Each is committed as it finishes: after Ctrl-C, an error or `kill -9` the same call goes on with
-    the cell that was in flight.
-
-    Args:
-        records: where they are kept.
-        study: its name.
-        cells: settings, one per cell; one named twice is worked once.
-        work: settings -> Record of this study and these settings. An exception of eomcheck's own
-            becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
-        fresh: forget what is known of these cells first.
-        label: of the progress bar, by default the name of the study; "" for none.
-        where: where untimed cells are worked off, see `eomcheck.lab.store.workers.spread`; None:
-            one after another, in this process.
-        by: names of settings. Cells that share them go to one process together, in their order.
-    """
-    wanted = {key_of(settings): settings for settings in cells}
-    if fresh:
-        records.forget(study, wanted.values())
-    found = {key: records.find(study, settings) for key, settings in wanted.items()}
-    together: dict[object, list[Settings]] = {}
-    for key, settings in wanted.items():
-        if found[key] is None:
-            shared = key_of({name: settings[name] for name in by}) if by else key
-            together.setdefault(shared, []).append(settings)
-    with progress(study if label is None else label, len(together)) as advance:
-        for made in _worked_off(where, partial(_work_off, study, work), together.values()):
-            for record in made:
-                records.add(record)
-                found[key_of(record.settings)] = record
-            advance()
-    return [record for record in found.values() if record is not None]
-
-
-def _worked_off(
-    where: str | None,
-    work: Callable[[list[Settings]], list[Record]],
-    together: Iterable[list[Settings]],
-) -> Iterator[list[Record]]:
-    return map(work, together) if where is None else (y for _, y in spread(where, work, together))
-
-
-def _work_off(
-    study: str, work: Callable[[Settings], Record], together: list[Settings]
-) -> list[Record]:
-    return [_work_off_one(study, settings, work) for settings in together]
-
-
-def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Record]) -> Record:
-    try:
-        record = work(settings)
-    except RefusedError as refusal:
-        return Record(study, settings, "refused", str(refusal))
-    except EomcheckError as error:
-        return Record(study, settings, "failed", str(error))
-    if (record.study, key_of(record.settings)) != (study, key_of(settings)):
-        # It would be stored under another key, and worked again by every run.
-        raise InputError(f"the record of {study} {settings} is one of other settings: {record}")
-    return record
