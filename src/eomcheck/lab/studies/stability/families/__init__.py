@@ -1,22 +1,11 @@
-"""The families of the stability atlas: one file each or two, one line each in `FAMILIES`."""
+"""The families of the stability atlas, one line each in `FAMILIES`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
 from eomcheck.errors import named
-from eomcheck.lab.studies.stability.families import (
-    chain,
-    dependent,
-    every,
-    ratios,
-    singular,
-    speed,
-    stiffness,
-    straight,
-    violated,
-    wheel_angle,
-)
+from eomcheck.lab.studies.stability.families import dependent, every, singular, snake
 from eomcheck.lab.studies.stability.families.base import Family, Posed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
@@ -30,16 +19,16 @@ def _families_of(kind: type[Scene]) -> Iterator[Family]:
 FAMILIES: dict[str, Family] = {
     family.key: family
     for family in (
-        stiffness.STIFFNESS,
-        wheel_angle.WHEEL_ANGLE,
-        straight.STRAIGHT,
-        ratios.MASS_RATIO,
-        ratios.LENGTH_RATIO,
-        chain.LINKS,
-        speed.SPEED,
-        speed.TURNS,
+        snake.STIFFNESS,
+        snake.WHEEL_ANGLE,
+        snake.STRAIGHT,
+        snake.MASS_RATIO,
+        snake.LENGTH_RATIO,
+        snake.LINKS,
+        snake.SPEED,
+        snake.TURNS,
         dependent.DEPENDENT,
-        violated.VIOLATED,
+        snake.VIOLATED,
         *(family for kind in SCENES.values() if kind is not Snake for family in _families_of(kind)),
     )
 }

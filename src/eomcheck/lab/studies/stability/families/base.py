@@ -1,4 +1,4 @@
-"""What a family of states of growing severity is, as data."""
+"""What a family of states of growing severity is, as data, and states that violate constraints."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import Snake
@@ -62,3 +66,15 @@ def decades(first: int, last: int, step: int = 1) -> tuple[float, ...]:
     """Return 10^first, ..., 10^last, falling where last < first."""
     sign = 1 if last >= first else -1
     return tuple(float(f"1e{k}") for k in range(first, last + sign, sign * step))
+
+
+def violating(scene: Scene, q: Array, u: Array, violation: float) -> Posed:
+    """Return the state of (q, u) with every constraint violated by a share of the largest speed.
+
+    Formulations then answer different questions: those in Lagrange's terms take v as it is, those
+    in generalized speeds its u and nothing else. Each is compared with its own exact answer.
+    """
+    v = velocity(scene, q, u)
+    a = Evaluation(scene, q, v).terms.a
+    away = np.linalg.lstsq(a, np.ones(scene.r), rcond=None)[0]
+    return Posed(scene, q, None, v + violation * np.abs(v).max() * away)

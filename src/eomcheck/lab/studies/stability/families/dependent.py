@@ -13,6 +13,7 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
+from eomcheck.lab.studies.stability.families.snake import bent
 from eomcheck.mechanics.records import Speeds
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Arithmetic, Array
@@ -176,9 +177,8 @@ class TwoWheels(Scene, functions=globals()):
 
 
 def _pose(variant: str, angle: float) -> Posed:
-    one, k = np.ones(LINKS), np.arange(LINKS)
     # Wheel 1 lies along its link, so that the angle of the second wheel is one double, not a sum.
-    first = Snake(one, one, one / 12, 10.0 * one[1:], 0.1 * k, 0.4 * k)
+    first = bent(LINKS)
     u = np.zeros(1) if variant == "at rest" else np.ones(1)
     return Posed(TwoWheels(first, angle), first.initial_state()[0], u)
 

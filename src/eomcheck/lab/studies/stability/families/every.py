@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
-from eomcheck.lab.studies.stability.families.violated import violating
+from eomcheck.lab.studies.stability.families.base import Family, Posed, decades, violating
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
