@@ -11,7 +11,7 @@ from eomcheck.errors import RefusedError, distinct
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.show.chart import Axis, Band, Chart, Panel
+from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
 from eomcheck.lab.show.sheet import Sheet, print_sheets, say
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.errors import constraint_error, energy_error
@@ -163,12 +163,11 @@ def chart_of_many(found: Trajectories) -> Chart:
             ),
             level=0.0,
         )
-    chosen = list(panels)
     return Chart(
         "many",
         f"How far {whole} are from their median",
-        {"coordinate": [name for (name,) in chosen]},
+        ["coordinate"],
         panels,
-        grid=[chosen[i : i + ACROSS] for i in range(0, len(chosen), ACROSS)],
+        grid=in_rows([*panels], ACROSS),
         size=(3.6, 2.3),
     )

@@ -167,7 +167,7 @@ class Chart:
     Attributes:
         name: that of its file and its anchor.
         title: what it shows.
-        choices: name of a list -> what can be chosen in it.
+        lists: names of the lists in which something is chosen.
         panels: what was chosen in each list -> panel.
         grid: rows of choices that a figure shows. By default the last list runs along rows.
         size: width and height of a panel in a figure, in.
@@ -178,12 +178,18 @@ class Chart:
 
     name: str
     title: str
-    choices: Mapping[str, Sequence[str]]
+    lists: Sequence[str]
     panels: Mapping[tuple[str, ...], Panel | Heat]
     grid: Sequence[Sequence[tuple[str, ...]]] = ()
     size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
     hollow: str = ""
     parts: Sequence[File] | None = None
+
+    @property
+    def choices(self) -> dict[str, list[str]]:
+        """Name of a list -> what can be chosen in it, in the order of the panels."""
+        columns = enumerate(self.lists)
+        return {name: list(dict.fromkeys(c[i] for c in self.panels)) for i, name in columns}
 
     def files(self) -> list[Chart]:
         """Return what is drawn into files, one each; charts of one name stand in one file."""
@@ -198,6 +204,11 @@ class Chart:
         *others, last = self.choices.values()
         rows = ([(*first, end) for end in last] for first in product(*others))
         return [found for row in rows if (found := [c for c in row if c in self.panels])]
+
+
+def in_rows(chosen: Sequence[tuple[str, ...]], across: int) -> list[Sequence[tuple[str, ...]]]:
+    """Return choices as rows of so many."""
+    return [chosen[k : k + across] for k in range(0, len(chosen), across)]
 
 
 def keys_of(charts: Iterable[Chart]) -> list[str]:

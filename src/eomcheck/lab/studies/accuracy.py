@@ -245,7 +245,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
             marks=(C,),
         ),
     }
-    yield Chart("accuracy", "Accuracy", {"diagram": [x for (x,) in panels]}, panels, size=(6, 4.2))
+    yield Chart("accuracy", "Accuracy", ["diagram"], panels, size=(6, 4.2))
 
 
 STUDY = Study(

@@ -158,11 +158,11 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     )
     title = "All formulations on random snakes (lowest row: equal to the last bit)"
     panels = {
-        ("snake",): snake_panel(Snake.paper()),
         ("distance",): Panel(Axis("number of links N"), distance, lines, title),
+        ("snake",): snake_panel(Snake.paper()),
     }
-    choices = {"diagram": ["distance", "snake"]}
-    yield Chart("agreement", "Agreement", choices, panels, grid=[[*panels]], size=(5.4, 4.2))
+    grid = [[("snake",), ("distance",)]]
+    yield Chart("agreement", "Agreement", ["diagram"], panels, grid, size=(5.4, 4.2))
 
 
 STUDY = Study(

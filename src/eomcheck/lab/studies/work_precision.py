@@ -329,17 +329,12 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 integrator,
                 unknown=floor if final else None,
             )
-        choices = {
-            "integrator": integrators,
-            "error": list(errors.values()),
-            "against": [axis.title for axis in AGAINST.values()],
-        }
         missing = _absent(name, errors)
         what = f"{name}: one line a formulation, one point a tolerance"
         yield Chart(
             f"work-precision-{name}",
             f"{what}; {missing}" if missing else what,
-            choices,
+            ["integrator", "error", "against"],
             panels,
             size=(2.6, 2.5),
             hollow="disturbed",
@@ -347,9 +342,9 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 File(
                     f"work-precision{several}{end}",
                     f"{name}\n{missing}" if missing else name,
-                    [[(i, label, against) for i in integrators] for label in errors.values()],
+                    [[(i, label, axis.title) for i in integrators] for label in errors.values()],
                 )
-                for against, end in zip(choices["against"], ("", "-rhs"), strict=True)
+                for axis, end in zip(AGAINST.values(), ("", "-rhs"), strict=True)
             ],
         )
 

@@ -202,7 +202,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         panels[(kind,)] = Panel(LINKS, Axis(kind, log=True), lines)
     if any(line.x for line in panels[("all operations",)].lines):
         title = "Operations over the number of links"
-        yield Chart("operations", title, {"count": list(kinds)}, panels)
+        yield Chart("operations", title, ["count"], panels)
 
 
 def _parts(one: Operations) -> list[str]:

@@ -222,7 +222,7 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
     yield Chart(
         "paper",
         "Figs. 5 to 7: one line a formulation, one point a number of links",
-        {"quantity": list(QUANTITIES.values()), "solver": solvers},
+        ["quantity", "solver"],
         {
             (label, str(solver)): Panel(
                 LINKS,
@@ -311,7 +311,7 @@ def _over_time(found: Found, solvers: Sequence[str], width: float) -> Chart:
     return Chart(
         "paper-robot",
         f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links over time",
-        {"error": list(OVER_TIME), "shown": PARTS, "solver": solvers},
+        ["error", "shown", "solver"],
         panels,
         size=(width, 2.8),
         parts=[

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
 from eomcheck.evaluation.tolerance import NOTICEABLE
-from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel
+from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.stability.families import FAMILIES
@@ -171,7 +171,6 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         return
     for name, part in parts(atlas):
         yield _heat_map(name, part)
-    methods = methods_in(atlas)
     panels = {}
     for family, of in atlas.items():
         title = FAMILIES[family].title
@@ -182,21 +181,14 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         File(
             f"stability-{family}",
             title := FAMILIES[family].title,
-            _in_rows([(title, method.name) for method in of], 5),
+            in_rows([(title, method.name) for method in of], 5),
         )
         for family, of in alone.items()
         if len(scenes_of(alone)) == 1
     ]
-    choices = {
-        "family": [FAMILIES[family].title for family in atlas],
-        "method": [ALL, *(method.name for method in methods)],
-    }
     title = "Digits lost in the worst variant; crosses above are refusals"
-    yield Chart("stability-families", title, choices, panels, size=(2.4, 2.3), parts=files)
-
-
-def _in_rows(choices: list[tuple[str, ...]], across: int) -> list[list[tuple[str, ...]]]:
-    return [choices[k : k + across] for k in range(0, len(choices), across)]
+    lists = ["family", "method"]
+    yield Chart("stability-families", title, lists, panels, size=(2.4, 2.3), parts=files)
 
 
 def _heat_map(name: str, part: Atlas) -> Chart:
@@ -227,9 +219,9 @@ def _heat_map(name: str, part: Atlas) -> Chart:
     return Chart(
         name,
         "Boxes from mild to severe, darker where more digits are lost; none: does not apply",
-        {"scene": scenes},
+        ["scene"],
         panels,
-        _in_rows([(scene,) for scene in scenes], 2),
+        in_rows([(scene,) for scene in scenes], 2),
         size=(box[0] * most + 1.0, box[1] * tall + 1.1),
     )
 

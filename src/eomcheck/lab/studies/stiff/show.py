@@ -231,7 +231,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
     return Chart(
         "stiff-work-precision",
         "Error against CPU time, Kane's formulation",
-        {"joints": PROBLEMS, "k / (N m/rad)": [f"{k:.0e}" for k in stiffnesses]},
+        ["joints", "k / (N m/rad)"],
         panels,
         [[(problem, f"{k:.0e}") for k in shown] for problem in PROBLEMS],
         size=(2.9, 3.1),
@@ -264,9 +264,8 @@ def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
             f"{problem}: to a relative error of {target:.0e}",
             marks=[] if place is None else [place],
         )
-    choices = {"cost": list(COSTS.values()), "joints": PROBLEMS}
     title = "Cost over stiffness, Kane's formulation; dotted: implicit integrators are cheaper on"
-    return Chart("stiff-cost", title, choices, panels, size=(4.4, 3.2))
+    return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
 
 
 def _cheapest_at(
@@ -296,6 +295,5 @@ def _saved(found: Sequence[Record]) -> Chart:
         ]
         y = Axis("exact Jacobian over differences", range=(0, None))
         panels[(label,)] = Panel(STIFFNESS, y, lines, label, level=1.0)
-    choices = {"cost": [label for (label,) in panels]}
     title = "What exact Jacobians leave of the cost of finite differences (SciPy, damped)"
-    return Chart("stiff-jacobians", title, choices, panels, size=(4.1, 3.4))
+    return Chart("stiff-jacobians", title, ["cost"], panels, size=(4.1, 3.4))
