@@ -18,7 +18,7 @@ from eomcheck.files import write_text
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.cells import run_cells
-from eomcheck.lab.store.records import Record, Records, Settings, rows_of
+from eomcheck.lab.store.records import Record, Records, Settings, group, rows_of
 from eomcheck.lab.store.workers import check_place
 
 Work = Callable[[Settings], Record]
@@ -148,9 +148,8 @@ class Study:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""
         from eomcheck.lab.show.by_matplotlib import draw
 
-        drawn: dict[str, list[Chart]] = {}
-        for chart in (file for one in self.charts(found) for file in one.files()):
-            drawn.setdefault(chart.name, []).append(chart)
+        files = (file for one in self.charts(found) for file in one.files())
+        drawn = group(files, lambda chart: chart.name)
         written = []
         for file, charts in drawn.items():
             written.append(folder / f"{file}.png")

@@ -13,11 +13,12 @@ from eomcheck.claims.run import Run, Selection
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.report.judged import LEVELS, Judged, anchor, by_claim, group
+from eomcheck.lab.report.judged import LEVELS, Judged, anchor, by_claim
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
 from eomcheck.lab.show.templating import number
 from eomcheck.lab.show.text import write_json as write_document
 from eomcheck.lab.store.findings import Kept, kept_of_runs
+from eomcheck.lab.store.records import group
 
 CELLS = (
     "Cells: largest error observed, in percent of the error allowed (?: nothing could be "

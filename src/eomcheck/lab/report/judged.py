@@ -6,25 +6,16 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.store.findings import Kept
+from eomcheck.lab.store.records import group
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")
 """Levels of evidence, strongest first."""
-
-T = TypeVar("T")
-
-
-def group(things: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
-    """Return things by `key`, in order."""
-    groups: dict[Any, list[T]] = {}
-    for thing in things:
-        groups.setdefault(key(thing), []).append(thing)
-    return groups
 
 
 def parties(row: Kept) -> set[str]:

@@ -7,7 +7,7 @@ from functools import partial
 
 from eomcheck.console import progress
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.lab.store.records import Record, Records, Settings, key_of
+from eomcheck.lab.store.records import Record, Records, Settings, group, key_of
 from eomcheck.lab.store.workers import spread
 
 
@@ -43,11 +43,8 @@ def run_cells(
     if fresh:
         records.forget(study, wanted.values())
     found = {key: records.find(study, settings) for key, settings in wanted.items()}
-    together: dict[object, list[Settings]] = {}
-    for key, settings in wanted.items():
-        if found[key] is None:
-            shared = key_of({name: settings[name] for name in by}) if by else key
-            together.setdefault(shared, []).append(settings)
+    missing = [settings for key, settings in wanted.items() if found[key] is None]
+    together = group(missing, lambda one: key_of({name: one[name] for name in by or one}))
     do, batches = partial(_work_off, study, work), together.values()
     finished = map(do, batches) if where is None else (x for _, x in spread(where, do, batches))
     with progress(study if label is None else label, len(together)) as advance:

@@ -6,7 +6,7 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ Settings = dict[str, Any]
 Status = Literal["done", "failed", "refused"]
 
 Row = TypeVar("Row")
+Thing = TypeVar("Thing")
 
 APPLICATION = int.from_bytes(b"eomc", "big")
 """SQLite's application id: tells our files from those of others."""
@@ -348,6 +349,19 @@ def select(records: Iterable[Record], study: str | None = None, **settings: Any)
 def values(records: Iterable[Record], name: str) -> list[Any]:
     """Return what a setting is in the Records that have it, each value once."""
     return list(dict.fromkeys(r.settings[name] for r in records if name in r.settings))
+
+
+def group(things: Iterable[Thing], key: Callable[[Thing], Any]) -> dict[Any, list[Thing]]:
+    """Return things by `key`, in order."""
+    groups: dict[Any, list[Thing]] = {}
+    for thing in things:
+        groups.setdefault(key(thing), []).append(thing)
+    return groups
+
+
+def by_setting(records: Iterable[Record], name: str) -> dict[Any, list[Record]]:
+    """Return Records by what a setting is in them, in order."""
+    return group(records, lambda record: record.settings[name])
 
 
 def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Record:

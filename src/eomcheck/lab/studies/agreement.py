@@ -20,7 +20,7 @@ from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.snake import joints
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
 
@@ -99,9 +99,6 @@ def _compare(at: Evaluation) -> list[Agreement]:
 
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield how far each formulation is from the reference at most."""
-    by_key: dict[str, list[Agreement]] = {}
-    for one in rows_of(found, Agreement):
-        by_key.setdefault(one.key, []).append(one)
     rows = [
         (
             key,
@@ -110,7 +107,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             f"{max(one.observed / one.allowed for one in mine):.1%}",
             f"{median(one.faulty / one.allowed for one in mine):.1e}",
         )
-        for key, mine in by_key.items()
+        for key, mine in group(rows_of(found, Agreement), lambda one: one.key).items()
     ]
     columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: median")
     note = (
@@ -149,8 +146,8 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         points("allowed by rounding", lambda one: one.allowed, rows),
         points("one sign flipped", lambda one: one.faulty, states),
         *(
-            points(key, lambda one: one.observed, [one for one in rows if one.key == key])
-            for key in dict.fromkeys(one.key for one in rows)
+            points(key, lambda one: one.observed, mine)
+            for key, mine in group(rows, lambda one: one.key).items()
         ),
     ]
     distance = Axis(

@@ -36,7 +36,7 @@ from eomcheck.lab.options import Kind, Repeats, at_least_one
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
@@ -281,8 +281,7 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
 
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield, for each scene, medians, their ratio to sines alone, the slope of log t over log N."""
-    for key in dict.fromkeys(one.scene for one in rows_of(found, Timing)):
-        rows = [one for one in rows_of(found, Timing) if one.scene == key]
+    for key, rows in group(rows_of(found, Timing), lambda one: one.scene).items():
         at = {(one.what, one.links): one for one in rows}
         links = sorted({one.links for one in rows})
         table = []

@@ -22,7 +22,7 @@ from eomcheck.lab.run_time import RUNS, disturbed, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record, Settings, select, values
+from eomcheck.lab.store.records import Record, Settings, by_setting, group, select, values
 from eomcheck.lab.study import REFERENCES, Formulations, References, Study
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
@@ -140,19 +140,15 @@ def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str]
 
     The fastest of all comes first.
     """
-    best: dict[tuple[str, str], Record] = {}
-    for record in sorted(select(records), key=_seconds):
-        if record.errors["final"] <= target:
-            best.setdefault((record.settings["formulation"], record.settings["integrator"]), record)
-    return best
+    good = [record for record in select(records) if record.errors["final"] <= target]
+    of = group(sorted(good, key=_seconds), lambda record: _run(record)[:2])
+    return {how: best for how, (best, *_) in of.items()}
 
 
 def _best(records: Iterable[Record], target: float) -> dict[str, Record]:
     """Return the same per formulation, whatever the integrator."""
-    best: dict[str, Record] = {}
-    for (key, _), record in fastest_to(records, target).items():
-        best.setdefault(key, record)
-    return best
+    of = by_setting(fastest_to(records, target).values(), "formulation")
+    return {key: best for key, (best, *_) in of.items()}
 
 
 def _seconds(record: Record) -> float:
@@ -161,12 +157,8 @@ def _seconds(record: Record) -> float:
 
 def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
     """Return, per formulation, the Record with the smallest final error."""
-    best: dict[str, Record] = {}
-    for record in select(records):
-        than = best.setdefault(record.settings["formulation"], record)
-        if record.errors["final"] < than.errors["final"]:
-            best[record.settings["formulation"]] = record
-    return best
+    of = by_setting(select(records), "formulation")
+    return {key: min(mine, key=lambda one: one.errors["final"]) for key, mine in of.items()}
 
 
 def pareto_front(records: Iterable[Record]) -> list[Record]:
@@ -204,15 +196,9 @@ def summary(records: Sequence[Record]) -> str:
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def _by_reference(found: Iterable[Record]) -> dict[str, list[Record]]:
-    found = list(found)
-    names = values(found, "reference")
-    return {name: [r for r in found if r.settings["reference"] == name] for name in names}
-
-
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield times to reach an error, the Pareto front and drift of each scene, and failures."""
-    for name, mine in _by_reference(found).items():
+    for name, mine in by_setting(found, "reference").items():
         yield _targets(name, mine)
         yield _front(name, mine)
         yield _drift_laws(name, mine)
@@ -225,7 +211,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
 
 def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield a paragraph on each scene."""
-    for name, mine in _by_reference(found).items():
+    for name, mine in by_setting(found, "reference").items():
         yield f"{name}: {summary(mine)}"
 
 
@@ -314,7 +300,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     """Yield the errors of each scene against run time and right-hand sides."""
     integrators = values(found, "integrator")
     several = "-scenes" if len(values(found, "reference")) > 1 else ""
-    for name, mine in _by_reference(found).items():
+    for name, mine in by_setting(found, "reference").items():
         done = select(mine)
         errors = errors_shown(done)
         floor = max((r.errors["floor"] for r in done), default=NOTHING)
@@ -351,8 +337,8 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
 
 def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
     lines = []
-    for key in values(records, "formulation"):
-        mine = sorted(select(records, formulation=key), key=lambda r: -r.settings["tolerance"])
+    for key, found in by_setting(select(records), "formulation").items():
+        mine = sorted(found, key=lambda r: -r.settings["tolerance"])
         timed = against == "seconds"
         lines.append(
             Line(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from flint import fmpq_poly
 
 from eomcheck.formulations import Formulation, formulation_of
+from eomcheck.lab.store.records import group
 from eomcheck.lab.studies.operations.counting import Operations
 from eomcheck.numbers.counting import System
 
@@ -17,10 +18,7 @@ MAX_DEGREE = 4
 
 def by_formulation(records: Iterable[Operations]) -> dict[str, list[Operations]]:
     """Return the Records of each formulation, in the order of the number of links."""
-    found: dict[str, list[Operations]] = {}
-    for record in sorted(records, key=lambda record: record.links):
-        found.setdefault(record.formulation, []).append(record)
-    return found
+    return group(sorted(records, key=lambda one: one.links), lambda one: one.formulation)
 
 
 KINDS: dict[str, Callable[[Operations], int]] = {

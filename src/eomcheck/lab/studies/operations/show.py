@@ -13,7 +13,7 @@ from eomcheck.formulations import formulation_of
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import grouped
-from eomcheck.lab.store.records import Record, rows_of
+from eomcheck.lab.store.records import Record, group, rows_of
 from eomcheck.lab.studies.operations.absent import Saving
 from eomcheck.lab.studies.operations.counting import Operations, Springs, operations_of
 from eomcheck.lab.studies.operations.fits import (
@@ -109,9 +109,9 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
 
 
 def _springs(springs: list[Springs]) -> Iterator[Sheet]:
-    for links in sorted({one.links for one in springs}):
+    for links, mine in sorted(group(springs, lambda one: one.links).items()):
         rows = []
-        for one in (one for one in springs if one.links == links):
+        for one in mine:
             counts = one.present, one.absent, one.difference, one.alone
             equal = "yes" if one.difference == tuple(one.alone) else "no"
             rows.append((one.formulation, *(", ".join(map(grouped, x)) for x in counts), equal))
@@ -157,8 +157,7 @@ def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
 
 
 def _savings(savings: list[Saving]) -> Iterator[Sheet]:
-    for structure in dict.fromkeys(one.structure for one in savings):
-        mine = [one for one in savings if one.structure == structure]
+    for structure, mine in group(savings, lambda one: one.structure).items():
         rows = []
         for one in mine:
             absent, zeros = one.operations

@@ -26,7 +26,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
-from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.store.records import Record, Settings, by_setting, group
 from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about, family_of
 from eomcheck.lab.study import Formulations
 from eomcheck.numbers.pivots import EPS
@@ -226,20 +226,20 @@ Atlas = dict[str, dict[Method, list[Step]]]
 
 def atlas_of(records: Iterable[Record]) -> Atlas:
     """Return the steps of every method through every family, as `FAMILIES` orders them."""
-    cells: dict[str, dict[Method, dict[float, list[Record]]]] = {key: {} for key in FAMILIES}
-    for record in records:
-        family, severity = record.settings["family"], record.settings["severity"]
-        if family in FAMILIES:
-            mine = cells[family].setdefault(method_of(record), {})
-            mine.setdefault(severity, []).append(record)
+    of = by_setting(records, "family")
     return {
         family: {
-            method: [Step(x, mine[x]) for x in sorted(mine, key=FAMILIES[family].values.index)]
-            for method, mine in methods.items()
+            method: _steps(facts.values, mine)
+            for method, mine in group(of[family], method_of).items()
         }
-        for family, methods in cells.items()
-        if methods
+        for family, facts in FAMILIES.items()
+        if family in of
     }
+
+
+def _steps(severities: Sequence[float], records: list[Record]) -> list[Step]:
+    at = by_setting(records, "severity")
+    return [Step(severity, at[severity]) for severity in sorted(at, key=severities.index)]
 
 
 class Break(NamedTuple):

@@ -9,7 +9,7 @@ from itertools import product
 from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, select, values
+from eomcheck.lab.store.records import Record, group, select, values
 from eomcheck.lab.studies.stiff.measure import (
     COMPILED,
     EXPLICIT,
@@ -182,13 +182,13 @@ def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Re
 
 
 def _failures(found: Sequence[Record]) -> Sheet:
-    cells: dict[tuple[str, ...], list[str]] = {}
-    for r in found:
-        if r.study == STUDY and r.status != "done":
-            s = r.settings
-            what = (s["problem"], s["formulation"], s["integrator"], r.reason)
-            cells.setdefault(what, []).append(f"{s['stiffness']:.0e} at {s['tolerance']:.0e}")
-    rows = [(*what, "; ".join(where)) for what, where in cells.items()]
+    what = "problem", "formulation", "integrator"
+    failed = (r for r in found if r.study == STUDY and r.status != "done")
+    alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
+    where = "{stiffness:.0e} at {tolerance:.0e}"
+    rows = [
+        (*told, "; ".join(where.format(**r.settings) for r in mine)) for told, mine in alike.items()
+    ]
     columns = ("", "formulation", "integrator", "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
     return Sheet("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
@@ -277,21 +277,17 @@ def _cheapest_at(
 
 def _saved(found: Sequence[Record]) -> Chart:
     """The shares of right-hand sides and time that exact Jacobians leave."""
-    panels = {}
+    panels, pairs = {}, group(_pairs(found), lambda one: one[:2])
     for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
-        points: dict[tuple[str, float], list[tuple[float, float]]] = {}
-        for integrator, tolerance, k, (plain, exact) in _pairs(found):
-            share = cost(exact, what) / cost(plain, what)
-            points.setdefault((integrator, tolerance), []).append((k, share))
         lines = [
             Line(
                 integrator,
-                [k for k, _ in line],
-                [share for _, share in line],
+                [k for _, _, k, _ in line],
+                [cost(exact, what) / cost(plain, what) for *_, (plain, exact) in line],
                 label=f"{integrator}, rtol {tolerance:.0e}",
-                dashed=tolerance == max(t for _, t in points),
+                dashed=tolerance == max(t for _, t in pairs),
             )
-            for (integrator, tolerance), line in points.items()
+            for (integrator, tolerance), line in pairs.items()
         ]
         y = Axis("exact Jacobian over differences", range=(0, None))
         panels[(label,)] = Panel(STIFFNESS, y, lines, label, level=1.0)

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.store.records import group
 from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, ML, NOTHING, Evidence, claim
 from eomcheck.lab.studies.paper.claims.comparing import (
     listed,
@@ -30,11 +31,9 @@ def _across(found: Found) -> Evidence:
     for (wheel, key), record in found.across.items():
         if record.status == "refused":
             refused[key].append(wheel)
-    groups: dict[str, list[str]] = {}
-    for key, wheels in refused.items():
-        groups.setdefault(whole_range(wheels), []).append(key)
+    alike = group(refused, lambda key: whole_range(refused[key]))
     good = ((wheel in refused[key]) == (wheel >= 2) for wheel, key in found.across)
-    said = "; ".join(f"{listed(keys)}: {wheels}" for wheels, keys in groups.items())
+    said = "; ".join(f"{listed(keys)}: {wheels}" for wheels, keys in alike.items())
     return Evidence(*share(good), f"Wheels refused at N = {PAPER_LINKS}: {said}.")
 
 
