@@ -24,10 +24,9 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
-from eomcheck.mechanics.parameters import whole_links
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.scenes import Snake
@@ -66,7 +65,7 @@ def _vector(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[fl
 
 
 def _links(min_links: int, max_links: int) -> SearchStrategy[int]:
-    low, high = whole_links(min_links, "min_links"), whole_links(max_links, "max_links")
+    low, high = whole_number("min_links", min_links), whole_number("max_links", max_links)
     if low > high:
         raise InputError(f"min_links, max_links = {low}, {high}, expected min_links <= max_links")
     return st.integers(low, high)

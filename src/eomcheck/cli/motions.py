@@ -11,7 +11,7 @@ import typer
 
 from eomcheck.cli.app import app
 from eomcheck.cli.options import Formulations, Seed, check_figure
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, whole_number
 from eomcheck.lab.options import MOST_LINKS, at_least_one
 
 if TYPE_CHECKING:
@@ -28,9 +28,8 @@ class Robot(StrEnum):
 
 def _snake(robot: Robot, links: int) -> Snake:
     from eomcheck.scenes import Snake
-    from eomcheck.scenes.snake import whole_links
 
-    if whole_links(links) > MOST_LINKS:
+    if whole_number("links", links) > MOST_LINKS:
         raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
     makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
     return Snake.paper() if robot is Robot.PAPER else makers[robot](links)

@@ -17,8 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.formulations import formulation_of
 from eomcheck.lab.store.provenance import machine
 from eomcheck.lab.store.records import Record
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.motion import Motion
 
 RUNS = 20
 FEWEST = 3
@@ -91,6 +94,13 @@ def held_on_a_core() -> Iterator[int | None]:
         yield core
     finally:
         os.sched_setaffinity(0, allowed)
+
+
+def ready(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
+    """Return the motion from a start, by default the scene's own, and the time to make it, s."""
+    start, begin = start or scene.initial_state(), time.perf_counter()
+    motion = Motion(scene, formulation_of(key), *start)
+    return motion, time.perf_counter() - begin
 
 
 def disturbed(record: Record) -> bool:

@@ -155,7 +155,7 @@ class Parametric(Scene):
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
         """Return what ordinary scenes of this kind are drawn from, by name of argument."""
-        count = whole_links(links) if cls.has_links else 0
+        count = whole_number("links", links) if cls.has_links else 0
         return {
             name: one.drawn._replace(shape=one.shape_of(count))
             for name, one in cls.declared.items()
@@ -227,12 +227,3 @@ class OfLinks(Parametric):
     def name(self) -> str:
         """The key with N."""
         return f"{self.key}[{self.links}]"
-
-
-def whole_links(links: Any, name: str = "links") -> int:
-    """Return a number of links as an int.
-
-    Raises:
-        InputError: it is no whole number of at least 1.
-    """
-    return whole_number(name, links)

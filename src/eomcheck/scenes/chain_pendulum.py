@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.errors import whole_number
 from eomcheck.mechanics.gravity import height_energy
-from eomcheck.mechanics.linkage import halved, pinned_jacobians, rods, serial_tree
-from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched, whole_links
+from eomcheck.mechanics.linkage import halved, passed_on, pinned_jacobians, rods, serial_tree
+from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
 from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -58,16 +59,7 @@ def forces(parameters, angles, q, v):
 
 def velocities(parameters, angles, q, v):
     """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1)."""
-    links = parameters.length.size
-    V = np.zeros((links, 2), v.dtype)
-    x = y = 0
-    for i in range(links):
-        half = parameters.length[i] / 2
-        V[i, 0] = x - half * v[i] * angles.sin[i]
-        V[i, 1] = y + half * v[i] * angles.cos[i]
-        x = x - parameters.length[i] * v[i] * angles.sin[i]
-        y = y + parameters.length[i] * v[i] * angles.cos[i]
-    return V, v.reshape(links, 1)
+    return passed_on(parameters.length, angles, 0, 0, v)
 
 
 def potential(parameters, angles, q):
@@ -99,13 +91,13 @@ class ChainPendulum(OfLinks, functions=globals()):
     @classmethod
     def rods(cls, links: int) -> ChainPendulum:
         """Return a chain of slender rods of 1 m and 1 kg, stretched along x."""
-        one = np.ones(whole_links(links))
+        one = np.ones(whole_number("links", links))
         return cls(one, one, one / 12)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[ChainPendulum]:
         """Yield a chain of rods with gravity, and one without."""
-        rods = cls.rods(whole_links(links))
+        rods = cls.rods(whole_number("links", links))
         yield rods
         yield replace(rods, gravity=None)
 

@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.errors import whole_number
 from eomcheck.mechanics import linkage
 from eomcheck.mechanics.gravity import height_energy, weights
 from eomcheck.mechanics.linkage import backwards, halved, rods, with_row
-from eomcheck.mechanics.parameters import OfLinks, parameter, whole_links
+from eomcheck.mechanics.parameters import OfLinks, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import (
@@ -169,13 +170,13 @@ class FourBarChain(OfLinks, functions=globals()):
     @classmethod
     def rods(cls, windows: int) -> FourBarChain:
         """Return the benchmark: slender rods of 1 m and 1 kg, upright, tips moving at 1 m/s."""
-        one = np.ones(2 * whole_links(windows, "windows") + 1)
+        one = np.ones(2 * whole_number("windows", windows) + 1)
         return cls(one, one / 12)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[FourBarChain]:
         """Yield the benchmark with `links` windows, and the same without gravity."""
-        rods = cls.rods(whole_links(links))
+        rods = cls.rods(whole_number("links", links))
         yield rods
         yield replace(rods, gravity=None)
 

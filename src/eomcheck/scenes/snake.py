@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import RefusedError
+from eomcheck.errors import RefusedError, whole_number
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.linkage import serial_tree
 from eomcheck.mechanics.parameters import (
@@ -27,7 +27,6 @@ from eomcheck.mechanics.parameters import (
     of_links,
     parameter,
     stretched,
-    whole_links,
 )
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import (
@@ -103,7 +102,7 @@ class Snake(OfLinks, functions=PARTS):
 
         At N = 7 these are the paper's angles up to its rounding.
         """
-        return cls._uniform(links, 7.0 / whole_links(links))
+        return cls._uniform(links, 7.0 / whole_number("links", links))
 
     @classmethod
     def pattern(cls, links: int) -> Snake:
@@ -111,7 +110,7 @@ class Snake(OfLinks, functions=PARTS):
 
         Wheels turn against their links along the chain: near i = 90 they stand across it.
         """
-        return cls._uniform(whole_links(links), 1.0)
+        return cls._uniform(whole_number("links", links), 1.0)
 
     @classmethod
     def _uniform(cls, links: int, degrees: float) -> Snake:
@@ -122,7 +121,7 @@ class Snake(OfLinks, functions=PARTS):
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Snake]:
         """Yield a coiled snake; if it has joints, with and without springs, dampers, both."""
-        coil = cls.coil(whole_links(links))
+        coil = cls.coil(whole_number("links", links))
         yield coil
         if coil.links > 1:
             yield replace(coil, stiffness=None)
@@ -209,7 +208,7 @@ class Snake(OfLinks, functions=PARTS):
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Snake, Array]:
         """Return a snake whose wheels are seen to be turned."""
-        scene = cls.paper() if links is None else cls.coil(whole_links(links))
+        scene = cls.paper() if links is None else cls.coil(whole_number("links", links))
         angle = np.full(scene.links, 0.35)
         pose = 0.45 + 2.4 / scene.links * np.arange(scene.links)
         return replace(scene, wheel_angle=angle), np.r_[0.9, 0.7, pose] * scene.length.mean()

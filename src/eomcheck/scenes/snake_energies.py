@@ -8,19 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from eomcheck.mechanics.linkage import passed_on
+
 
 def velocities(parameters, angles, q, v):
     """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1), Eq. (25)."""
-    length = parameters.length
-    links = length.size
-    V = np.zeros((links, 2), v.dtype)
-    joint_x, joint_y = v[0], v[1]
-    for i in range(links):
-        V[i, 0] = joint_x - length[i] / 2 * v[i + 2] * angles.sin[i]
-        V[i, 1] = joint_y + length[i] / 2 * v[i + 2] * angles.cos[i]
-        joint_x = joint_x - length[i] * v[i + 2] * angles.sin[i]
-        joint_y = joint_y + length[i] * v[i + 2] * angles.cos[i]
-    return V, v[2:].reshape(links, 1)
+    return passed_on(parameters.length, angles, v[0], v[1], v[2:])
 
 
 def of_joints(factor, x):

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Proof, Verdict, python_of, ratio
 from eomcheck.claims.run import Run, Selection
@@ -148,21 +148,10 @@ def kept_in(records: Iterable[Record]) -> list[Kept]:
 
 
 FOUND = {
-    "claim": str,
-    "subject": str,
-    "observed": float | int,
-    "allowed": float | int,
-    "verdict": str,
-    "evidence": str,
-    "detail": str,
-    "digits": float | int | None,
-    "proof": Proof | None,
-    "scene": str,
-    "links": int | None,
-    "case": int | None,
-    "python": str,
+    name: kind | int if kind in (float, float | None) else kind
+    for name, kind in get_type_hints(Kept).items()
 }
-"""Attribute of `Kept` -> what it is."""
+"""Attribute of `Kept` -> what it is; what is written as 0 may be a float."""
 
 
 def fault_of(record: Record) -> str | None:

@@ -6,7 +6,6 @@ run times are those of the integration alone, in machine code and warm.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -16,14 +15,14 @@ from typing import Annotated
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
-from eomcheck.formulations import formulation_of, formulations_for
+from eomcheck.formulations import formulations_for
 from eomcheck.lab.references import CASES
-from eomcheck.lab.run_time import RUNS, disturbed, run_time
+from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, by_setting, group, select, values
-from eomcheck.lab.study import REFERENCES, Formulations, References, Study
+from eomcheck.lab.study import REFERENCES, Formulations, References, Study, Work
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.motion import Motion
@@ -80,32 +79,19 @@ def cells(
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
 
 
-class Worker:
-    """What integrates one motion, compares it with its reference, and takes its time.
+def worker(known: Sequence[Record], *, references: References = REFERENCES) -> Work:
+    """Return what integrates a motion, compares it with its reference, and takes its time."""
 
-    Args:
-        known: nothing.
-        references: folder of the reference solutions.
-    """
-
-    def __init__(self, known: Sequence[Record], *, references: References = REFERENCES):
-        self._folder = references
-        self._motion = cache(self._prepared)
-
-    def _prepared(self, name: str, key: str) -> tuple[Reference, Motion, float]:
-        """Return the reference, the motion and the seconds that making its code took."""
-        reference = load_reference(self._folder / f"{name}.json")
-        start = time.perf_counter()
+    @cache
+    def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
+        reference = load_reference(references / f"{name}.json")
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
-        motion = Motion(scene, formulation_of(key), q0, velocity(scene, q0, u0), u0)
-        return reference, motion, time.perf_counter() - start
+        return reference, *ready(scene, key, q0, velocity(scene, q0, u0), u0)
 
-    def __call__(self, settings: Settings) -> Record:
-        """Return the Record of one cell."""
-        name, key = settings["reference"], settings["formulation"]
-        reference, motion, compile_seconds = self._motion(name, key)
-        end, tolerance = float(reference.times[-1]), settings["tolerance"]
-        times = {"output_times": reference.times}
+    def work(settings: Settings) -> Record:
+        key, tolerance = settings["formulation"], settings["tolerance"]
+        reference, motion, compile_seconds = prepared(settings["reference"], key)
+        end, times = float(reference.times[-1]), {"output_times": reference.times}
         options = {"integrator": settings["integrator"], "rtol": tolerance, "atol": tolerance}
         start = {"q0": reference.q0, "u0": reference.u0}
         found = simulate(reference.scene, key, end, **start, **times, **options)
@@ -121,6 +107,8 @@ class Worker:
             counts=counts,
             errors=asdict(errors_of(found, reference)) | _drifts(found),
         )
+
+    return work
 
 
 def _drifts(found: Trajectory) -> dict[str, float]:
@@ -368,7 +356,7 @@ def _told(record: Record) -> list[str]:
 STUDY = Study(
     key="work-precision",
     cells=cells,
-    worker=Worker,
+    worker=worker,
     sheets=sheets,
     charts=charts,
     said=said,

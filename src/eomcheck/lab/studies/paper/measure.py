@@ -10,7 +10,6 @@ q̈, a wheel across its link), "motion" one integration (errors over time, CPU t
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,7 +21,7 @@ import numpy as np
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity, violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.run_time import run_time, slope
+from eomcheck.lab.run_time import ready, run_time, slope
 from eomcheck.lab.store.records import Record, Settings
 from eomcheck.lab.study import Work
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
@@ -105,7 +104,8 @@ def cells(*, quick: Quick = False) -> Iterator[Settings]:
 
 def worker(known: Sequence[Record], *, quick: Quick = False) -> Work:
     """Return what works off a cell."""
-    runs, prepared = (QUICK if quick else FULL).runs, cache(_prepared)
+    runs = (QUICK if quick else FULL).runs
+    prepared = cache(lambda links, key: ready(scene_of(links), key))
 
     def work(settings: Settings) -> Record:
         if settings["cell"] == "equations":
@@ -155,14 +155,6 @@ def _equations(settings: Settings) -> Record:
 
 
 # ---- One motion ----------------------------------------------------------------------------------
-
-
-def _prepared(links: int, key: str) -> tuple[Motion, float]:
-    """Return the motion and the seconds that making its code took."""
-    start = time.perf_counter()
-    scene = scene_of(links)
-    motion = Motion(scene, formulation_of(key), *scene.initial_state())
-    return motion, time.perf_counter() - start
 
 
 def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int) -> Record:
@@ -257,6 +249,11 @@ class Found:
         if record is None:
             return None
         return record.cpu_seconds if quantity == "cpu_seconds" else record.errors[quantity]
+
+    @property
+    def solved(self) -> dict[tuple[int, str], Record]:
+        """Those of `equations` that were solved."""
+        return {at: record for at, record in self.equations.items() if record.status == "done"}
 
     @property
     def unfinished(self) -> list[Record]:

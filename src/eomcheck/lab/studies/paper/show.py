@@ -65,11 +65,7 @@ def _table_i(found: Found) -> Sheet:
     rows = []
     for key in found.formulations:
         f = FORMULATIONS[key]
-        solved = {
-            links: record.counts
-            for (links, other), record in found.equations.items()
-            if other == key and record.status == "done"
-        }
+        solved = {n: record.counts for (n, other), record in found.solved.items() if other == key}
         if not solved:
             continue
         last = solved[max(solved)]

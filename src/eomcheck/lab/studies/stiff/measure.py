@@ -17,7 +17,6 @@ time of the family.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -30,9 +29,9 @@ from scipy.integrate import solve_ivp
 
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
-from eomcheck.lab.run_time import run_time
+from eomcheck.lab.run_time import ready, run_time
 from eomcheck.lab.store.records import Record, Settings
-from eomcheck.lab.study import REFERENCES, Quick, References
+from eomcheck.lab.study import REFERENCES, Quick, References, Work
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.right_hand_side import exact_jacobian
@@ -183,39 +182,24 @@ def scaled_truth(folder: Path) -> Truth:
 # ---- One cell ------------------------------------------------------------------------------------
 
 
-class Worker:
-    """What integrates one motion and compares its end with the truth.
+def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> Work:
+    """Return what integrates a motion and compares its end with the truth; `truths` are damped."""
+    damped = {r.settings["stiffness"]: r for r in truths}
+    prepared = cache(lambda problem, k, key: ready(scene_of(problem, k), key))
+    scaled = cache(scaled_truth)
 
-    Args:
-        truths: what is known of damped motions.
-        references: folder of the reference solutions.
-    """
-
-    def __init__(self, truths: Sequence[Record], *, references: References = REFERENCES):
-        self._damped = {r.settings["stiffness"]: r for r in truths}
-        self._folder = references
-        self._motion = cache(self._prepared)
-        self._scaled = cache(scaled_truth)
-
-    def _prepared(self, problem: str, stiffness: float, key: str) -> tuple[Motion, float]:
-        start = time.perf_counter()
-        scene = scene_of(problem, stiffness)
-        motion = Motion(scene, formulation_of(key), *scene.initial_state())
-        return motion, time.perf_counter() - start
-
-    def _truth(self, problem: str, stiffness: float) -> Truth:
+    def truth_of(problem: str, stiffness: float) -> Truth:
         if problem == "undamped":
-            return self._scaled(self._folder)
-        record = self._damped[stiffness]
+            return scaled(references)
+        record = damped[stiffness]
         if record.status != "done":
             raise EomcheckError(f"the true motion is not known: {record.reason}")
         return Truth(np.array(record.series["state"]), record.errors["uncertainty"])
 
-    def __call__(self, settings: dict[str, Any]) -> Record:
-        """Return the Record of one cell."""
+    def work(settings: Settings) -> Record:
         problem, k = settings["problem"], settings["stiffness"]
-        motion, compile_seconds = self._motion(problem, k, settings["formulation"])
-        truth = self._truth(problem, k)
+        motion, compile_seconds = prepared(problem, k, settings["formulation"])
+        truth = truth_of(problem, k)
         solve = _by_cyrk if settings["jacobian"] is None else _in_scipy
         found = solve(motion, end_of(problem, k), settings)
         counts = {"right-hand sides": motion.rates.calls, **found.counts}
@@ -233,6 +217,8 @@ class Worker:
             counts=counts,
             errors={"final": error, "floor": truth.uncertainty},
         )
+
+    return work
 
 
 @dataclass(frozen=True)

@@ -66,16 +66,15 @@ def _states(found: Found) -> Evidence:
     "and one of order r, which the table does not count.",
 )
 def _orders(found: Found) -> Evidence:
-    solved = {at: record for at, record in found.equations.items() if record.status == "done"}
     good, of = share(
         record.counts["final system"]
         == FORMULATIONS[key].unknowns(record.counts["n"], record.counts["r"])
-        for (_, key), record in solved.items()
+        for (_, key), record in found.solved.items()
     )
     largest = max(found.links, default=0)
     said = ", ".join(
         f"{key} {record.counts['final system']}"
-        for (links, key), record in solved.items()
+        for (links, key), record in found.solved.items()
         if links == largest
     )
     return Evidence(
@@ -116,8 +115,7 @@ def _levels(found: Found) -> Evidence:
     false="gw computes them by Eq. (12) before it needs the accelerations; they come out as well.",
 )
 def _multipliers(found: Found) -> Evidence:
-    solved = {at: record for at, record in found.equations.items() if record.status == "done"}
-    given = {key: record.counts["multipliers"] > 0 for (_, key), record in solved.items()}
+    given = {key: record.counts["multipliers"] > 0 for (_, key), record in found.solved.items()}
     good = (here == FORMULATIONS[key].multipliers_in_paper for key, here in given.items())
     with_them = [key for key, here in given.items() if here]
     return Evidence(*share(good), f"They come out with {listed(with_them) or 'none'}.")
@@ -168,8 +166,8 @@ def _order_tells_time(found: Found) -> Evidence:
 def _kane_is_ml(found: Found) -> Evidence:
     shares = []
     for links in found.links:
-        one, other = (found.equations.get((links, key)) for key in (KANE, ML))
-        if one and other and one.status == other.status == "done":
+        one, other = (found.solved.get((links, key)) for key in (KANE, ML))
+        if one and other:
             apart = np.abs(np.subtract(one.series["vdot"], other.series["vdot"])).max()
             shares.append(float(apart / (one.errors["bound"] + other.errors["bound"])))
     if not shares:
@@ -186,9 +184,7 @@ def _kane_is_ml(found: Found) -> Evidence:
 @claim("Sec. 10", "The snake has two degrees of freedom, whatever N.", true="a has full rank N.")
 def _degrees_of_freedom(found: Found) -> Evidence:
     counted = {
-        links: record.counts["degrees of freedom"]
-        for (links, _), record in found.equations.items()
-        if record.status == "done"
+        links: record.counts["degrees of freedom"] for (links, _), record in found.solved.items()
     }
     good, of = share(number == 2 for number in counted.values())
     numbers = ", ".join(map(str, sorted(set(counted.values()))))
