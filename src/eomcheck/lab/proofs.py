@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -16,15 +16,18 @@ from eomcheck.console import progress
 from eomcheck.errors import InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.lab.show.text import write_json
-from eomcheck.lab.store.findings import Kept, kept_of, record_of
+from eomcheck.lab.store.findings import PROOFS, Kept, kept_in, kept_of, record_of
 from eomcheck.lab.store.provenance import sources
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.records import Record, Records, group
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.named import ALL, kinds_of
 
 LINKS = (*range(1, 13), 20, 50, 100)
 """Numbers of links that are proved by default."""
+
+JOBS = "proofs"
+"""Study of the Record that says which proofs a file of unfinished ones is of."""
 
 WORTH_A_PROCESS = 40
 """Below this number of coordinates a proof takes less time than a process to start."""
@@ -107,8 +110,8 @@ def _row(one: Kept) -> dict[str, Any]:
 class Proofs:
     """A run of proofs.
 
-    While it runs, each structure is appended to `path` + ".part" as it is proved; a run of the same
-    jobs that finds this file, made by the same sources, goes on from there.
+    While it runs, each structure is kept in `path` + ".part", a file of Records, as it is proved; a
+    run of the same jobs that finds this file, made by the same sources, goes on from there.
 
     Args:
         jobs: what is to be proved.
@@ -151,19 +154,17 @@ class Proofs:
 
     def run(self) -> None:
         """Prove everything that is not proved yet."""
-        self._resume()
-        self.taken_over = len(self.findings)
-        for scene in self.jobs.scenes:
-            if scene.structure in self.findings:
-                self._keep(scene.structure)
-        left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
-        with progress("proving", len(left)) as advance:
-            for structure, found in self._proved(left):
-                self.findings[structure] = found
-                rows = [asdict(one) for one in found]
-                self._save(json.dumps([structure, rows], ensure_ascii=False))
-                self._keep(structure)
-                advance()
+        with self._unfinished() as unfinished:
+            self._resume(unfinished)
+            self.taken_over = len(self.findings)
+            for found in self.findings.values():
+                self._keep(found)
+            left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
+            with progress("proving", len(left)) as advance:
+                for structure, found in self._proved(left):
+                    self.findings[structure] = found
+                    self._keep(found, unfinished)
+                    advance()
 
     def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[Kept]]]:
         how = self.jobs.formulations, self.jobs.points, self.seed
@@ -191,45 +192,35 @@ class Proofs:
             "seed": self.seed,
         }
 
-    def _resume(self) -> None:
-        if self._part is None:
-            return
-        own_seed = self.seed
-        try:
-            head, *lines = self._part.read_text(encoding="utf-8").splitlines()
-            header = json.loads(head)
-            if self.jobs.seed is None:
-                self.seed = header["seed"]
-            if header != self._header():
-                raise ValueError
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            self.started_over, self.seed = self._part.exists(), own_seed
-            self._begin()
-            return
-        wanted = {scene.structure for scene in self.jobs.scenes}
-        for line in lines:
-            try:
-                structure, rows = json.loads(line)
-            except (ValueError, RecursionError):  # the line at which a run was killed
-                continue
-            if structure in wanted:
-                self.findings[structure] = [Kept.read(row) for row in rows]
+    def _unfinished(self) -> Records:
+        """Return what earlier runs have proved, or nothing where that is no file of Records."""
+        with suppress(InputError):
+            return Records(self._part)
+        assert self._part is not None
+        self.started_over = True
+        with suppress(OSError):
+            self._part.unlink()
+        return Records(self._part)
 
-    def _begin(self) -> None:
-        self._save(json.dumps(self._header()), "w")
-
-    def _save(self, line: str, mode: str = "a") -> None:
-        if self._part is None:
+    def _resume(self, unfinished: Records) -> None:
+        """Take over what was proved of the same jobs, by the same sources; forget all others."""
+        header, own_seed = unfinished.all(JOBS), self.seed
+        if header and self.jobs.seed is None:
+            self.seed = header[0].settings["seed"]
+        if [one.settings for one in header] == [self._header()]:
+            found = group(kept_in(unfinished.all()), lambda one: one.structure)
+            wanted = [scene.structure for scene in self.jobs.scenes]
+            self.findings = {key: found[key] for key in wanted if key in found}
             return
-        try:
-            with self._part.open(mode, encoding="utf-8") as file:
-                file.write(line + "\n")
-        except OSError as error:
-            raise InputError(f"{str(self._part)!r} cannot be written: {error.strerror}") from None
+        self.started_over, self.seed = self.started_over or len(unfinished) > 0, own_seed
+        for study in (JOBS, PROOFS):
+            unfinished.forget(study, [one.settings for one in unfinished.all(study)])
+        unfinished.add(Record(JOBS, self._header()))
 
-    def _keep(self, structure: str) -> None:
-        if self.records is not None:
-            self.records.add(record_of(self.findings[structure]))
+    def _keep(self, found: list[Kept], *more: Records) -> None:
+        for records in (*more, self.records):
+            if records is not None:
+                records.add(record_of(found))
 
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""
