@@ -19,8 +19,8 @@ from eomcheck.lab.report.equivalences import (
     other_data,
     write_equivalences,
 )
-from eomcheck.lab.report.judged import ranges
 from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Records
 from eomcheck.scenes import SCENES, Sleigh

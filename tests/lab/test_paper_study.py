@@ -14,7 +14,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
 from eomcheck.lab.studies.paper import measure as paper
-from eomcheck.lab.studies.paper.claims import (
+from eomcheck.lab.studies.paper.claims.claim import (
     PAPER_CLAIMS,
     Evidence,
     PaperClaim,

@@ -21,9 +21,10 @@ from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
 from eomcheck.files import write_text
 from eomcheck.lab.report.findings import evidence_sheet
-from eomcheck.lab.report.judged import LEVELS, Judged, ranges
+from eomcheck.lab.report.judged import LEVELS, Judged
 from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.show.templating import render
+from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import PROOFS, RUNS, STATES
 from eomcheck.lab.store.records import group
 from eomcheck.scenes import SCENES

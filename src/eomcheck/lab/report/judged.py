@@ -11,6 +11,7 @@ from typing import Any
 from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.sheet import Cell
+from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import Kept
 from eomcheck.lab.store.records import group
 
@@ -135,14 +136,3 @@ def by_claim(rows: Iterable[Kept]) -> list[Judged]:
     """Return the Findings by claim, in the order of the registry, those not in it last."""
     found = Judged(tuple(rows)).by(lambda row: row.claim)
     return [found[key] for key in dict.fromkeys((*CLAIMS, *found)) if key in found]
-
-
-def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
-    """Return whole numbers as "1 to 4, 20"."""
-    runs: list[list[int]] = []
-    for number in sorted(set(numbers)):
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,17 @@ def seconds_text(value: float) -> str:
 def grouped(value: int) -> str:
     """Return a whole number with its digits in groups of three."""
     return f"{value:,}".replace(",", " ")
+
+
+def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
+    """Return whole numbers as "1 to 4, 20"."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:

@@ -12,7 +12,8 @@ from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record
 from eomcheck.lab.studies.operations.fits import fit_order
 from eomcheck.lab.studies.operations.show import signed_sum
-from eomcheck.lab.studies.paper.claims import KANE, judgements
+from eomcheck.lab.studies.paper.claims import judgements
+from eomcheck.lab.studies.paper.claims.claim import KANE
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)

@@ -13,7 +13,7 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, NamedTuple
 
-from eomcheck.errors import EomcheckError, InputError, RefusedError, distinct
+from eomcheck.errors import EomcheckError, InputError, RefusedError, distinct, named
 from eomcheck.evaluation.certified import (
     DIGITS_OF_DOUBLES,
     TRUE_DIGITS,
@@ -27,7 +27,7 @@ from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.lab.store.records import Record, Settings, by_setting, group
-from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about, family_of
+from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about
 from eomcheck.lab.study import Formulations
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes.named import kinds_of
@@ -77,7 +77,8 @@ def cells(
     if not about:
         keys = ", ".join(kind.key for kind in kinds)
         raise InputError(f"scene = {keys}: the atlas has no families of states for it")
-    families = [family_of(key) for key in distinct("family", about if family is None else family)]
+    keys = distinct("family", about if family is None else family)
+    families = [named("family", key, FAMILIES) for key in keys]
     keys = distinct("formulation", FORMULATIONS if formulation is None else formulation)
     methods = list(methods_of(keys))
     for one in families:

@@ -9,29 +9,6 @@ from __future__ import annotations
 
 # In this order the claims register.
 from eomcheck.lab.studies.paper.claims import equations, errors, cpu_time  # isort: skip
-from eomcheck.lab.studies.paper.claims.claim import (
-    CLEAR,
-    KANE,
-    PAPER_CLAIMS,
-    Evidence,
-    Judgement,
-    PaperClaim,
-    judge,
-    judgements,
-    verdict_of,
-)
+from eomcheck.lab.studies.paper.claims.claim import judgements
 
-__all__ = [
-    "CLEAR",
-    "KANE",
-    "PAPER_CLAIMS",
-    "Evidence",
-    "Judgement",
-    "PaperClaim",
-    "cpu_time",
-    "equations",
-    "errors",
-    "judge",
-    "judgements",
-    "verdict_of",
-]
+__all__ = ["cpu_time", "equations", "errors", "judgements"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from itertools import product
 from math import inf
 from statistics import median
@@ -79,18 +79,3 @@ def share(good: Iterable[bool]) -> tuple[int, int]:
     """Return how many are good, and of how many."""
     flags = list(good)
     return sum(flags), len(flags)
-
-
-def listed(keys: Iterable[str]) -> str:
-    """Return keys as one phrase."""
-    return ", ".join(keys)
-
-
-def whole_range(numbers: Collection[int]) -> str:
-    """Return "none", "3" or "2 to 7" for whole numbers without gaps, else all of them."""
-    if not numbers:
-        return "none"
-    low, high = min(numbers), max(numbers)
-    if len(numbers) <= 2 or len(numbers) != high - low + 1:
-        return ", ".join(map(str, sorted(numbers)))
-    return f"{low} to {high}"

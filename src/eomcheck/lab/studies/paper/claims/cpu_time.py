@@ -9,7 +9,6 @@ from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, NOTHING, Eviden
 from eomcheck.lab.studies.paper.claims.comparing import (
     Ratio,
     clearly_larger,
-    listed,
     others,
     points_of,
     ratios_of,
@@ -57,7 +56,7 @@ def _grows(found: Found) -> Evidence:
         if s
     ]
     if exponents:
-        said += f" From N = {LARGE} on time grows as N to the power {listed(exponents)}."
+        said += f" From N = {LARGE} on time grows as N to the power {', '.join(exponents)}."
     return Evidence(good, of, said)
 
 

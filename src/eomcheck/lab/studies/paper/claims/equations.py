@@ -7,14 +7,10 @@ from itertools import product
 import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.records import group
 from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, ML, NOTHING, Evidence, claim
-from eomcheck.lab.studies.paper.claims.comparing import (
-    listed,
-    ratios_of,
-    share,
-    whole_range,
-)
+from eomcheck.lab.studies.paper.claims.comparing import ratios_of, share
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found
 
 
@@ -31,9 +27,9 @@ def _across(found: Found) -> Evidence:
     for (wheel, key), record in found.across.items():
         if record.status == "refused":
             refused[key].append(wheel)
-    alike = group(refused, lambda key: whole_range(refused[key]))
+    alike = group(refused, lambda key: ranges(refused[key]) or "none")
     good = ((wheel in refused[key]) == (wheel >= 2) for wheel, key in found.across)
-    said = "; ".join(f"{listed(keys)}: {wheels}" for wheels, keys in alike.items())
+    said = "; ".join(f"{', '.join(keys)}: {wheels}" for wheels, keys in alike.items())
     return Evidence(*share(good), f"Wheels refused at N = {PAPER_LINKS}: {said}.")
 
 
@@ -118,7 +114,7 @@ def _multipliers(found: Found) -> Evidence:
     given = {key: record.counts["multipliers"] > 0 for (_, key), record in found.solved.items()}
     good = (here == FORMULATIONS[key].multipliers_in_paper for key, here in given.items())
     with_them = [key for key, here in given.items() if here]
-    return Evidence(*share(good), f"They come out with {listed(with_them) or 'none'}.")
+    return Evidence(*share(good), f"They come out with {', '.join(with_them) or 'none'}.")
 
 
 @claim(

@@ -11,7 +11,6 @@ from eomcheck.lab.studies.paper.claims.comparing import (
     Ratio,
     at_level,
     clearly_larger,
-    listed,
     points_of,
     ratios_of,
 )
@@ -117,6 +116,6 @@ def _robot(found: Found) -> list[tuple[int, Solver]]:
 def _levels_compared(found: Found, quantity: str, points: Iterable[tuple[int, Solver]]) -> Evidence:
     theirs, ours = (at_level(found, level) for level in ("acceleration", "velocity"))
     return clearly_larger(
-        f"Error of {listed(theirs)} over that of {listed(ours)}",
+        f"Error of {', '.join(theirs)} over that of {', '.join(ours)}",
         ratios_of(found, quantity, theirs, ours, points),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from eomcheck.errors import named
 from eomcheck.lab.studies.stability.families import dependent, every, singular, snake
 from eomcheck.lab.studies.stability.families.base import Family, Posed
 from eomcheck.mechanics.scene import Scene
@@ -41,13 +40,4 @@ def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
     return tuple(family for family in FAMILIES.values() if family.about in keys)
 
 
-def family_of(key: str) -> Family:
-    """Return the family called `key`.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
-    return named("family", key, FAMILIES)
-
-
-__all__ = ["FAMILIES", "Family", "Posed", "families_about", "family_of"]
+__all__ = ["FAMILIES", "Family", "Posed", "families_about"]
