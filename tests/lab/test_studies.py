@@ -12,6 +12,7 @@ from eomcheck.errors import InputError
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
+from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, motion, study_of
 from eomcheck.lab.studies.accuracy import Delivered
@@ -98,3 +99,12 @@ def test_what_went_wrong_is_told_with_its_cell():
     assert failed([record])
     assert list(unfinished([record])) == ["links 3 failed: no compiler"]
     assert not failed([Record("s", {"links": 3}, "refused", "singular")])
+
+
+def test_a_chart_offers_what_its_panels_are_of_in_their_order():
+    panel = Panel(Axis("x"), Axis("y"), ())
+    chosen = [("energy", "kane"), ("energy", "au"), ("constraint", "au")]
+    chart = Chart("c", "", ["error", "by"], dict.fromkeys(chosen, panel))
+    assert chart.choices == {"error": ["energy", "constraint"], "by": ["kane", "au"]}
+    assert chart.rows() == [[("energy", "kane"), ("energy", "au")], [("constraint", "au")]]
+    assert Chart("none", "", ["error"], {}).choices == {"error": []}

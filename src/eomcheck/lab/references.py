@@ -65,22 +65,6 @@ class Case:
         return np.arange(self.parts + 1) * self.end / self.parts
 
 
-def _without_springs() -> Snake:
-    return replace(Snake.coil(3), stiffness=None)
-
-
-def _pendulum() -> ChainPendulum:
-    return next(ChainPendulum.structures(3))
-
-
-def _raised_bars() -> FourBarChain:
-    return replace(FourBarChain.rods(2), angle=1.0)
-
-
-def _swinging_table() -> TurntableBall:
-    return TurntableBall(swing=1.0, frequency=3.0)
-
-
 CASES: dict[str, Case] = {
     "paper-rest": Case("the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0),
     "paper-rolling": Case(
@@ -102,17 +86,26 @@ CASES: dict[str, Case] = {
     ),
     "free-3": Case(
         "three links without springs, started with u = (1 m/s, 0.5 rad/s), 10 s",
-        _without_springs,
+        partial(replace, Snake.coil(3), stiffness=None),
         (1.0, 0.5),
         end=10.0,
     ),
-    "pendulum-3": Case("three rods swung, 2 s", _pendulum, (1.0, 0.5, -0.5), end=2.0),
+    "pendulum-3": Case(
+        "three rods swung, 2 s", partial(ChainPendulum.rods, 3), (1.0, 0.5, -0.5), end=2.0
+    ),
     "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
     "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
     "turntable": Case(
-        "a ball on a turntable whose spin swings, 2 s", _swinging_table, (1.0, 0.5, 2.0), end=2.0
+        "a ball on a turntable whose spin swings, 2 s",
+        partial(TurntableBall, swing=1.0, frequency=3.0),
+        (1.0, 0.5, 2.0),
+        end=2.0,
     ),
-    "four-bar-2": Case("two windows of the four-bar chain, 1 s", _raised_bars, (1.0,)),
+    "four-bar-2": Case(
+        "two windows of the four-bar chain, 1 s",
+        partial(replace, FourBarChain.rods(2), angle=1.0),
+        (1.0,),
+    ),
     "andrews": Case(
         "Andrews' squeezing mechanism, released at rest, 0.03 s", Andrews, (0.0,), end=0.03
     ),

@@ -36,8 +36,6 @@ FIRST_SHARE = 2.0**-14
 CONSISTENT = 1e-40
 """Largest |c| / (1 + |v|) of a velocity to start with, c the scene's own `constraint`."""
 
-Watch = Callable[[float], None]
-
 
 def _checked(scene: Scene, q0, times) -> tuple[Array, list[float]]:
     """Return q0 (n,) and the times as doubles."""
@@ -54,10 +52,6 @@ def _drift(energies: Sequence[Any]) -> float:
     return max(abs(float(energy - energies[0])) for energy in energies) / scale
 
 
-def _unwatched(t: float) -> None:
-    pass
-
-
 # ---- The first: Kane's formulation, Taylor series in quad precision ------------------------------
 
 
@@ -68,7 +62,6 @@ def taylor_reference(
     times: Sequence[float],
     *,
     longest_step: float | None = None,
-    watch: Watch = _unwatched,
 ) -> Run:
     """Return the motion of `scene` from (q0, u0) by Taylor series in quad precision.
 
@@ -84,7 +77,6 @@ def taylor_reference(
         u0: generalized speeds at times[0] (p,).
         times: output times, s, rising; the first is that of (q0, u0).
         longest_step: a limit to the steps, s: for a second run that ought to agree.
-        watch: called with the time reached after every step.
 
     Raises:
         EngineError: heyoka is not installed.
@@ -98,7 +90,7 @@ def taylor_reference(
     numbers = Expressions()
     integrator, outputs = _taylor_system(scene, numbers, np.concatenate((q0, u0)), times[0])
     built = perf_counter()
-    states, every, steps = _taylor_steps(numbers, integrator, times, longest_step, watch)
+    states, every, steps = _taylor_steps(numbers, integrator, times, longest_step)
     values, energies = (
         outputs(np.ascontiguousarray(np.array(x, dtype=numbers.quad).T)) for x in (states, every)
     )
@@ -151,11 +143,7 @@ def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) 
 
 
 def _taylor_steps(
-    numbers: Expressions,
-    integrator: Any,
-    times: list[float],
-    longest_step: float | None,
-    watch: Watch,
+    numbers: Expressions, integrator: Any, times: list[float], longest_step: float | None
 ) -> tuple[list[Array], list[Array], list[float]]:
     """Return the states at `times`, those after every step, and the steps, s."""
     outcomes = numbers.heyoka.taylor_outcome
@@ -174,7 +162,6 @@ def _taylor_steps(
         limit = min(2.0 * steps[-1], np.inf if longest_step is None else longest_step)
         while len(states) < len(times) and numbers.constant(times[len(states)]) <= integrator.time:
             states.append(integrator.update_d_output(numbers.constant(times[len(states)])).copy())
-        watch(float(integrator.time))
     return states, every, steps
 
 
@@ -185,8 +172,8 @@ def _quad_decimals(x: Array) -> Array:
 # ---- The second: Lagrange's terms, extrapolation in 160 bits -------------------------------------
 
 
-def consistent_velocity(scene: Scene, q0, u0, bits: int = EXTENDED_BITS) -> Array:
-    """Return v = W u0 + offset (n,) in `flint.arb` numbers of `bits` bits without radius.
+def consistent_velocity(scene: Scene, q0, u0) -> Array:
+    """Return v = W u0 + offset (n,) in `flint.arb` numbers of `EXTENDED_BITS` without radius.
 
     Raises:
         InputError: wrong shapes, or values that are not finite.
@@ -196,7 +183,7 @@ def consistent_velocity(scene: Scene, q0, u0, bits: int = EXTENDED_BITS) -> Arra
     u0 = finite_array("u0", u0, (scene.p,))
     scene.refuse_speeds(q0)
     balls = Balls()
-    with precision(bits):
+    with precision(EXTENDED_BITS):
         at = Quantities(scene, balls, balls.numbers(q0))
         at.u = balls.numbers(u0)
         return _stripped(at.v)
@@ -208,11 +195,10 @@ def extended_reference(
     v0,
     times: Sequence[float],
     *,
-    bits: int = EXTENDED_BITS,
     tolerance: float = TOLERANCE,
-    watch: Watch = _unwatched,
+    watch: Callable[[float], None] = lambda t: None,
 ) -> Run:
-    """Return the motion of `scene` from (q0, v0) by extrapolation in numbers of `bits` bits.
+    """Return the motion of `scene` from (q0, v0) by extrapolation in numbers of 160 bits.
 
     Balls serve as floating-point numbers here: their radii are taken off after each acceleration
     and each step, lest they grow until nothing is known. So the result is not enclosed; what it is
@@ -223,7 +209,6 @@ def extended_reference(
         q0: coordinates at times[0] (n,), doubles.
         v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `consistent_velocity`.
         times: output times, s, rising; the first is that of (q0, v0).
-        bits: precision.
         tolerance: error allowed in each step, times 1 + |y| in each entry y of (q, v).
         watch: called with the time reached after every step.
 
@@ -238,7 +223,7 @@ def extended_reference(
         v0 = finite_array("v0", v0, (scene.n,))
     balls, au = Balls(), FORMULATIONS["au"]
     began = perf_counter()
-    with precision(bits):
+    with precision(EXTENDED_BITS):
         parameters = scene.parameters(balls)
 
         # Time is one more unknown, whose rate is 1.
@@ -290,7 +275,7 @@ def extended_reference(
                 "method": "extrapolation of (q, v), augmented formulation of Lagrange's terms",
                 "library": f"python-flint {flint.__version__}",
                 "number": "arb",
-                "bits": bits,
+                "bits": EXTENDED_BITS,
                 "tolerance": tolerance,
                 "order": f"{min(effort.orders)}..{max(effort.orders)}",
                 "steps": effort.steps,

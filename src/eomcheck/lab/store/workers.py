@@ -83,8 +83,7 @@ def check_place(where: str | None) -> None:
         pass
 
 
-@contextmanager
-def executor(where: str | None = None) -> Iterator[Executor]:
+def executor(where: str | None = None) -> AbstractContextManager[Executor]:
     """Provide an Executor: None or "local", "local:N" (N processes), "dask:ADDRESS".
 
     Leaving the block by an exception, Ctrl-C too, cancels the work.
@@ -93,8 +92,7 @@ def executor(where: str | None = None) -> Iterator[Executor]:
         InputError: no such place, or no scheduler with a worker answers there.
         EngineError: the library that it needs is not installed.
     """
-    with place_of(where).open() as pool:
-        yield pool
+    return place_of(where).open()
 
 
 def spread(
