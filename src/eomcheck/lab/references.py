@@ -148,42 +148,33 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
 
 
 def _produce_quietly(item: tuple[str, Case]) -> Reference:
-    return _produce(*item, advance=lambda: None)
+    return produce(*item, shown=False)
 
 
-def produce(name: str, case: Case) -> Reference:
-    """Return the `Reference` of `case`, computed by both methods, under a progress bar.
+def produce(name: str, case: Case, shown: bool = True) -> Reference:
+    """Return the `Reference` of `case`, computed by both methods, under a progress bar if `shown`.
 
     Raises:
         EngineError: heyoka is not installed.
         RefusedError: the motion cannot be followed to its end.
     """
-    with progress(f"{name}, about {case.minutes:g} min", PERCENT) as advance:
-        return _produce(name, case, advance)
-
-
-def _produce(name: str, case: Case, advance: Callable[[], None]) -> Reference:
-    done = 0
-
-    def watch(t: float) -> None:
-        # The second integration takes nearly all the time.
-        nonlocal done
-        while done < int(PERCENT * t / case.end):
-            advance()
-            done += 1
-
     scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
     q0, _ = scene.initial_state()
-    first = taylor_reference(scene, q0, u0, times)
-    limit = first.facts["longest_step"] / SHORTER
-    again = taylor_reference(scene, q0, u0, times, longest_step=limit)
-    second = extended_reference(
-        scene,
-        q0,
-        consistent_velocity(scene, q0, u0),
-        times,
-        watch=watch,
-    )
+    done = 0
+    with progress(f"{name}, about {case.minutes:g} min" if shown else "", PERCENT) as advance:
+
+        def watch(t: float) -> None:
+            # The second integration takes nearly all the time.
+            nonlocal done
+            while done < int(PERCENT * t / case.end):
+                advance()
+                done += 1
+
+        first = taylor_reference(scene, q0, u0, times)
+        limit = first.facts["longest_step"] / SHORTER
+        again = taylor_reference(scene, q0, u0, times, longest_step=limit)
+        v0 = consistent_velocity(scene, q0, u0)
+        second = extended_reference(scene, q0, v0, times, watch=watch)
     check = {
         "longest_step": limit,
         "steps": again.facts["steps"],
