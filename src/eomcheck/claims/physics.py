@@ -13,8 +13,9 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import Look, Sides, check, claim, vanishing
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, perturbed_copies
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.contract import Array

@@ -65,8 +65,11 @@ class Evaluation(Quantities):
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
         q, v = checked_scene(scene).check_state(q, v, t)
-        super().__init__(scene, FLOAT64, q, t)
+        self._begin(scene, q, t)
         self.v = v
+
+    def _begin(self, scene: Scene, q: Array, t: float) -> None:
+        super().__init__(scene, FLOAT64, q, t)
         self._speeds_rcond: dict[str, float] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self._kept: dict[Callable[[Evaluation], Any], Any] = {}
@@ -95,7 +98,7 @@ class Evaluation(Quantities):
         Raises:
             RefusedError: the scene has no generalized speeds here.
         """
-        self.scene.refuse_speeds(self.q)
+        self.refuse_speeds()
         if self.scene.natural_speeds:
             return super().kinematics
         # A partition solves for velocities: in Python, where a singular matrix is refused.
@@ -105,6 +108,10 @@ class Evaluation(Quantities):
         self._speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
         return found
+
+    def refuse_speeds(self) -> None:
+        """Raise RefusedError where the scene has no generalized speeds."""
+        self.scene.refuse_speeds(self.q)
 
     @quantity
     def pivoted_partition(self) -> Partition:

@@ -12,12 +12,8 @@ import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
-from eomcheck.evaluation.sensitivity import (
-    acceleration_sensitivity,
-    allowed_violation,
-    perturbed_copies,
-    sensitivity_of,
-)
+from eomcheck.evaluation.perturbed import allowed_violation, perturbed_copies
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array

@@ -37,7 +37,7 @@ def net_force(M, Q, B):
     """Return F = Q - B (n,), either of them None where it is absent."""
     if Q is None:
         if B is None:
-            return np.zeros(M.shape[0], M.dtype)
+            return np.zeros(M.shape[:-1], M.dtype)
         return -B
     if B is None:
         return Q
@@ -262,5 +262,9 @@ class Quantities:
             vdot = self.call(self.scene.chain_acceleration, *here, self.x, rates)
             forces = self.chain, self.x, multipliers
             return Solution(vdot, self.call(self.scene.chain_multipliers, *here, *forces))
+        return Solution(self.rate_of_velocity(rates), None)
+
+    def rate_of_velocity(self, udot: Array) -> Array:
+        """Return v̇ (n,) of u̇ (p,)."""
         W, rest, _ = self.speeds
-        return Solution(rate_of_velocity(rates, W, rest), None)
+        return rate_of_velocity(udot, W, rest)

@@ -9,6 +9,8 @@ not show. ε is the spacing of doubles at 1.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from eomcheck.numbers.pivots import EPS
@@ -42,7 +44,5 @@ def allowed_error(sensitivity: float) -> float:
 
 def largest(x) -> float:
     """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite)."""
-    x = np.asarray(x, dtype=np.float64)
-    if not np.isfinite(x).all():
-        return float("inf")
-    return float(np.abs(x).max(initial=0.0))
+    x = float(np.abs(np.asarray(x, dtype=np.float64)).max(initial=0.0))
+    return x if math.isfinite(x) else math.inf

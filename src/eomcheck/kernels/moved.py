@@ -47,22 +47,24 @@ class Moves:
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles, each of its operations moved.
 
-        Matrices that it solves are moved by the noise of `eomcheck.numbers.linear.watching`.
+        Matrices that it solves are moved by the noise of `eomcheck.numbers.linear.watching`. Of
+        several noises the first axis of every array of doubles is theirs.
 
         Raises:
             TypeError: the function does more than rational operations and solves.
         """
-        key = function, map_record(_shape, arguments)
+        doubles: list[Array] = []
+        key = function, _gather(arguments, len(noise.shape), doubles)
         try:
             listed = self._known[key]
         except KeyError:
             listed = None
             with suppress(TypeError):
-                listed = _List(function, arguments)
+                listed = _List(function, arguments, len(noise.shape))
             self._keep(key, listed)
         if listed is None:
             raise TypeError(f"{function.__qualname__} does more than rational operations")
-        return listed.run(noise, arguments)
+        return listed.run(noise, doubles)
 
     def _keep(self, key: Hashable, listed: _List | None) -> None:
         with self._lock:
@@ -77,16 +79,22 @@ def _is_moved(x: Any) -> bool:
     return isinstance(x, np.ndarray) and x.dtype == np.float64
 
 
-def _shape(x: Any) -> Hashable:
+def _gather(x: Any, front: int, doubles: list[Array]) -> Hashable:
+    """Return what a list of operations depends on; add arrays of doubles, in order, to `doubles`.
+
+    Args:
+        x: an argument, or a record of them.
+        front: axes in front that do not belong to it, see `Noise.shape`.
+        doubles: where to.
+    """
     if _is_moved(x):
-        return x.shape
-    return (x.shape, x.tobytes()) if isinstance(x, np.ndarray) else x
-
-
-def _doubles(arguments: tuple) -> list[Array]:
-    found: list[Array] = []
-    map_record(lambda x: found.append(x.ravel()) if _is_moved(x) else None, arguments)
-    return found
+        doubles.append(x)
+        return x.shape[front:]
+    if isinstance(x, np.ndarray):
+        return x.shape, x.tobytes()
+    if isinstance(x, tuple):
+        return type(x), *[_gather(part, front, doubles) for part in x]
+    return x
 
 
 class _Group(NamedTuple):
@@ -105,21 +113,23 @@ class _List:
     operation has its number, the places of what it reads, and that of its result.
     """
 
-    def __init__(self, function: Callable, arguments: tuple):
+    def __init__(self, function: Callable, arguments: tuple, front: int):
         self._operations, self._next = array("q"), count().__next__
         self._groups: list[_Group] = []
         self._literals: dict[float, int] = {}
-        self._read = sum(x.size for x in _doubles(arguments))
-        found = function(*map_record(self._inputs, arguments))
+        self._read = 0
+        found = function(*map_record(lambda x: self._inputs(x, front), arguments))
         self._found = map_record(self._places, found)
         self.places = self._next()
         self._start = np.empty(self.places)
         self._start[list(self._literals.values())] = list(self._literals)
 
-    def _inputs(self, x: Any) -> Any:
+    def _inputs(self, x: Any, front: int) -> Any:
         if not _is_moved(x):
             return x
-        return self._numbers(x.shape)
+        numbers = self._numbers(x.shape[front:])
+        self._read += numbers.size
+        return numbers
 
     def _numbers(self, shape: tuple[int, ...]) -> Array:
         numbers = np.empty(shape, object)
@@ -151,24 +161,33 @@ class _List:
         self._groups.append(_Group(after, function, read, self._places(numbers)))
         return numbers
 
-    def run(self, noise: Noise, arguments: tuple) -> Any:
+    def run(self, noise: Noise, doubles: list[Array]) -> Any:
         """Return the function's result, arrays of doubles, of arguments of the same shapes."""
-        values = self._start.copy()
-        np.concatenate([np.empty(0), *_doubles(arguments)], out=values[: self._read])
+        front = noise.shape
+        values = np.empty((*front, self.places))
+        values[...] = self._start
+        if doubles:
+            flat = [x.reshape(*front, -1) for x in doubles]
+            np.concatenate(flat, axis=-1, out=values[..., : self._read])
         done = 0
         for after, function, read, found in self._groups:
             done = self._through(noise, values, done, after)
-            values[found] = function(*(noise.array(values[places]) for places in read))
+            result = function(*(noise.array(values.take(places, axis=-1)) for places in read))
+            values[..., found] = result
         self._through(noise, values, done, len(self._operations) // 4)
-        return map_record(lambda places: np.asarray(values[places]), self._found)
+        return map_record(lambda places: values.take(places, axis=-1), self._found)
 
     def _through(self, noise: Noise, values: Array, first: int, last: int) -> int:
         """Do the operations from `first` up to `last` on the doubles at their places."""
-        if last > first:
-            address, _ = self._operations.buffer_info()
-            address += 4 * self._operations.itemsize * first
-            changes = noise.changes((last - first,))
-            _code()(last - first, address, changes.ctypes.data, values.ctypes.data)
+        count = last - first
+        if count:
+            operations, _ = self._operations.buffer_info()
+            operations += 4 * self._operations.itemsize * first
+            changes = np.ascontiguousarray(noise.changes((*noise.shape, count)))
+            at, to, run = changes.ctypes.data, values.ctypes.data, _code()
+            for i in range(values.size // self.places):
+                own, there = at + 8 * count * i, to + 8 * self.places * i
+                run(count, operations, own, there)
         return last
 
 

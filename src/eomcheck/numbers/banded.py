@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -31,8 +32,9 @@ from eomcheck.numbers.linear import (
     noise_present,
     record,
     singular_below,
+    watching,
 )
-from eomcheck.numbers.noise import NORMAL
+from eomcheck.numbers.noise import NORMAL, Noises
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -100,10 +102,10 @@ def full(bands: np.ndarray) -> np.ndarray:
 
 def _lapack_solve(bands, b, name):
     bands, b, noise = np.asarray(bands), np.asarray(b), noise_present()
+    if isinstance(noise, Noises):
+        return _several_solved(bands, b, name, noise)
     size = len(bands)
-    columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
-    inside = (columns >= 0) & (columns < size)
-    columns[~inside] = 0
+    columns, inside = _columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = noise.entries(bands), noise.entries(b)
@@ -112,10 +114,10 @@ def _lapack_solve(bands, b, name):
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
         scale = column_scale(_by_column(bands, columns, inside))
         A = _Factored(bands * scale[columns], columns, inside)
-        det = determinant(A.lu[2 * REACH], A.pivots, scale, row_scale)
+        sign, log = determinant(A.lu[2 * REACH], A.pivots, scale, row_scale)
         rcond = A.reciprocal_condition() if noise is None else np.nan
         x, error, steps = A.solve(b * row_scale)
-        record(Solve(name, size, rcond, *det, steps), A.bands, terms=TERMS)
+        record(Solve(name, size, rcond, float(sign), float(log), steps), A.bands, terms=TERMS)
         if noise is None:
             # An error that is not finite is an overflow, and told as one.
             if REFINED < error < np.inf:
@@ -134,6 +136,28 @@ def _lapack_solve(bands, b, name):
             return np.full(size, np.nan)
         x = A.moved(x, b * row_scale, noise) * scale
     return noise.array(noise.entries(x))
+
+
+def _several_solved(bands, b, name, noises):
+    """Solve with bands (k, m, 7) and b (k, m), moved by each of several noises."""
+    solutions, solves = [], []
+    with noises.apart() as each:
+        for noise, own, right in zip(each, bands, b, strict=True):
+            with watching(noise) as watch:
+                solutions.append(_lapack_solve(own, right, name))
+            solves += watch.solves
+    signs, logs = (np.array([getattr(x, of) for x in solves]) for of in ("sign", "log_determinant"))
+    record(solves[0]._replace(sign=signs, log_determinant=logs), bands, terms=TERMS)
+    return noises.array(np.stack(solutions))
+
+
+@lru_cache(64)
+def _columns(size):
+    """Return the columns (size, 7) of what is in bands, 0 where it is outside, and what is not."""
+    columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
+    inside = (columns >= 0) & (columns < size)
+    columns[~inside] = 0
+    return columns, inside
 
 
 PROBES = 8

@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from fractions import Fraction
+from functools import cache
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
@@ -42,8 +43,8 @@ class Solve(NamedTuple):
         name: what the formulation calls it.
         size: its order.
         rcond: its reciprocal condition number.
-        sign: the sign of its determinant.
-        log_determinant: log2 |det|.
+        sign: the sign of its determinant; of several copies side by side, those of all (k,).
+        log_determinant: log2 |det|, or those of all.
         refinements: steps of refinement that the solution took.
         pivots: the row (size,) that each row was exchanged with, as LAPACK has them; None of bands.
     """
@@ -51,8 +52,8 @@ class Solve(NamedTuple):
     name: str
     size: int
     rcond: float
-    sign: float
-    log_determinant: float
+    sign: Any
+    log_determinant: Any
     refinements: int = 0
     pivots: np.ndarray | None = None
 
@@ -174,7 +175,7 @@ def _kind_of(*arrays):
 
 
 def _lapack_solve(A, b, name):
-    size = A.shape[0]
+    size = A.shape[-1]
     if size == 0:
         return b.copy()
     noise = noise_present()
@@ -183,8 +184,9 @@ def _lapack_solve(A, b, name):
             return _moved_solve(A, b, name, noise)
     A, b, scale, row_scale = _scaled(A, b)
     lu, pivots, _ = _getrf(A)
-    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
-    record(Solve(name, size, reciprocal_condition(lu, pivots), *det, pivots=pivots), A)
+    sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
+    rcond = reciprocal_condition(lu, pivots)
+    record(Solve(name, size, rcond, float(sign), float(log), pivots=pivots), A)
     return _down(_getrs(lu, pivots, b)[0], scale)
 
 
@@ -192,20 +194,34 @@ def _moved_solve(A, b, name, noise):
     """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
 
     Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
-    refused; what is singular is NaN.
+    refused; what is singular is NaN. Noise may be several noises: A is (k, n, n) then.
     """
     A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
-    lu, pivots, _ = _getrf(A)
-    like = _like(name)
-    if like is not None and not np.array_equal(pivots, like):
-        lu, pivots = _eliminated(A, like), like
-    det = determinant(np.diagonal(lu), pivots, scale, row_scale)
-    record(Solve(name, len(A), np.nan, *det), A)
-    if not np.diagonal(lu).all():
-        return np.full(b.shape, np.nan)
-    x = _getrs(lu, pivots, b)[0]
-    x += _getrs(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))[0]
+    lu, pivots = _factored(A, _like(name))
+    diagonal = np.diagonal(lu, axis1=-2, axis2=-1)
+    record(Solve(name, A.shape[-1], np.nan, *determinant(diagonal, pivots, scale, row_scale)), A)
+    x = _substituted(lu, pivots, b)
+    x += _substituted(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))
+    x[~diagonal.all(axis=-1)] = np.nan
     return noise.array(noise.entries(_down(x, scale)))
+
+
+def _factored(A, like):
+    """Return the factors of A (..., n, n) and their pivots (..., n): `like`, if that is given."""
+    if A.ndim > 2:
+        each = [_factored(one, like) for one in A]
+        return np.stack([lu for lu, _ in each]), np.stack([pivots for _, pivots in each])
+    lu, pivots, _ = _getrf(A)
+    if like is not None and not np.array_equal(pivots, like):
+        return _eliminated(A, like), like
+    return lu, pivots
+
+
+def _substituted(lu, pivots, b):
+    """Return the solutions for b (..., n) or (..., n, m)."""
+    if lu.ndim > 2:
+        return np.stack([_getrs(*one)[0] for one in zip(lu, pivots, b, strict=True)])
+    return _getrs(lu, pivots, b)[0]
 
 
 def _like(name):
@@ -226,46 +242,64 @@ def _eliminated(A, pivots):
 
 def _order(pivots):
     """Return the rows (k,) in the order of their elimination."""
-    order = np.arange(len(pivots))
-    for i, pivot in enumerate(pivots):
+    order = list(range(len(pivots)))
+    for i, pivot in enumerate(pivots.tolist()):
         order[i], order[pivot] = order[pivot], order[i]
-    return order
+    return np.array(order)
 
 
 def _scaled(A, b):
-    """Return A, b and the scales of columns and rows.
+    """Return A (..., n, n), b and the scales (..., n) of columns and rows.
 
     The scale of rows decides which pivots are taken. First rows, as equations come: with columns
     scaled first, M_Au of links of very different masses loses all digits where that of the rows as
     they are loses one. The scale of columns only keeps everything near 1.
     """
-    row_scale = column_scale(A.T)
-    A = A * row_scale[:, None]
+    row_scale = column_scale(A.swapaxes(-1, -2))
+    A = A * row_scale[..., None]
     scale = column_scale(A)
-    return A * scale, _down(b, row_scale), scale, row_scale
+    return A * scale[..., None, :], _down(b, row_scale), scale, row_scale
 
 
 def _down(x, scale):
-    """Return x (k,) or (k, m), each row times its scale (k,)."""
-    return x * (scale if x.ndim == 1 else scale[:, None])
+    """Return x (..., k) or (..., k, m), each row times its scale (..., k)."""
+    return x * (scale if x.ndim == scale.ndim else scale[..., None])
 
 
 class Factors:
     """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
 
     eps times about this is what elimination, and substitution for each right-hand side, change it.
+
+    Args:
+        lu: factors (..., k, k).
+        pivots: the row (..., k) that each row was exchanged with, as LAPACK has them.
     """
 
     def __init__(self, lu: np.ndarray, pivots: np.ndarray):
-        self.L, self.U = np.abs(np.tril(lu, -1)), np.abs(np.triu(lu))
-        np.fill_diagonal(self.L, 1.0)
-        self.order = _order(pivots)
+        upper, one = _triangle(lu.shape[-1])
+        size = np.abs(lu)
+        self.L, self.U = np.where(upper, one, size), np.where(upper, size, 0.0)
+        if pivots.ndim == 1:
+            self.place: Any = _order(pivots)
+        else:
+            first, orders = np.arange(len(pivots))[:, None], [_order(one) for one in pivots]
+            self.place = first, np.stack(orders)
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """Return |L||U| x, x (k,) or (k, m)."""
+        """Return |L||U| x, x (..., k) or (..., k, m)."""
         out = np.empty_like(x)
-        out[self.order] = self.L @ (self.U @ x)
+        if x.ndim == self.U.ndim:
+            out[self.place] = self.L @ (self.U @ x)
+        else:
+            out[self.place] = (self.L @ (self.U @ x[..., None]))[..., 0]
         return out
+
+
+@cache
+def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the upper triangle is (size, size), and the identity."""
+    return ~np.tri(size, k=-1, dtype=bool), np.eye(size)
 
 
 ROUNDS = 20
@@ -296,29 +330,27 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
     return min(1.0 / radius, 1.0)
 
 
-def determinant(
-    diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray
-) -> tuple[float, float]:
-    """Return (sign, log2 |det|) of the matrix as it was before it was scaled.
+def determinant(diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray) -> tuple[Any, Any]:
+    """Return (sign, log2 |det|) of the matrix as it was before it was scaled, or (...,) of several.
 
     Args:
-        diagonal: of its factor U (k,).
-        pivots: the row (k,) that each row was exchanged with, as LAPACK has them.
-        scales: powers of two (k,) by which rows and columns were multiplied.
+        diagonal: of its factor U (..., k).
+        pivots: the row (..., k) that each row was exchanged with, as LAPACK has them.
+        scales: powers of two (..., k) by which rows and columns were multiplied.
     """
-    exchanges = np.count_nonzero(pivots != np.arange(len(pivots)))
+    exchanges = np.count_nonzero(pivots != np.arange(pivots.shape[-1]), axis=-1)
     with np.errstate(divide="ignore"):
-        log = np.log2(np.abs(diagonal)).sum() - sum(np.log2(s).sum() for s in scales)
-    return float(np.prod(np.sign(diagonal)) * (-1) ** exchanges), float(log)
+        log = np.log2(np.abs(diagonal)).sum(-1) - sum(np.log2(s).sum(-1) for s in scales)
+    return np.prod(np.sign(diagonal), axis=-1) * (-1) ** exchanges, log
 
 
 def column_scale(A: np.ndarray) -> np.ndarray:
-    """Return powers of two, shape (k,), that bring the largest entry of each column near 1.
+    """Return powers of two (..., k) that bring the largest entry of each column of A near 1.
 
     Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
     the same. It does notice one of rows, for which the same function is used on Aᵀ.
     """
-    return scale_of(np.abs(A).max(axis=0))
+    return scale_of(np.abs(A).max(axis=-2))
 
 
 def eliminate(A, b, name):

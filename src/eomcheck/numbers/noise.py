@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
@@ -58,12 +58,23 @@ def _draw(seed: int, stream: str, size: int) -> np.ndarray:
 _kept = lru_cache(256)(_draw)
 
 
+@lru_cache(64)
+def _side_by_side(sources: tuple[tuple[int, float], ...], stream: str, size: int) -> np.ndarray:
+    """Return the changes (k, size) that sources (seed, step) draw."""
+    x = np.stack([step * _kept(seed, stream, size) for seed, step in sources])
+    x.setflags(write=False)
+    return x
+
+
 class Noise:
     """A source of relative changes of size between h/2 and h, either sign.
 
     Below the smallest normal number the spacing of doubles stays that at this number, and so does
     the size of the changes: what has underflowed, to 0 perhaps, shows.
     """
+
+    shape: tuple[int, ...] = ()
+    """Axes in front of every array that is changed, see `Noises`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -107,6 +118,37 @@ class Noise:
         moved = x.view(MovedArray)
         moved.noise = self
         return moved
+
+
+class Noises(Noise):
+    """Several noises side by side, each of which changes its own part of arrays as it would alone.
+
+    The first axis of every array that is changed is that of the noises.
+    """
+
+    def __init__(self, noises: Sequence[Noise]):
+        super().__init__(noises[0].seed)
+        self._sources = tuple((noise.seed, noise.step) for noise in noises)
+        self.shape = (len(noises),)
+
+    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return numbers, those that come next of each noise; `shape` begins with `self.shape`."""
+        first = self._taken
+        self._taken += math.prod(shape[1:])
+        if not self._drawn.size or self._taken > self._drawn.shape[-1]:
+            size = max(LEAST, 1 << (self._taken - 1).bit_length())
+            draw = _side_by_side if size <= KEPT else _side_by_side.__wrapped__
+            self._drawn = draw(self._sources, self._stream, size)
+        return self._drawn[:, first : self._taken].reshape(shape)
+
+    @contextmanager
+    def apart(self) -> Iterator[list[Noise]]:
+        """Yield the noises one by one, each where all are; afterwards go on behind them."""
+        noises = [Noise(*source) for source in self._sources]
+        for one in noises:
+            one._stream, one._taken = self._stream, self._taken
+        yield noises
+        self._taken = max(one._taken for one in noises)
 
 
 EXACT = (np.negative, np.absolute, np.positive, np.maximum)

@@ -55,11 +55,19 @@ def from_both_ends(size: int) -> np.ndarray:
     return np.where(columns % 2 == 0, columns // 2, size - 1 - columns // 2)
 
 
+_LEAST = 1100
+_SCALES = np.ldexp(
+    1.0, np.clip(np.arange(_LEAST, -_LEAST, -1), -LARGEST_EXPONENT, LARGEST_EXPONENT)
+)
+"""The scale of what has the exponent `i - _LEAST`, at place i."""
+
+
 def scale_of(largest: np.ndarray) -> np.ndarray:
     """Return the powers of two (k,) that bring numbers `largest` (k,) to [0.5, 1).
 
     What is 0 or not finite is scaled like 1.
     """
-    usable = (largest > 0) & np.isfinite(largest)
-    exponent = np.frexp(np.where(usable, largest, 1.0) * ABOVE_ONE)[1]
-    return np.ldexp(1.0, np.clip(-exponent, -LARGEST_EXPONENT, LARGEST_EXPONENT))
+    usable = (largest > 0) & (largest < np.inf)
+    if not usable.all():
+        largest = np.where(usable, largest, 1.0)
+    return _SCALES.take(np.frexp(largest * ABOVE_ONE)[1] + _LEAST)

@@ -1,0 +1,333 @@
+"""Copies of an evaluation in which every number is perturbed.
+
+A perturbed copy computes the same quantities, but each number that is read and the result of each
+operation is changed by a random share of a small step. All copies of an evaluation are computed
+side by side, for each by itself Python would take most of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from eomcheck.evaluation.doubles import Acceleration, Evaluation, Key, violation
+from eomcheck.evaluation.point import quantity
+from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.formulations import Formulation, Partition
+from eomcheck.kernels.moved import Moves
+from eomcheck.mechanics.records import Terms
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.linear import Watch, watching
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, MovedArray, Noise, Noises, Noisy
+
+MOVES = Moves()
+"""What has been listed of functions of scenes and formulations."""
+
+SLIP = 4.0
+"""Steps by which v violates each constraint: changes may be half a step and cancel between rows,
+where the v that is looked at violates all by what is allowed, and with the worst signs."""
+
+
+def _called(noise: Noise, function: Callable, *arguments: Any) -> Any:
+    """Call a generic function, each of its operations perturbed.
+
+    Raises:
+        TypeError: it does more than rational operations.
+    """
+    with np.errstate(all="ignore"):
+        return MOVES.run(noise, function, *arguments)
+
+
+def _found_together(name: str) -> Any:
+    """Return the property of a copy whose values all copies find together."""
+
+    def part(copy: Perturbed) -> Any:
+        return copy.together.part(copy.place, getattr(copy.together, name))
+
+    return cached_property(part)
+
+
+class Perturbed(Evaluation):
+    """A copy of an evaluation in which every number is perturbed.
+
+    Args:
+        original: the evaluation.
+        noise: what its numbers are changed by.
+        coordinates: whether the coordinates are perturbed too.
+
+    Attributes:
+        together: all copies side by side.
+        place: which of them this is.
+    """
+
+    together: Together
+    place: int
+
+    def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
+        with noise.stream("state"):
+            q = noise.entries(original.q) if coordinates else original.q
+            v = original.v + _change_of_velocity(original, noise)
+        super().__init__(original.scene, q, v, original.t)
+        self._original, self.noise = original, noise
+
+    parameters = _found_together("parameters")
+    terms = _found_together("terms")
+    F = _found_together("F")
+    u = _found_together("u")
+    kinematics = _found_together("kinematics")
+    speeds = _found_together("speeds")
+    bodies = _found_together("bodies")
+    x = _found_together("x")
+    chain = _found_together("chain")
+
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which noise is that of what is called `name`, from its start."""
+        return self.noise.stream(name)
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function, each of its operations perturbed.
+
+        Where it does more than rational operations, only what it reads and returns is perturbed.
+        """
+        with suppress(TypeError):
+            return _called(self.noise, function, *arguments)
+        return super().call(function, *arguments)
+
+    def keep(self, record: Any) -> Any:
+        """Return `record`, perturbed."""
+        return self.noise.record(record)
+
+    @property
+    def preparing(self) -> Arithmetic:
+        """What prepares: cosines, sines and roots are perturbed as well."""
+        return Noisy(FLOAT64, self.noise)
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved, and perturb them."""
+        return watching(self.noise)
+
+    @quantity
+    def pivoted_partition(self) -> Partition:
+        """That of the original."""
+        return self._original.pivoted_partition
+
+    def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
+        """Return the result of `formulation`; see `Evaluation`. Nothing is refused but speeds."""
+        key = formulation.key, pivoted
+        found = self._solutions.get(key)
+        if not isinstance(found, Acceleration):
+            all_found = self.together.acceleration(formulation, pivoted)
+            parts = self.together.part(self.place, (all_found.vdot, all_found.multipliers))
+            self._solutions[key] = found = Acceleration(*parts, all_found.rcond, float("inf"))
+            self.solves[key] = {
+                name: solve._replace(
+                    sign=solve.sign[self.place], log_determinant=solve.log_determinant[self.place]
+                )
+                for name, solve in self.together.solves[key].items()
+            }
+        return found
+
+
+class Together(Evaluation):
+    """All copies of an evaluation side by side: the first axis of every array is theirs.
+
+    Each is moved as it would be alone.
+
+    Args:
+        original: the evaluation.
+        copies: its copies.
+    """
+
+    def __init__(self, original: Evaluation, copies: Sequence[Perturbed]):
+        self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
+        self._original, self._copies = original, copies
+        self.noise = Noises([copy.noise for copy in copies])
+
+    def part(self, place: int, record: Any) -> Any:
+        """Return what a record holds of the copy at `place`."""
+        return _part(record, place, self._copies[place].noise)
+
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which noise is that of what is called `name`, from its start."""
+        return self.noise.stream(name)
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function, each of its operations perturbed.
+
+        Where it does more than rational operations, only what it reads and returns is perturbed.
+        """
+        with suppress(TypeError):
+            return _called(self.noise, function, *arguments)
+        with self.noise.apart() as noises, np.errstate(all="ignore"):
+            parts = (_part(arguments, i, noise) for i, noise in enumerate(noises))
+            return self._stacked([function(*part) for part in parts])
+
+    def keep(self, record: Any) -> Any:
+        """Return `record`, perturbed."""
+        return self.noise.record(record)
+
+    def _stacked(self, records: Sequence[Any]) -> Any:
+        """Return the records of all copies as one; what are no arrays are the same in all."""
+        first = records[0]
+        if isinstance(first, tuple):
+            parts = [self._stacked(each) for each in zip(*records, strict=True)]
+            return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+        if isinstance(first, np.ndarray) and first.dtype == np.float64:
+            stack = np.stack([np.asarray(x) for x in records])
+            return self.noise.array(stack) if isinstance(first, MovedArray) else stack
+        return first
+
+    # ---- What is read ----------------------------------------------------------------------------
+
+    @quantity
+    def parameters(self) -> Any:
+        """The scene's parameters."""
+        front, still = self.noise.shape, self._original.parameters
+        return self.keep(map_record(lambda x: np.broadcast_to(x, front + np.shape(x)), still))
+
+    @quantity
+    def prepared(self) -> Any:
+        """What is not rational in q and t: in Python, of each copy for itself."""
+        return self._stacked([copy.prepared for copy in self._copies])
+
+    @quantity
+    def v(self) -> Array:
+        """Velocities: those that the copies have."""
+        return np.stack([copy.v for copy in self._copies])
+
+    @quantity
+    def u(self) -> Array:
+        """Generalized speeds: those that the copies were given, or those of v."""
+        if all("u" in vars(copy) for copy in self._copies):
+            return np.stack([copy.u for copy in self._copies])
+        return super().u
+
+    # ---- What follows ----------------------------------------------------------------------------
+
+    @quantity
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
+        scene = self.scene
+        if "terms" not in scene.composed:
+            return super().terms
+        # Where inertia forces cancel in B, only this shows what rounding has done to them.
+        here = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.keep(self.call(scene.jacobians, *here))
+        return self.keep(self.call(scene.assemble, *here, jacobians))
+
+    def refuse_speeds(self) -> None:
+        """Raise RefusedError where the scene has no generalized speeds in one of the copies."""
+        for q in self.q:
+            self.scene.refuse_speeds(q)
+
+    @quantity
+    def partition(self) -> Partition:
+        """That of the original."""
+        return self._original.partition
+
+    @quantity
+    def pivoted_partition(self) -> Partition:
+        """That of the original."""
+        return self._original.pivoted_partition
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
+        return watching(self.noise, self._original.solves.get(key) if key else None)
+
+    def check_finite(
+        self, vdot: Array, multipliers: Array | None, formulation: Formulation
+    ) -> None:
+        """Let everything pass: what is not finite makes a sensitivity infinite."""
+
+    def rate_of_velocity(self, udot: Array) -> Array:
+        """Return v̇ of u̇."""
+        W, rest, _ = self.speeds
+        return udot if W is None else (W @ udot[..., None])[..., 0] + rest
+
+
+def _part(record: Any, place: int, noise: Noise) -> Any:
+    """Return what a record of all copies holds of the one at `place`, which `noise` moves."""
+
+    def of_copy(x: Any) -> Any:
+        if not (isinstance(x, np.ndarray) and x.dtype == np.float64):
+            return x
+        mine = x[(place, ...)]
+        if isinstance(mine, MovedArray):
+            mine.noise = noise
+        return mine
+
+    return map_record(of_copy, record)
+
+
+def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
+    """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
+    change = noise.entries(at.v) - at.v
+    if at.terms.a is None:
+        return change
+    allowed = at.kept(allowed_violation)
+    residual = allowed / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))
+    Q, R = at.kept(_constraint_factors)
+    with np.errstate(all="ignore"):
+        try:
+            slip = Q @ solve_triangular(R, residual, trans=1, check_finite=False)
+        except np.linalg.LinAlgError:  # dependent constraints
+            return change
+    return change + slip if np.isfinite(slip).all() else change
+
+
+def allowed_violation(at: Evaluation) -> Array:
+    """Return how large |a v + b| (r,) may be by rounding alone, m/s, at an `at` with constraints.
+
+    C ε (|a| |v| + |b|), and where that does not explain it, with the largest change of a and b
+    besides that rounding the coordinates makes: a row of nothing but cos(π/2) has no size itself.
+    """
+    residual, allowed = violation(at, at.v)
+    if (np.abs(residual) <= allowed).all():
+        return allowed
+    (_, _, _, a, _, b), changes = at.terms, [np.zeros_like(allowed)]
+    for seed in range(SAMPLES):
+        q = Noise(seed).entries(at.q)
+        near = Evaluation(at.scene, q, at.v, at.t).terms
+        change = np.abs(near.a - a) @ np.abs(at.v)
+        changes.append(change if b is None else change + np.abs(near.b - b))
+    return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
+
+
+def _constraint_factors(at: Evaluation) -> Any:
+    """Return Q (n, r) and R (r, r) with aᵀ = Q R."""
+    return qr(at.terms.a.T, mode="economic", check_finite=False)
+
+
+def _copies(at: Evaluation) -> tuple[Perturbed, ...]:
+    return _perturbed(at, coordinates=False)
+
+
+def _copies_everywhere(at: Evaluation) -> tuple[Perturbed, ...]:
+    return _perturbed(at, coordinates=True)
+
+
+def _perturbed(at: Evaluation, coordinates: bool) -> tuple[Perturbed, ...]:
+    noises = (*(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP))
+    copies = tuple(Perturbed(at, noise, coordinates) for noise in noises)
+    together = Together(at, copies)
+    for place, copy in enumerate(copies):
+        copy.together, copy.place = together, place
+    return copies
+
+
+def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Perturbed, ...]:
+    """Return copies of `at` with every number perturbed, on request the coordinates as well.
+
+    There are `SAMPLES` by `STEP`, and the first once more by `STRETCH` times as much.
+
+    Our own formulations read one and the same q, so that its rounding is no error of theirs; an
+    outside engine forms its own angles from q and rounds them again.
+    """
+    return at.kept(_copies_everywhere if coordinates else _copies)
