@@ -74,8 +74,8 @@ def true_errors(case: Case) -> Iterator[Finding]:
         return
     true = Case(at, case.formulations, case.engines, case.claim)
     for formulation in true.solved:
-        found = certify(formulation, truth, at)
         sensitivity = true.vdot_sensitivity(formulation)
+        found = certify(formulation, truth, at, sensitivity=sensitivity)
         both, names = (found.vdot, truth.doubles()), (here.scene.coordinate_names,)
         judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
         yield replace(judged, digits=found.digits, state=case.state)

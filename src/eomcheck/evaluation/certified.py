@@ -150,16 +150,28 @@ def accuracy(
 
 
 def certify(
-    formulation: Formulation, truth: Enclosure, at: Evaluation, pivoted: bool = False
+    formulation: Formulation,
+    truth: Enclosure,
+    at: Evaluation,
+    pivoted: bool = False,
+    sensitivity: float | None = None,
 ) -> Accuracy:
     """Return the `Accuracy` of `formulation` at what `true_state` returned.
+
+    Args:
+        formulation: the formulation.
+        truth: the true v̇.
+        at: the evaluation in doubles.
+        pivoted: whether it chooses its partition by pivoted QR.
+        sensitivity: what `acceleration_sensitivity` says here, if that is known.
 
     Raises:
         InputError: `pivoted`, and the formulation has no partition.
         RefusedError: the formulation refuses the state in doubles.
     """
     result = at.acceleration(formulation, pivoted)
-    sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
+    if sensitivity is None:
+        sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     exact, error = truth.doubles(), true_error(result.vdot, truth)
     scale = largest(exact)
     nonzero = [not x.contains(0) for x in truth.vdot]

@@ -71,6 +71,7 @@ class Evaluation(Quantities):
     def _begin(self, scene: Scene, q: Array, t: float) -> None:
         super().__init__(scene, FLOAT64, q, t)
         self._speeds_rcond: dict[str, float] = {}
+        self._solutions_in: dict[tuple[str, bytes], Acceleration] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self._kept: dict[Callable[[Evaluation], Any], Any] = {}
         self.solves: dict[Key, dict[str, Solve]] = {}
@@ -185,19 +186,29 @@ class Evaluation(Quantities):
         Raises:
             RefusedError: as `acceleration`.
         """
+        key = formulation.key, T.tobytes()
+        if key not in self._solutions_in:
+            self._solutions_in[key] = self._solve_in(formulation, T)
+        return self._solutions_in[key]
+
+    def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
         M, _, _, a, gamma, _ = self.terms
         back = np.linalg.inv(T)
         with self.watched() as watch:
             xdd, multipliers = self.call(
                 formulation.solution,
                 back.T @ M @ back,
-                back.T @ self.F,
+                self.mapped(back.T, self.F),
                 None if a is None else a @ back,
                 gamma,
-                T @ self.v,
+                self.mapped(T, self.v),
                 self.partition,
             )
-        return Acceleration(back @ xdd, multipliers, watch.rcond, float("inf"))
+        return Acceleration(self.mapped(back, xdd), multipliers, watch.rcond, float("inf"))
+
+    def mapped(self, matrix: Array, x: Array) -> Array:
+        """Return `matrix` x."""
+        return matrix @ x
 
 
 def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:

@@ -123,9 +123,8 @@ class Perturbed(Evaluation):
         key = formulation.key, pivoted
         found = self._solutions.get(key)
         if not isinstance(found, Acceleration):
-            all_found = self.together.acceleration(formulation, pivoted)
-            parts = self.together.part(self.place, (all_found.vdot, all_found.multipliers))
-            self._solutions[key] = found = Acceleration(*parts, all_found.rcond, float("inf"))
+            found = self._mine(self.together.acceleration(formulation, pivoted))
+            self._solutions[key] = found
             self.solves[key] = {
                 name: solve._replace(
                     sign=solve.sign[self.place], log_determinant=solve.log_determinant[self.place]
@@ -133,6 +132,14 @@ class Perturbed(Evaluation):
                 for name, solve in self.together.solves[key].items()
             }
         return found
+
+    def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
+        """Return the result of a formulation in other coordinates, see `Evaluation`."""
+        return self._mine(self.together.acceleration_in(formulation, T))
+
+    def _mine(self, found: Acceleration) -> Acceleration:
+        parts = self.together.part(self.place, (found.vdot, found.multipliers))
+        return Acceleration(*parts, found.rcond, float("inf"))
 
 
 class Together(Evaluation):
@@ -246,10 +253,18 @@ class Together(Evaluation):
     ) -> None:
         """Let everything pass: what is not finite makes a sensitivity infinite."""
 
+    def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
+        with self.computing("quantity"):
+            return super()._solve_in(formulation, T)
+
     def rate_of_velocity(self, udot: Array) -> Array:
         """Return v̇ of u̇."""
         W, rest, _ = self.speeds
-        return udot if W is None else (W @ udot[..., None])[..., 0] + rest
+        return udot if W is None else self.mapped(W, udot) + rest
+
+    def mapped(self, matrix: Array, x: Array) -> Array:
+        """Return `matrix` x of all copies."""
+        return (matrix @ x[..., None])[..., 0]
 
 
 def _part(record: Any, place: int, noise: Noise) -> Any:
