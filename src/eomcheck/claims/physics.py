@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cache, cached_property
+from contextlib import suppress
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import Look, Sides, check, claim, vanishing
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
+from eomcheck.evaluation.perturbed import MOVES, perturbed_copies
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
@@ -24,6 +25,29 @@ from eomcheck.numbers.entries import each, objects
 from eomcheck.numbers.noise import SAMPLES, STEP
 
 
+@lru_cache
+def _power_along(energies: Callable) -> Callable:
+    """Return the function of (parameters, prepared, q, v, v̇) that is the share of v in Ṫ + U̇."""
+
+    def power(*here: Any) -> Any:
+        *still, v, vdot = here
+        T, U = energies(*still, duals(v, vdot))
+        return rate(T if U is None else T + U)
+
+    return power
+
+
+@lru_cache
+def _rates_along(velocities: Callable) -> Callable:
+    """Return the function of (parameters, prepared, q, v, v̇) that is the share of v in [V̇, ω̇]."""
+
+    def rates(*here: Any) -> Any:
+        *still, v, vdot = here
+        return rate(np.concatenate(velocities(*still, duals(v, vdot)), axis=1))
+
+    return rates
+
+
 class _Rates:
     """Rates of the energy and of the bodies' velocities, differentiated exactly.
 
@@ -31,38 +55,38 @@ class _Rates:
     """
 
     def __init__(self, e: Quantities):
-        self._e, self._still = e, objects((e.parameters, e.prepared, e.q))
+        self._e = e
 
-    def _while_v_changes(self, vdot: Array) -> tuple[Any, ...]:
-        return (*self._still, duals(self._e.v, vdot))
+    def _along_v(self, function: Callable, vdot: Array) -> Any:
+        e = self._e
+        here = e.parameters, e.prepared, e.q, e.v, vdot
+        if isinstance(e, Evaluation):
+            with suppress(TypeError):
+                return MOVES.unmoved(function, *here)
+        return function(*objects(here))
 
     @cached_property
     def _while_q_changes(self) -> tuple[Any, ...]:
-        return (self._still[0], *self._e.moving(self._e.v), objects(self._e.v))
-
-    def _power(self, motion: tuple[Any, ...]) -> Any:
-        T, U = self._e.scene.energies(*motion)
-        return rate(T if U is None else T + U)
+        e = self._e
+        return (objects(e.parameters), *e.moving(e.v), objects(e.v))
 
     @cached_property
     def _power_of_q(self) -> Any:
-        return self._power(self._while_q_changes)
+        T, U = self._e.scene.energies(*self._while_q_changes)
+        return rate(T if U is None else T + U)
 
     def power(self, vdot: Array) -> tuple[Any, Any]:
         """Return the shares of q and of v in d(T+U)/dt, W."""
-        return self._power_of_q, self._power(self._while_v_changes(vdot))
-
-    def _velocities(self, motion: tuple[Any, ...]) -> Array:
-        return np.concatenate(self._e.scene.velocities(*motion), axis=1)
+        return self._power_of_q, self._along_v(_power_along(self._e.scene.energies), vdot)
 
     @cached_property
     def _velocities_of_q(self) -> tuple[Array, Array]:
-        along_q = self._velocities(self._while_q_changes)
+        along_q = np.concatenate(self._e.scene.velocities(*self._while_q_changes), axis=1)
         return each(value, along_q), rate(along_q)
 
     def bodies(self, vdot: Array) -> Array:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
-        along_v = rate(self._velocities(self._while_v_changes(vdot)))
+        along_v = self._along_v(_rates_along(self._e.scene.velocities), vdot)
         return np.array([*self._velocities_of_q, along_v], dtype=np.float64)
 
 

@@ -23,6 +23,7 @@ from eomcheck.kernels.code import Code
 from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.generic import BRANCH, NotRationalError
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -31,6 +32,16 @@ ADD, SUB, MUL, DIV, NEG = range(5)
 
 MOST = 2**21
 """Places in all lists that are kept, but for the newest list."""
+
+
+class _Still(Noise):
+    """The noise that moves nothing."""
+
+    def changes(self, shape: tuple[int, ...]) -> Array:
+        return np.zeros(shape)
+
+
+STILL = _Still(0)
 
 
 class Moves:
@@ -65,6 +76,16 @@ class Moves:
         if listed is None:
             raise TypeError(f"{function.__qualname__} does more than rational operations")
         return listed.run(noise, doubles)
+
+    def unmoved(self, function: Callable, *arguments: Any) -> Any:
+        """Call a generic function of arrays of doubles as it is, with the bits that Python gives.
+
+        What it makes of objects on the way, such as dual numbers, costs nothing the second time.
+
+        Raises:
+            TypeError: as `run`.
+        """
+        return self.run(STILL, function, *arguments)
 
     def _keep(self, key: Hashable, listed: _List | None) -> None:
         with self._lock:
@@ -232,6 +253,12 @@ class _Number:
 
     def __neg__(self):
         return self.list.add(NEG, self.place, self.place)
+
+    def _compared(self, other=None):
+        raise NotRationalError(BRANCH)
+
+    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _compared
+    __hash__ = None  # type: ignore[assignment]
 
     __radd__ = __add__
     __rmul__ = __mul__
