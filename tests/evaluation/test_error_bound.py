@@ -13,7 +13,7 @@ import pytest
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
-from eomcheck.evaluation import sensitivity
+from eomcheck.evaluation import perturbed, sensitivity
 from eomcheck.evaluation.certified import true_error, true_state
 from eomcheck.evaluation.doubles import Evaluation, violation
 from eomcheck.evaluation.dynamics import check_consistent
@@ -136,7 +136,7 @@ def test_formulations_agree_at_any_velocity_that_is_let_pass(snake: Snake, q: li
 def test_changes_of_the_entries_of_v_alone_do_not_explain_how_they_differ(snake, q, v):
     at = Evaluation(snake, q, v)
     alone = [
-        bound(at, key, patch.object(sensitivity, "_change_of_velocity", entries_alone))
+        bound(at, key, patch.object(perturbed, "_change_of_velocity", entries_alone))
         for key in ("au", "kane")
     ]
     assert sum(alone) < apart(at)

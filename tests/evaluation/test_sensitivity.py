@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import combinations
 
 import numpy as np
@@ -9,18 +10,17 @@ import pytest
 from scipy.linalg import null_space
 
 from eomcheck import velocity
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import (
-    acceleration_sensitivity,
-    perturbed_copies,
-    sensitivity_of,
-)
+from eomcheck.evaluation.perturbed import Together, perturbed_copies
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
-from eomcheck.numbers.linear import solve, watching
+from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.linear import _factored, determinant, solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
-from eomcheck.scenes import ChainPendulum, Snake
+from eomcheck.scenes import SCENES, ChainPendulum, Snake
 
 SNAKE = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [4.0], [0.125, -0.5])
 Q = np.array([0.4, -0.2, 0.3, 1.1])
@@ -89,8 +89,9 @@ def test_jacobians_that_terms_are_made_of_are_moved():
     scene = next(ChainPendulum.structures(3))
     q = np.array([0.3, 0.8, -0.4])
     at = Evaluation(scene, q, np.array([1.0, -0.5, 2.0]))
-    copy, given = perturbed_copies(at)[0], []
-    calling = copy.call
+    copies, given = perturbed_copies(at), []
+    together = copies[0].together
+    calling = together.call
 
     def recording(function, *arguments):
         if function == scene.assemble:
@@ -98,13 +99,57 @@ def test_jacobians_that_terms_are_made_of_are_moved():
         return calling(function, *arguments)
 
     # Of numbers that are read as they are, so that what moves is moved in between.
-    copy.parameters, copy.prepared, copy.q, copy.v = at.parameters, at.prepared, at.q, at.v
-    copy.call = recording  # type: ignore[method-assign]
-    assert copy.terms is not None
+    here = at.parameters, at.prepared, at.q, at.v
+    still = map_record(lambda x: np.stack([x] * len(copies)), here)
+    together.parameters, together.prepared, together.q, together.v = still
+    together.call = recording  # type: ignore[method-assign]
+    assert copies[0].terms is not None
     ((linear, *_),) = given
-    exact, *_ = at.call(scene.jacobians, at.parameters, at.prepared, at.q, at.v)
+    exact, *_ = at.call(scene.jacobians, *here)
     seen = np.abs(exact) > 0.1
-    assert (np.asarray(linear) != exact)[seen].all()
+    for of_copy in np.asarray(linear):
+        assert (of_copy != exact)[seen].all()
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
+def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind):
+    """Copies share what Python does for them, and no number."""
+    scene = kind.example()
+    q, v = scene.initial_state()
+    at = Evaluation(scene, q + 0.1, v + 0.2)
+    copies = perturbed_copies(at)
+    for formulation in FORMULATIONS.values():
+        if not formulation.applies_to(scene):
+            continue
+        with suppress(RefusedError):
+            at.acceleration(formulation)  # whose pivots the copies are given
+        for copy in copies:
+            alone = Together(at, [copy])
+            assert same(alone.part(0, alone.terms), copy.terms)
+            try:
+                found, expected = alone.acceleration(formulation), copy.acceleration(formulation)
+            except RefusedError:
+                continue
+            for part in ("vdot", "multipliers"):
+                mine = alone.part(0, getattr(found, part))
+                assert same((mine,), (getattr(expected, part),)), (formulation.key, part)
+
+
+def same(found: tuple, expected: tuple) -> bool:
+    return all(
+        x is y is None or np.array_equal(x, y, equal_nan=True)
+        for x, y in zip(found, expected, strict=True)
+    )
+
+
+def test_copies_side_by_side_are_given_the_pivots_of_the_original():
+    A = np.array([[[1.0, 2.0], [0.5, 3.0]], [[0.5, 2.0], [1.0, 3.0]]])
+    chosen, given = _factored(A, None), _factored(A, np.array([0, 1], np.int32))
+    assert (chosen[1] == [[0, 1], [1, 1]]).all()
+    assert (given[1] == [0, 1]).all()
+    for lu, pivots in (chosen, given):
+        sign, log = determinant(np.diagonal(lu, axis1=1, axis2=2), pivots)
+        assert sign * 2.0**log == pytest.approx(np.linalg.det(A))
 
 
 def test_the_velocity_is_moved_by_as_much_as_is_let_pass():

@@ -13,19 +13,17 @@ from eomcheck import acceleration, check, velocity
 from eomcheck.claims import case
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import (
-    acceleration_sensitivity,
-    perturbed_copies,
-    sensitivity_of,
-)
+from eomcheck.evaluation.perturbed import perturbed_copies
+from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles
-from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.entries import map_record, objects
 from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, solve, watching
-from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise
+from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise, Noises
 from eomcheck.scenes import SCENES, Snake
 
 seeds = pytest.mark.parametrize("seed", range(5))
@@ -87,6 +85,22 @@ def test_a_change_is_a_function_of_seed_stream_and_number():
     assert np.array_equal(found, expected)
     assert not (other == expected).any()
     assert np.unique(expected).size == 3000
+
+
+def test_noises_side_by_side_are_each_what_it_is_alone():
+    sources = [(0, STEP), (3, STEP), (0, 8 * STEP)]
+    noises, each = Noises([Noise(*one) for one in sources]), [Noise(*one) for one in sources]
+    x = np.arange(1.0, 4000.0)
+    for name, size in (("a", 7), ("b", 3000), ("a", 3999)):
+        with noises.stream(name):
+            parts = [noises.entries(np.tile(x[:k], (3, 1))) for k in (size, 5)]
+            with noises.apart() as apart:
+                parts.append(np.stack([one.entries(x[:4]) for one in apart]))
+            parts.append(noises.entries(np.tile(x[:6], (3, 1))))
+        for i, alone in enumerate(each):
+            with alone.stream(name):
+                for found in parts:
+                    assert np.array_equal(found[i], alone.entries(x[: found.shape[1]]))
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-324, 1e-310, NORMAL])
@@ -213,6 +227,24 @@ def test_a_moved_quotient_by_zero_is_no_number():
     assert np.isnan(Moves().run(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
 
 
+def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
+    def function(x, y, rates):
+        return rate((duals(x, rates) * y - y) / (2 + y)), x / y - 1
+
+    x, y, rates = np.random.default_rng(0).uniform(1, 2, (3, 30))
+    for mine, exact in zip(
+        Moves().unmoved(function, x, y, rates), function(*objects((x, y, rates))), strict=True
+    ):
+        assert np.array_equal(mine, exact.astype(float))
+
+
+@pytest.mark.parametrize("branch", [lambda x: x if x[0] == 0 else -x, lambda x: x if x[0] else -x])
+def test_a_function_that_branches_is_not_listed(branch):
+    """Of numbers without a value one side of it would be taken for all states."""
+    with pytest.raises(TypeError):
+        Moves().run(Noise(0), branch, np.ones(3))
+
+
 def test_what_is_handed_in_does_not_move():
     x = np.ones(4)
     Noise(0).entries(x)
@@ -233,6 +265,16 @@ def test_a_watch_with_noise_refuses_nothing():
     with watching(Noise(0)):
         x = solve(np.zeros((2, 2)), np.ones(2), "A")
     assert x.shape == (2,)
+
+
+def test_a_singular_matrix_among_several_has_no_solution():
+    A, b = np.stack([np.eye(2), np.zeros((2, 2)), 2 * np.eye(2)]), np.ones((3, 2))
+    for right in (b, b[..., None]):
+        with watching(Noises([Noise(seed, 0.0) for seed in range(3)])):
+            x = np.asarray(solve(A, right, "A"))
+        assert x.shape == right.shape
+        assert np.isnan(x[1]).all()
+        assert np.allclose(x[[0, 2]].reshape(2, 2), [[1, 1], [0.5, 0.5]])
 
 
 # ---- What it measures ----------------------------------------------------------------------------
@@ -402,16 +444,17 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
     monkeypatch.setattr(at, "call", tallied)
     at.solution(formulation)
     (copy, *_) = perturbed_copies(Evaluation(scene, q, v))
-    taken, inside = [], copy.call
+    together = copy.together
+    taken, inside = [], together.call
 
     def taking(function, *arguments):
-        before = copy._noise._taken
+        before = together.noise._taken
         result = inside(function, *arguments)
         if function is formulation.solution:
-            taken.append(copy._noise._taken - before)
+            taken.append(together.noise._taken - before)
         return result
 
-    monkeypatch.setattr(copy, "call", taking)
+    monkeypatch.setattr(together, "call", taking)
     copy.acceleration(formulation)
     assert counted == taken
     assert taken[0] > 0

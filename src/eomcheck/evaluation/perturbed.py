@@ -45,6 +45,39 @@ def _called(noise: Noise, function: Callable, *arguments: Any) -> Any:
         return MOVES.run(noise, function, *arguments)
 
 
+class _Moved(Evaluation):
+    """What a copy and all copies together have in common.
+
+    Attributes:
+        noise: what every number is changed by.
+    """
+
+    noise: Noise
+    _original: Evaluation
+
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which noise is that of what is called `name`, from its start."""
+        return self.noise.stream(name)
+
+    def keep(self, record: Any) -> Any:
+        """Return `record`, perturbed."""
+        return self.noise.record(record)
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
+        return watching(self.noise, self._original.solves.get(key) if key else None)
+
+    @quantity
+    def pivoted_partition(self) -> Partition:
+        """That of the original."""
+        return self._original.pivoted_partition
+
+    def check_finite(
+        self, vdot: Array, multipliers: Array | None, formulation: Formulation
+    ) -> None:
+        """Let everything pass: what is not finite makes a sensitivity infinite."""
+
+
 def _found_together(name: str) -> Any:
     """Return the property of a copy whose values all copies find together."""
 
@@ -54,7 +87,7 @@ def _found_together(name: str) -> Any:
     return cached_property(part)
 
 
-class Perturbed(Evaluation):
+class Perturbed(_Moved):
     """A copy of an evaluation in which every number is perturbed.
 
     Args:
@@ -87,10 +120,6 @@ class Perturbed(Evaluation):
     x = _found_together("x")
     chain = _found_together("chain")
 
-    def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which noise is that of what is called `name`, from its start."""
-        return self.noise.stream(name)
-
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
 
@@ -100,23 +129,10 @@ class Perturbed(Evaluation):
             return _called(self.noise, function, *arguments)
         return super().call(function, *arguments)
 
-    def keep(self, record: Any) -> Any:
-        """Return `record`, perturbed."""
-        return self.noise.record(record)
-
     @property
     def preparing(self) -> Arithmetic:
         """What prepares: cosines, sines and roots are perturbed as well."""
         return Noisy(FLOAT64, self.noise)
-
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
-        """Watch the matrices that are solved, and perturb them."""
-        return watching(self.noise)
-
-    @quantity
-    def pivoted_partition(self) -> Partition:
-        """That of the original."""
-        return self._original.pivoted_partition
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
         """Return the result of `formulation`; see `Evaluation`. Nothing is refused but speeds."""
@@ -138,11 +154,11 @@ class Perturbed(Evaluation):
         return self._mine(self.together.acceleration_in(formulation, T))
 
     def _mine(self, found: Acceleration) -> Acceleration:
-        parts = self.together.part(self.place, (found.vdot, found.multipliers))
-        return Acceleration(*parts, found.rcond, float("inf"))
+        vdot, multipliers = self.together.part(self.place, (found.vdot, found.multipliers))
+        return Acceleration(vdot, multipliers, found.rcond, float("inf"))
 
 
-class Together(Evaluation):
+class Together(_Moved):
     """All copies of an evaluation side by side: the first axis of every array is theirs.
 
     Each is moved as it would be alone.
@@ -155,15 +171,11 @@ class Together(Evaluation):
     def __init__(self, original: Evaluation, copies: Sequence[Perturbed]):
         self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
         self._original, self._copies = original, copies
-        self.noise = Noises([copy.noise for copy in copies])
+        self.noise = self._noises = Noises([copy.noise for copy in copies])
 
     def part(self, place: int, record: Any) -> Any:
         """Return what a record holds of the copy at `place`."""
         return _part(record, place, self._copies[place].noise)
-
-    def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which noise is that of what is called `name`, from its start."""
-        return self.noise.stream(name)
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
@@ -172,13 +184,9 @@ class Together(Evaluation):
         """
         with suppress(TypeError):
             return _called(self.noise, function, *arguments)
-        with self.noise.apart() as noises, np.errstate(all="ignore"):
+        with self._noises.apart() as noises, np.errstate(all="ignore"):
             parts = (_part(arguments, i, noise) for i, noise in enumerate(noises))
             return self._stacked([function(*part) for part in parts])
-
-    def keep(self, record: Any) -> Any:
-        """Return `record`, perturbed."""
-        return self.noise.record(record)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
         """Return the records of all copies as one; what are no arrays are the same in all."""
@@ -238,20 +246,6 @@ class Together(Evaluation):
     def partition(self) -> Partition:
         """That of the original."""
         return self._original.partition
-
-    @quantity
-    def pivoted_partition(self) -> Partition:
-        """That of the original."""
-        return self._original.pivoted_partition
-
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
-        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
-        return watching(self.noise, self._original.solves.get(key) if key else None)
-
-    def check_finite(
-        self, vdot: Array, multipliers: Array | None, formulation: Formulation
-    ) -> None:
-        """Let everything pass: what is not finite makes a sensitivity infinite."""
 
     def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
         with self.computing("quantity"):
