@@ -135,6 +135,26 @@ def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind):
                 assert same((mine,), (getattr(expected, part),)), (formulation.key, part)
 
 
+def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
+    """A literal 1.5 is none of a generic function: whole arrays and matrices are moved then."""
+
+    def function(A, b):
+        return solve(1.5 * A, b, "A") + 1.5
+
+    copies = perturbed_copies(at)
+    A, b = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 2.0])
+    together = copies[0].together
+    with together.computing("it"), together.watched() as watch:
+        found = together.call(function, np.stack([A] * len(copies)), np.stack([b] * len(copies)))
+    (one,) = watch.solves
+    assert len(np.unique(found[:, 0])) == len(copies)
+    for i, copy in enumerate(copies):
+        with copy.computing("it"), copy.watched() as alone:
+            assert np.array_equal(copy.call(function, A, b), found[i])
+        assert alone.solves[0].log_determinant == one.log_determinant[i]
+        assert alone.solves[0].sign == one.sign[i] == -1
+
+
 def same(found: tuple, expected: tuple) -> bool:
     return all(
         x is y is None or np.array_equal(x, y, equal_nan=True)

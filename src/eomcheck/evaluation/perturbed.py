@@ -24,7 +24,7 @@ from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.linear import Watch, watching
+from eomcheck.numbers.linear import Watch, one_by_one, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, MovedArray, Noise, Noises, Noisy
 
 MOVES = Moves()
@@ -184,9 +184,10 @@ class Together(_Moved):
         """
         with suppress(TypeError):
             return _called(self.noise, function, *arguments)
-        with self._noises.apart() as noises, np.errstate(all="ignore"):
-            parts = (_part(arguments, i, noise) for i, noise in enumerate(noises))
-            return self._stacked([function(*part) for part in parts])
+        with np.errstate(all="ignore"):
+            return self._stacked(
+                one_by_one(self._noises, lambda i, noise: function(*_part(arguments, i, noise)))
+            )
 
     def _stacked(self, records: Sequence[Any]) -> Any:
         """Return the records of all copies as one; what are no arrays are the same in all."""

@@ -30,9 +30,9 @@ from eomcheck.numbers.linear import (
     column_scale,
     determinant,
     noise_present,
+    one_by_one,
     record,
     singular_below,
-    watching,
 )
 from eomcheck.numbers.noise import NORMAL, Noises
 from eomcheck.numbers.pivots import (
@@ -103,7 +103,8 @@ def full(bands: np.ndarray) -> np.ndarray:
 def _lapack_solve(bands, b, name):
     bands, b, noise = np.asarray(bands), np.asarray(b), noise_present()
     if isinstance(noise, Noises):
-        return _several_solved(bands, b, name, noise)
+        each = one_by_one(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
+        return noise.array(np.stack(each))
     size = len(bands)
     columns, inside = _columns(size)
     with np.errstate(all="ignore"):
@@ -136,19 +137,6 @@ def _lapack_solve(bands, b, name):
             return np.full(size, np.nan)
         x = A.moved(x, b * row_scale, noise) * scale
     return noise.array(noise.entries(x))
-
-
-def _several_solved(bands, b, name, noises):
-    """Solve with bands (k, m, 7) and b (k, m), moved by each of several noises."""
-    solutions, solves = [], []
-    with noises.apart() as each:
-        for noise, own, right in zip(each, bands, b, strict=True):
-            with watching(noise) as watch:
-                solutions.append(_lapack_solve(own, right, name))
-            solves += watch.solves
-    signs, logs = (np.array([getattr(x, of) for x in solves]) for of in ("sign", "log_determinant"))
-    record(solves[0]._replace(sign=signs, log_determinant=logs), bands, terms=TERMS)
-    return noises.array(np.stack(solutions))
 
 
 @lru_cache(64)

@@ -10,21 +10,23 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from fractions import Fraction
 from functools import cache
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.noise import NORMAL, Noise
+from eomcheck.numbers.noise import NORMAL, Noise, Noises
 from eomcheck.numbers.pivots import EPS, scale_of
 
 _getrf, _getri, _getrs = get_lapack_funcs(("getrf", "getri", "getrs"), dtype=np.float64)
+
+T = TypeVar("T")
 
 SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
@@ -97,6 +99,24 @@ def noise_present() -> Noise | None:
     """Return the noise by which matrices are to be moved, if any."""
     watch = _watch.get()
     return None if watch is None else watch.noise
+
+
+def one_by_one(noises: Noises, function: Callable[[int, Noise], T]) -> list[T]:
+    """Return function(i, noise) for each of several noises, which alone moves what is solved there.
+
+    What all solve is recorded as if they had solved it side by side.
+    """
+    outer, found, solves = _watch.get(), [], []
+    with noises.apart() as each:
+        for i, noise in enumerate(each):
+            with nullcontext() if outer is None else watching(noise, outer.like) as watch:
+                found.append(function(i, noise))
+            solves.append([] if watch is None else watch.solves)
+    for same in zip(*solves, strict=True):
+        signs, logs = (np.array([getattr(x, of) for x in same]) for of in Solve._fields[3:5])
+        assert outer is not None
+        outer.solves.append(same[0]._replace(sign=signs, log_determinant=logs))
+    return found
 
 
 def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
