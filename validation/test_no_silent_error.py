@@ -441,6 +441,49 @@ def without_inertia_on_its_wheel() -> tuple[Snake, State]:
     return scene, State(np.array([0.0, 0.0, -2.4751679065471893e-184]), np.array(v))
 
 
+def with_an_entry_of_nothing_but_rounding() -> tuple[Snake, State]:
+    """Return a state whose M_ML has such an entry for a pivot: in perturbed copies it is larger,
+    and what elimination rounds smaller."""
+    scene = Snake(
+        [1.0, 1.0, 794704.7459312947],
+        [1.0, 0.9999999457271925, 794704.7459312947],
+        [0.0, 4556.005063400755, 0.0],
+        None,
+        [-0.0, -0.33338269739404414, -1.5707963267948952],
+        damping=[0.0, 1.0],
+    )
+    v = [6.539857499618259e-136, 8.018449449768341e-136, -6.855500273314966e-136]
+    v += [9.348721445914219e-138, -1.763192243424217e-126]
+    return scene, State(np.full(5, 0.5489630723438568), np.array(v))
+
+
+def with_an_embedding_rounded_by_elimination() -> tuple[Snake, State]:
+    """Return a state at rest: what solving for w rounds exceeds what its entries do."""
+    scene = Snake(
+        [1.7782794100389228, 1.242143586908772e-08, 1.0, 0.011805621490788148],
+        [1.0, 7471.403385207737, 4866569.630217339, 2.5125703313409376e-07],
+        [0.00023777769859342692, 0.00023777769859342692, 2.5125703313409376e-07, 0.0],
+        [0.0, 6215225.078571283, 0.0],
+        [0.0007182247326605179, -0.0273589996113195, -0.0, -2.239862814684419],
+    )
+    return scene, State(np.zeros(6), np.zeros(6))
+
+
+def with_a_derivative_that_cancels() -> tuple[Snake, State]:
+    """Return a state at which differentiating w′ rounds more than reading it, and the band solve is
+    refused for rows 15 decades apart."""
+    scene = Snake(
+        [0.009984047241157855, 0.00012193727417553081, 3.222626258359465e-06],
+        [0.00028752982622420116, 5.9055165163084655e-05, 282383.23893264],
+        [0.0, 0.0, 0.999999365469589],
+        [0.0, 0.0],
+        [-1.5707963265469778, 0.0, -0.5],
+    )
+    v = [5.1454568997641396e60, -1.1206036369094945e60, 1.660919600711944e64]
+    v += [1.6609196679501193e64, -3.473502384990097e54]
+    return scene, State(np.full(5, 1.3563596874543427), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -469,6 +512,9 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_rows_on_powers_of_two,
         with_speeds_that_cancel,
         without_inertia_on_its_wheel,
+        with_an_entry_of_nothing_but_rounding,
+        with_an_embedding_rounded_by_elimination,
+        with_a_derivative_that_cancels,
         with_both_wheels_nearly_across,
         with_two_wheels_nearly_across,
     ):

@@ -146,7 +146,12 @@ class Case:
         @cache
         def perturbed(e: Evaluation) -> dict[str, Sides]:
             found: dict[str, Sides] = {}
-            with suppress(RefusedError, np.linalg.LinAlgError):
+            # What sides solve for themselves is perturbed like what formulations solve.
+            with (
+                e.computing("sides"),
+                e.watched(),
+                suppress(RefusedError, np.linalg.LinAlgError),
+            ):
                 for one in sides(e, Case(e, self.formulations, ())):
                     found[one.subject] = one
             return found

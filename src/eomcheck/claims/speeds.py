@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +28,8 @@ from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.entries import objects
+from eomcheck.numbers.dual import duals, rate, value
+from eomcheck.numbers.entries import each, map_record, objects
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -78,6 +80,32 @@ def speeds_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
         yield vanishing("a q̇ + b", found, (at.scene.constraint_names,), 0.0)
 
 
+def _differentiated(
+    kinematics: Callable, speeds: Callable, parameters: Any, still: Any, rates: Any, *state: Array
+) -> Array:
+    """Return ẇ′u + ẋ′ (n,), w′ and x′ differentiated along the motion.
+
+    Args:
+        kinematics: function of a scene.
+        speeds: function of a scene.
+        parameters: of the scene.
+        still: what it prepares.
+        rates: how fast that changes.
+        state: coordinates (n,), velocities (n,) and speeds (p,).
+    """
+    q, v, u = state
+    parameters, prepared = objects(parameters), map_record(duals, still, rates)
+    steady = duals(u, np.zeros(u.shape, object))
+    W, _, offset = speeds(
+        parameters, prepared, kinematics(parameters, prepared, duals(q, v), steady)
+    )
+    return rate(W) @ u if offset is None else rate(W) @ u + rate(offset)
+
+
+def _doubles(part: Array) -> Array:
+    return np.asarray(part, np.float64)
+
+
 @claim(
     "speeds-remainder",
     "a (ẇ′u + ẋ′) + gamma = 0",
@@ -91,12 +119,12 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
     if at.speeds.W is not None:
-        parameters, (prepared, q) = objects(at.parameters), at.moving(at.v)
-        steady = duals(at.u, np.zeros(at.scene.p, object))
-        W, _, offset = at.scene.speeds(
-            parameters, prepared, at.scene.kinematics(parameters, prepared, q, steady)
-        )
-        expected = rate(W) @ at.u if offset is None else rate(W) @ at.u + rate(offset)
+        prepared, _ = at.moving(at.v)
+        still, rates = (map_record(partial(each, of), prepared) for of in (value, rate))
+        if not look.exact:
+            still, rates = (map_record(_doubles, of) for of in (still, rates))
+        here = at.parameters, still, rates, at.q, at.v, at.u
+        expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so.
         yield Sides("rest", rest, expected, (at.scene.coordinate_names,), may_vanish=True)
     if a is not None:

@@ -16,14 +16,20 @@ def each(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
     return out
 
 
-def map_record(function: Callable[[Any], Any], record: Any) -> Any:
-    """Return a record with `function` applied to every part; what is absent stays absent."""
+def map_record(function: Callable[..., Any], record: Any, *others: Any) -> Any:
+    """Return a record with `function` applied to every part; what is absent stays absent.
+
+    Args:
+        function: of a part, and of the same part of `others`.
+        record: arrays, and tuples of them.
+        others: records with the same parts.
+    """
     if record is None:
         return None
     if isinstance(record, tuple):
-        parts = [map_record(function, part) for part in record]
+        parts = [map_record(function, *same) for same in zip(record, *others, strict=True)]
         return type(record)(*parts) if hasattr(record, "_fields") else tuple(parts)
-    return function(record)
+    return function(record, *others)
 
 
 def objects(record: Any) -> Any:

@@ -49,6 +49,7 @@ class Solve(NamedTuple):
         log_determinant: log2 |det|, or those of all.
         refinements: steps of refinement that the solution took.
         pivots: the row (size,) that each row was exchanged with, as LAPACK has them; None of bands.
+        rounding: what elimination rounded, None of bands.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Solve(NamedTuple):
     log_determinant: Any
     refinements: int = 0
     pivots: np.ndarray | None = None
+    rounding: Rounding | None = None
 
 
 class Watch:
@@ -206,7 +208,8 @@ def _lapack_solve(A, b, name):
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
     rcond = reciprocal_condition(lu, pivots)
-    record(Solve(name, size, rcond, float(sign), float(log), pivots=pivots), A)
+    rounding = Rounding(lu, pivots, scale, row_scale)
+    record(Solve(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
     return _down(_getrs(lu, pivots, b)[0], scale)
 
 
@@ -217,11 +220,16 @@ def _moved_solve(A, b, name, noise):
     refused; what is singular is NaN. Noise may be several noises: A is (k, n, n) then.
     """
     A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
-    lu, pivots = _factored(A, _like(name))
+    like = _like(name)
+    lu, pivots = _factored(A, None if like is None else like.pivots)
     diagonal = np.diagonal(lu, axis1=-2, axis2=-1)
     record(Solve(name, A.shape[-1], np.nan, *determinant(diagonal, pivots, scale, row_scale)), A)
     x = _substituted(lu, pivots, b)
-    x += _substituted(lu, pivots, noise.changes(b.shape) * Factors(lu, pivots).times(np.abs(x)))
+    rounded = Factors(lu, pivots).times(np.abs(x))
+    if like is not None and like.rounding is not None:
+        # An entry that is nothing but rounding is another one here, and so are the factors.
+        rounded = np.maximum(rounded, like.rounding.of(np.abs(x), scale, row_scale))
+    x += _substituted(lu, pivots, noise.changes(b.shape) * rounded)
     x[~diagonal.all(axis=-1)] = np.nan
     return noise.array(noise.entries(_down(x, scale)))
 
@@ -245,10 +253,9 @@ def _substituted(lu, pivots, b):
 
 
 def _like(name):
-    """Return the pivots of the matrix as it is, if they are known."""
+    """Return how the matrix was solved as it is, if that is known."""
     watch = _watch.get()
-    found = None if watch is None else watch.like.get(name)
-    return None if found is None else found.pivots
+    return None if watch is None else watch.like.get(name)
 
 
 def _eliminated(A, pivots):
@@ -314,6 +321,24 @@ class Factors:
         else:
             out[self.place] = (self.L @ (self.U @ x[..., None]))[..., 0]
         return out
+
+
+class Rounding(NamedTuple):
+    """What elimination rounds of a matrix: its factors (k, k) and pivots, and how it was scaled."""
+
+    lu: np.ndarray
+    pivots: np.ndarray
+    scale: np.ndarray
+    row_scale: np.ndarray
+
+    def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
+        """Return |L||U| x for x >= 0 (..., k) or (..., k, m), both scaled as told (..., k)."""
+        factors = Factors(self.lu, self.pivots)
+        size = _down(x, scale / self.scale)
+        columns = size if x.ndim > scale.ndim else size[..., None]
+        rounded = np.empty_like(columns)
+        rounded[..., factors.place, :] = factors.L @ (factors.U @ columns)
+        return _down(rounded.reshape(x.shape), row_scale / self.row_scale)
 
 
 @cache
