@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from validation.test_no_silent_error import with_an_entry_of_nothing_but_rounding
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
@@ -80,6 +81,15 @@ def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
     truth, at = true_state(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
     alone = bound(at, "au", patch.object(linear, "_moved_solve", without_factors))
     assert alone < error(at, "au", truth) < bound(at, "au")
+
+
+def test_factors_of_copies_bound_no_error_of_what_is_eliminated_by_an_entry_of_rounding():
+    """The last wheel is 1e-15 rad from across: M_ML has an entry that only rounding makes."""
+    scene, (q, v, _) = with_an_entry_of_nothing_but_rounding()
+    truth = eomcheck.enclose(scene, "ml", q, v=v, digits=20)
+    at = Evaluation(scene, q, v)
+    nothing = patch.object(linear.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
+    assert bound(at, "ml", nothing) < error(at, "ml", truth) < bound(at, "ml")
 
 
 # ---- Velocities that violate the constraints, within what is let pass ----------------------------

@@ -308,16 +308,17 @@ class Factors:
         size = np.abs(lu)
         self.L, self.U = np.where(upper, one, size), np.where(upper, size, 0.0)
         if pivots.ndim == 1:
-            self.place: Any = _order(pivots)
+            self.place: Any = (..., _order(pivots))
+            self.rows: Any = (*self.place, slice(None))
         else:
             first, orders = np.arange(len(pivots))[:, None], [_order(one) for one in pivots]
-            self.place = first, np.stack(orders)
+            self.place = self.rows = first, np.stack(orders)
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """Return |L||U| x, x (..., k) or (..., k, m)."""
+        """Return |L||U| x, x (..., k) or (..., k, m), with all axes in front or more for matrices."""
         out = np.empty_like(x)
-        if x.ndim == self.U.ndim:
-            out[self.place] = self.L @ (self.U @ x)
+        if x.ndim >= self.U.ndim:
+            out[self.rows] = self.L @ (self.U @ x)
         else:
             out[self.place] = (self.L @ (self.U @ x[..., None]))[..., 0]
         return out
@@ -333,11 +334,9 @@ class Rounding(NamedTuple):
 
     def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
         """Return |L||U| x for x >= 0 (..., k) or (..., k, m), both scaled as told (..., k)."""
-        factors = Factors(self.lu, self.pivots)
         size = _down(x, scale / self.scale)
         columns = size if x.ndim > scale.ndim else size[..., None]
-        rounded = np.empty_like(columns)
-        rounded[..., factors.place, :] = factors.L @ (factors.U @ columns)
+        rounded = Factors(self.lu, self.pivots).times(columns)
         return _down(rounded.reshape(x.shape), row_scale / self.row_scale)
 
 
