@@ -315,7 +315,7 @@ class Factors:
             self.place = self.rows = first, np.stack(orders)
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """Return |L||U| x, x (..., k) or (..., k, m), with all axes in front or more for matrices."""
+        """Return |L||U| x, x (..., k) or (..., k, m); of one matrix, x may be several."""
         out = np.empty_like(x)
         if x.ndim >= self.U.ndim:
             out[self.rows] = self.L @ (self.U @ x)
