@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from eomcheck.claims import CLAIMS, Claim, Finding, Proof
     from eomcheck.claims.proof import prove
     from eomcheck.claims.run import check, validate
-    from eomcheck.engines import ENGINES
+    from eomcheck.engines import ENGINES, Engine
     from eomcheck.errors import (
         EngineError,
         EomcheckError,
@@ -53,6 +53,7 @@ _HOME = {
     "Claim": "claims",
     "CLAIMS": "claims",
     "ENGINES": "engines",
+    "Engine": "engines",
     "FORMULATIONS": "formulations",
     "Formulation": "formulations",
     "SCENES": "scenes",
@@ -93,6 +94,7 @@ __all__ = [
     "Accuracy",
     "Claim",
     "Enclosure",
+    "Engine",
     "EngineError",
     "EomcheckError",
     "Finding",

@@ -23,6 +23,7 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
+from eomcheck.engines import Answers
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
@@ -147,14 +148,17 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     at = case.at
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     for engine in case.engines:
-        like, T = FORMULATIONS[engine.solves_like], engine.coordinates
+        if not engine.offers("acceleration"):
+            continue
+        like, answers = FORMULATIONS[engine.solves_like], Answers(engine)
+        T = answers.velocity_map(at.q, at.v).S
         if case.result(like) is None:
             continue
         try:
-            result = engine.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
+            result = answers.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
             if (theirs := getattr(result, part)) is None:
                 continue
-            by_force = _responses(at)[part == "multipliers"] * engine.bias_size(*case.state)
+            by_force = _responses(at)[part == "multipliers"] * answers.bias_size(*case.state)
             sensitivity = (
                 sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
             )

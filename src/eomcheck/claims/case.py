@@ -12,7 +12,7 @@ import numpy as np
 
 from eomcheck.claims.finding import Finding, diagnose, judge, worst_entry
 from eomcheck.claims.registry import Against, Claim, Names, Sides, names_of_term
-from eomcheck.engines import DerivingEngine, Engine
+from eomcheck.engines import Answers, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
@@ -180,11 +180,11 @@ class Case:
         """Yield the Findings of a term being what each engine says."""
         found, sensitivity = term.ours(self.at), None
         for engine in () if found is None else self.engines:
-            if term.derived and not isinstance(engine, DerivingEngine):
+            if not engine.offers(term.method):
                 continue
             if sensitivity is None:
                 sensitivity = sensitivity_of(self.at, term.ours, coordinates=True)
-            expected, size = term.theirs(engine, self.state)
+            expected, size = term.theirs(Answers(engine), self.state)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.
             scale, evidence = sensitivity + size, f"compared: {engine.version()}"
             names = names_of_term(self.at.scene, term.term)

@@ -120,12 +120,12 @@ class Against(NamedTuple):
     Attributes:
         term: a field of `Terms`; there is nothing to compare where it is None, but for B, then 0.
         theirs: the same by an engine, and the size of what it forms it from, where that cancels.
-        derived: whether only engines can say it that differentiate.
+        method: the method of an engine that says it.
     """
 
     term: str
+    method: str
     theirs: Callable[[Any, State], tuple[Array, float]]
-    derived: bool = True
 
     def ours(self, at: Quantities) -> Array | None:
         """Return the term."""

@@ -21,7 +21,7 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.engines import DerivingEngine
+from eomcheck.engines import Answers
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import sensitivity_of
@@ -187,9 +187,9 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
         return kane_system(e)[1]
 
     for engine in case.engines:
-        if not isinstance(engine, DerivingEngine):
+        if not engine.offers("kane_inertia_remainder"):
             continue
-        expected, terms, condition = engine.kane_inertia_remainder(*case.state)
+        expected, terms, condition = Answers(engine).kane_inertia_remainder(*case.state)
         scale = sensitivity_of(case.at, remainder, coordinates=True) + terms
         yield case.compare(
             f"kane ~ {engine.key}",

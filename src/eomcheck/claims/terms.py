@@ -38,8 +38,8 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     "mass matrix",
     against=Against(
         "M",
+        "mass_matrix",
         lambda engine, at: (engine.mass_matrix(at.q, at.t), engine.mass_matrix_size(at.q, at.t)),
-        derived=False,
     ),
 )
 def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
@@ -62,8 +62,8 @@ def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
     rate_of="B",
     against=Against(
         "B",
+        "bias",
         lambda engine, at: (engine.bias(*at), engine.bias_size(*at)),
-        derived=False,
     ),
 )
 def bias(at: Point, look: Look) -> Iterator[Sides]:
@@ -86,7 +86,7 @@ def bias(at: Point, look: Look) -> Iterator[Sides]:
     "(26)-(27)",
     "generalized forces",
     rate_of="Q",
-    against=Against("Q", lambda engine, at: (engine.forces(*at), 0.0)),
+    against=Against("Q", "forces", lambda engine, at: (engine.forces(*at), 0.0)),
 )
 def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
@@ -121,7 +121,9 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     "a = ∂c/∂q̇",
     "(2), (28)",
     "constraint Jacobian",
-    against=Against("a", lambda engine, at: (engine.constraint_jacobian(*at), 0.0)),
+    against=Against(
+        "a", "constraint_jacobian", lambda engine, at: (engine.constraint_jacobian(*at), 0.0)
+    ),
 )
 def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
     """The constraints are a v + b for every v, and none is forgotten."""
@@ -176,7 +178,9 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     "(3)",
     "constraint drift",
     rate_of="gamma",
-    against=Against("gamma", lambda engine, at: (engine.constraint_drift(*at), 0.0)),
+    against=Against(
+        "gamma", "constraint_drift", lambda engine, at: (engine.constraint_drift(*at), 0.0)
+    ),
 )
 def constraint_drift(at: Point, look: Look) -> Iterator[Sides]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""

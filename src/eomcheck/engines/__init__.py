@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from eomcheck.engines.base import DerivingEngine, Engine, EngineAcceleration
+from eomcheck.engines.answers import Answers
+from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import named
@@ -22,4 +23,12 @@ def engine_of(key: str) -> type[Engine]:
     return named("engine", key, ENGINES)
 
 
-__all__ = ["ENGINES", "DerivingEngine", "Engine", "EngineAcceleration", "engine_of"]
+__all__ = [
+    "ENGINES",
+    "OPTIONAL",
+    "Answers",
+    "Engine",
+    "EngineAcceleration",
+    "VelocityMap",
+    "engine_of",
+]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.base import DerivingEngine, EngineAcceleration
+from eomcheck.engines.base import Engine, EngineAcceleration
 from eomcheck.errors import required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.scene import Scene
@@ -22,10 +22,9 @@ from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.symbolic import Symbols
 
 
-class CasadiEngine(DerivingEngine):
+class CasadiEngine(Engine):
     """A scene as CasADi derives it from its energies and constraints."""
 
-    key = "casadi"
     solves_like = "au"
 
     def __init__(self, scene: Scene):

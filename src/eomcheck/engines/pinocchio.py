@@ -1,14 +1,13 @@
 """Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver.
 
-The model is built from the scene's neutral `Tree`. Its joint coordinates are x = T q with a
-constant T, so M = Tᵀ M_x T and B = Tᵀ B_x, and the constraint Jacobian is handed over as a T⁻¹.
+The model is built from the scene's neutral `Tree`, whose joint coordinates are x = T q.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.engines.base import Engine, EngineAcceleration
+from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import EngineError, required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.records import Tree
@@ -19,7 +18,6 @@ from eomcheck.numbers.contract import Array
 class PinocchioEngine(Engine):
     """A scene that is a tree of rigid bodies, as Pinocchio's own model."""
 
-    key = "pinocchio"
     solves_like = "gw"
     reads_parameters = False
 
@@ -32,7 +30,6 @@ class PinocchioEngine(Engine):
         self.model = self._build(tree)
         self.data = self.model.createData()
         self.coordinates = tree.coordinates
-        self._back = np.linalg.inv(tree.coordinates)
         self._reach = float(np.abs(tree.offset).sum() + np.abs(tree.center).max())
 
     @classmethod
@@ -64,26 +61,18 @@ class PinocchioEngine(Engine):
                 model.appendBodyToJoint(joint, body, pin.SE3.Identity())
         return model
 
-    def _joint_mass_matrix(self, q: Array) -> Array:
-        upper = np.triu(np.array(self._pin.crba(self.model, self.data, self.coordinates @ q)))
-        return upper + upper.T - np.diag(np.diagonal(upper))
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (T q, T, 0)."""
+        return VelocityMap(self.coordinates @ q, self.coordinates, np.zeros(len(self.coordinates)))
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n) = Tᵀ M_x T by the composite rigid body algorithm."""
-        return self.coordinates.T @ self._joint_mass_matrix(q) @ self.coordinates
-
-    def mass_matrix_size(self, q: Array, t: float = 0.0) -> float:
-        """Return the largest entry of |T|ᵀ |M_x| |T|: relative angles carry all links behind."""
-        T = np.abs(self.coordinates)
-        return largest(T.T @ np.abs(self._joint_mass_matrix(q)) @ T)
-
-    def _joint_bias(self, q: Array, v: Array) -> Array:
-        T = self.coordinates
-        return np.array(self._pin.nonLinearEffects(self.model, self.data, T @ q, T @ v))
+        """Return M (n, n) by the composite rigid body algorithm, which fills its upper half."""
+        upper = np.triu(np.array(self._pin.crba(self.model, self.data, q)))
+        return upper + upper.T - np.diag(np.diagonal(upper))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,) = Tᵀ B_x by the recursive Newton-Euler algorithm."""
-        return self.coordinates.T @ self._joint_bias(q, v)
+        """Return B (n,) by the recursive Newton-Euler algorithm; gravity is zero in the model."""
+        return np.array(self._pin.nonLinearEffects(self.model, self.data, q, v))
 
     def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return a size of the momenta that RNEA turns with the bodies, m ω V and their moments.
@@ -91,7 +80,7 @@ class PinocchioEngine(Engine):
         In frames that move with the bodies these appear even where the whole chain only translates,
         and cancel: B does not depend on ẋ and ẏ. V × m V does, component by component.
         """
-        projected = np.abs(self.coordinates).T @ np.abs(self._joint_bias(q, v))
+        projected = np.abs(self.coordinates).T @ np.abs(self.bias(q, v))
         force = crossed = 0.0
         for body, velocity in zip(self.model.inertias, self.data.v, strict=True):
             x, y, z = np.abs(velocity.linear)
@@ -109,9 +98,8 @@ class PinocchioEngine(Engine):
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ by `pinocchio.forwardDynamics` with our a, gamma and Q."""
-        T, back = self.coordinates, self._back
-        state = (self.model, self.data, T @ q, T @ v, back.T @ Q)
+        state = (self.model, self.data, q, v, Q)
         if a is None or gamma is None:
-            return EngineAcceleration(back @ np.array(self._pin.aba(*state)), None)
-        xdd = self._pin.forwardDynamics(*state, a @ back, gamma)
-        return EngineAcceleration(back @ np.array(xdd), np.array(self.data.lambda_c))
+            return EngineAcceleration(np.array(self._pin.aba(*state)), None)
+        xdd = self._pin.forwardDynamics(*state, a, gamma)
+        return EngineAcceleration(np.array(xdd), np.array(self.data.lambda_c))

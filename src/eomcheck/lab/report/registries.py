@@ -95,7 +95,7 @@ def _invariants(scene: Scene) -> str:
 
 
 def _engines() -> Sheet:
-    from eomcheck.engines import ENGINES, DerivingEngine
+    from eomcheck.engines import ENGINES
     from eomcheck.errors import EngineError
 
     rows = []
@@ -104,7 +104,7 @@ def _engines() -> Sheet:
             library = engine.version()
         except EngineError:
             library = "not installed"
-        own = yes(issubclass(engine, DerivingEngine))
+        own = yes(engine.offers("constraint_jacobian"))
         rows.append((Cell(engine.key, "name"), library, own, _first_line(engine)))
     return Sheet("engines", "", ("key", "library", "own constraints", "what it is"), rows)
 
