@@ -23,7 +23,8 @@ import numpy as np
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.claims.finding import DECIDED, python_of
+from eomcheck.claims.finding import DECIDED
+from eomcheck.claims.repeat import python_of
 from eomcheck.console import progress
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.certified import true_error

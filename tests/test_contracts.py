@@ -157,7 +157,7 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 
 LAYERS = (
     "errors console output",
-    "files",
+    "files lookup",
     "numbers",
     "kernels mechanics",
     "scenes",
@@ -229,7 +229,7 @@ def test_no_import_goes_in_a_circle():
 
 @pytest.mark.parametrize("layer", ["scenes", "formulations"])
 def test_scenes_and_formulations_know_nothing_of_each_other(layer: str):
-    known = {"errors", "numbers", "mechanics", layer}
+    known = {"errors", "lookup", "numbers", "mechanics", layer}
     for path in (PACKAGE / layer).glob("*.py"):
         assert {module.split(".")[1] for module in imports_of(path)} <= known, path
 

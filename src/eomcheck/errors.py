@@ -50,7 +50,7 @@ def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
     return registry[name]
 
 
-def distinct(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+def distinct(kind: str, names: Iterable[T]) -> tuple[T, ...]:
     """Return the names given, each once.
 
     Raises:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from contextlib import suppress
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.engines import Answers
+from eomcheck.claims.trial import answer, compared, inertia_size, is_on_trial, unseen
+from eomcheck.engines import Answers, Engine, EngineFault
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
@@ -143,42 +145,86 @@ def _responses(at: Evaluation) -> tuple[float, float]:
     return float(np.linalg.norm(response, np.inf)), float(np.linalg.norm(multipliers, np.inf))
 
 
+def _sensitivity(at: Evaluation, engine: Engine | type[Engine], part: str) -> float:
+    """Return κ · scale of what an engine solves; infinite where nothing can be judged."""
+    if isinstance(engine, type):
+        return 0.0
+    like, n = FORMULATIONS[engine.solves_like], at.scene.n
+    T = np.eye(n)
+    with suppress(EngineFault):
+        S = Answers(engine).velocity_map(at.q, at.v).S
+        T = S if S.shape == (n, n) else T
+    try:
+        at.acceleration(like)
+        by_force = _responses(at)[part == "multipliers"] * inertia_size(at)
+        return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
+    except (np.linalg.LinAlgError, RefusedError):
+        return float("inf")
+
+
 def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
     """Yield the Findings of "vdot" or "multipliers", for each engine where that can be judged."""
-    at = case.at
+    at, r = case.at, case.at.scene.r
+    if part == "multipliers" and r == 0:
+        return
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
-    for engine in case.engines:
-        if not engine.offers("acceleration"):
+    handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
+    for engine in case.taking_part:
+        theirs_by = cache(partial(_sensitivity, at, engine, part))
+        said = answer(case, engine, *handed, excused=lambda by=theirs_by: by() == np.inf)
+        if isinstance(said, Finding) or isinstance(engine, type):
+            yield said
             continue
-        like, answers = FORMULATIONS[engine.solves_like], Answers(engine)
-        T = answers.velocity_map(at.q, at.v).S
-        if case.result(like) is None:
+        theirs = getattr(said, part)
+        if theirs is None and r > 0:
+            yield unseen(case, type(engine), "it does not tell λ")
+        if theirs is None or theirs_by() == np.inf:
             continue
-        try:
-            result = answers.acceleration(at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t)
-            if (theirs := getattr(result, part)) is None:
+        like = FORMULATIONS[engine.solves_like]
+        # Our formulations are compared with each other: one of them tells of an engine on trial.
+        chosen = ((like, at.acceleration(like)),) if is_on_trial(type(engine)) else case.solutions
+        for formulation, x in chosen:
+            if (ours := getattr(x, part)) is None:
                 continue
-            by_force = _responses(at)[part == "multipliers"] * answers.bias_size(*case.state)
-            sensitivity = (
-                sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
-            )
-        except (np.linalg.LinAlgError, RefusedError):
-            continue
-        for formulation, x in case.solutions:
-            if (ours := getattr(x, part)) is not None:
-                both = case.part_sensitivity(formulation, part, coordinates=True) + sensitivity
-                here, evidence = (ours, theirs, both), f"compared: {engine.version()}"
-                subject = f"{formulation.key} ~ {engine.key}"
-                yield case.compare(subject, *here, evidence=evidence, names=(names,))
+            if engine.compliant and r > 0:
+                yield _of_another_model(case, engine, ours, theirs)
+                break
+            sensitivity = case.part_sensitivity(formulation, part, coordinates=True) + theirs_by()
+            here = case, engine, f"{formulation.key} ~ {engine.key}", ours, theirs, sensitivity
+            yield compared(*here, partial(_part_again, part, handed), names=(names,))
 
 
-@check("engine-acceleration", "q̈ = q̈ of the engine", "(5), (7)-(23)", "acceleration")
+def _part_again(part: str, handed: tuple, answers: Answers) -> Any:
+    return getattr(answers.acceleration(*handed), part)
+
+
+def _of_another_model(case: Case, engine: Engine, ours: Array, theirs: Array) -> Finding:
+    """Return what constraints that give way make of a quantity: neither right nor wrong."""
+    scale = largest(ours)
+    share = f"{largest(theirs - ours) / scale:.2g} of it" if scale > 0 else f"{largest(theirs):.2g}"
+    why = f"its constraints are compliant: a difference of model, here {share}"
+    return unseen(case, type(engine), why)
+
+
+@check(
+    "engine-acceleration",
+    "q̈ = q̈ of the engine",
+    "(5), (7)-(23)",
+    "acceleration",
+    asks="acceleration",
+)
 def engine_acceleration(case: Case) -> Iterator[Finding]:
     """Each formulation gives the constrained acceleration of each engine."""
     return _against_engines(case, "vdot", case.at.scene.coordinate_names)
 
 
-@check("engine-multipliers", "λ = λ of the engine", "(5), (7), (9), (12)", "multipliers")
+@check(
+    "engine-multipliers",
+    "λ = λ of the engine",
+    "(5), (7), (9), (12)",
+    "multipliers",
+    asks="acceleration",
+)
 def engine_multipliers(case: Case) -> Iterator[Finding]:
     """Each formulation that has multipliers gives those of each engine."""
     return _against_engines(case, "multipliers", case.at.scene.constraint_names)
@@ -202,7 +248,11 @@ def machine_code(case: Case) -> Iterator[Finding]:
             at, y = as_integrated(case.at, formulation)
             found = acceleration_in_machine_code(at, formulation, y)
             public = at.acceleration(formulation).vdot
-        except (NotRationalError, RefusedError):  # no trace, or another velocity that is refused
+        except NotRationalError as error:
+            outcome = 0.0, 0.0, "not looked at", "property-tested", f"not rational: {error}"
+            yield case.finding("all", *outcome)
+            return
+        except RefusedError:  # another velocity that is refused
             continue
         # Velocities that differ by rounding have the same sensitivity.
         sensitivity = 2 * case.vdot_sensitivity(formulation)

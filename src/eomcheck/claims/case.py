@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
+from eomcheck.claims import trial
+from eomcheck.claims.blame import raised_in
 from eomcheck.claims.finding import Finding, diagnose, judge, worst_entry
-from eomcheck.claims.registry import Against, Claim, Names, Sides, names_of_term
+from eomcheck.claims.own import broken_on_doubles
+from eomcheck.claims.registry import CLAIMS, Claim, Names, Sides, names_of_term, term_of
 from eomcheck.engines import Answers, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
@@ -31,17 +34,42 @@ class Case:
         formulations: the formulations taking part.
         engines: engines made for this very scene.
         claim: the claim being looked at.
+        broken: engines that could not be made, and why.
     """
 
     at: Evaluation
     formulations: tuple[Formulation, ...]
     engines: tuple[Engine, ...]
     claim: Claim | None = None
+    broken: dict[type[Engine], str] = field(default_factory=dict)
 
     @property
     def state(self) -> State:
         """(q, v, t)."""
         return State(self.at.q, self.at.v, self.at.t)
+
+    @cached_property
+    def broken_terms(self) -> Finding | None:
+        """The Finding where the scene's terms cannot even be computed here, else None."""
+        try:
+            self.at.terms  # noqa: B018
+        except Exception as error:
+            return replace(self, claim=CLAIMS["finite-terms"]).unable(error)
+        return None
+
+    @property
+    def taking_part(self) -> tuple[Engine | type[Engine], ...]:
+        """The engines to ask for what the claim is about, and classes that could not be made.
+
+        Engines on trial are asked for everything: what they do not offer is to be told.
+        """
+        assert self.claim is not None
+        asks = self.claim.asks
+        return tuple(
+            one
+            for one in (*self.engines, *self.broken)
+            if one.offers(asks) or trial.is_on_trial(trial.kind_of(one))
+        )
 
     @cached_property
     def finite(self) -> bool:
@@ -133,12 +161,38 @@ class Case:
     def look(self, claim: Claim) -> list[Finding]:
         """Return the Findings of one claim."""
         self.claim = claim
+        found: list[Finding] = []
         with np.errstate(all="ignore"):
-            if claim.check is not None:
-                return list(claim.check(self))
-            if claim.against is not None:
-                return list(self._against_engines(claim.against))
-            return [] if claim.sides is None else list(self._judged(claim.sides))
+            try:
+                found.extend(self._looked_at(claim))
+            except Exception as error:
+                found.append(self.unable(error))
+        return found
+
+    def _looked_at(self, claim: Claim) -> Iterator[Finding]:
+        if claim.check is not None:
+            return claim.check(self)
+        if claim.against:
+            return self._against_engines(claim.against, claim.asks)
+        return iter(()) if claim.sides is None else self._judged(claim.sides)
+
+    def unable(self, error: Exception) -> Finding:
+        """Return the Finding on what a function of the scene raised.
+
+        It fails where the function does not run on doubles; other numbers it need not know.
+
+        Raises:
+            Exception: the error itself, where no function of the scene's own raised it.
+        """
+        said = raised_in(self.at.scene, error)
+        if not said:
+            raise error
+        broken = broken_on_doubles(self.at.scene, self.state)
+        if broken:
+            outcome = float("inf"), 0.0, "failed", "property-tested", broken
+        else:
+            outcome = 0.0, 0.0, "not looked at", "property-tested", f"not rational: {said}"
+        return self.finding("functions", *outcome)
 
     def _judged(self, sides: Callable) -> Iterator[Finding]:
         """Yield the Findings of both sides being the same but for rounding."""
@@ -176,20 +230,27 @@ class Case:
                 here = one.subject, one.found, one.expected, sensitivity
                 yield self.compare(*here, scale=scale, names=one.names)
 
-    def _against_engines(self, term: Against) -> Iterator[Finding]:
+    def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
         """Yield the Findings of a term being what each engine says."""
-        found, sensitivity = term.ours(self.at), None
-        for engine in () if found is None else self.engines:
-            if not engine.offers(term.method):
+
+        def quantity(e: Evaluation) -> Any:
+            return term_of(e, term)
+
+        ours, sensitivity = quantity(self.at), None
+        state = (self.at.q, self.at.v, self.at.t)
+        for engine in () if ours is None else self.taking_part:
+            theirs = trial.answer(self, engine, *state)
+            if isinstance(theirs, Finding) or isinstance(engine, type):
+                yield theirs
                 continue
             if sensitivity is None:
-                sensitivity = sensitivity_of(self.at, term.ours, coordinates=True)
-            expected, size = term.theirs(Answers(engine), self.state)
+                sensitivity = sensitivity_of(self.at, quantity, coordinates=True)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.
-            scale, evidence = sensitivity + size, f"compared: {engine.version()}"
-            names = names_of_term(self.at.scene, term.term)
-            here = engine.key, found, expected, scale
-            yield self.compare(*here, names=names, scale=scale, evidence=evidence)
+            scale = sensitivity + trial.size_of(self, engine, method)
+            here = self, engine, engine.key, ours, theirs, scale
+            again = partial(_asked_again, method, state)
+            names = names_of_term(self.at.scene, term)
+            yield trial.compared(*here, again, names=names, scale=scale)
 
     def compare(
         self,
@@ -201,6 +262,7 @@ class Case:
         names: Names,
         scale: float | None = None,
         evidence: str = "property-tested",
+        engine: type[Engine] | None = None,
     ) -> Finding:
         """Return the Finding of found = expected.
 
@@ -212,6 +274,7 @@ class Case:
             names: names along each axis.
             scale: size of what is compared, by default the largest entry of `expected`.
             evidence: level and what it rests on.
+            engine: the engine that is compared with, if any.
         """
         assert self.claim is not None
         found, expected = np.asarray(found, np.float64), np.asarray(expected, np.float64)
@@ -224,10 +287,21 @@ class Case:
         if verdict == "failed":
             where = worst_entry(found - expected, names)
             what = diagnose(found, expected, allowed) if found.ndim else ""
+            if engine is not None and trial.is_on_trial(engine):
+                what = trial.said_on_trial(found, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
-        return self.finding(subject, observed, allowed, verdict, evidence, detail)
+        return self.finding(subject, observed, allowed, verdict, evidence, detail, engine=engine)
 
-    def finding(self, subject: str, *outcome: Any) -> Finding:
-        """Return a Finding about this state; `outcome` from `observed` on."""
+    def finding(self, subject: str, *outcome: Any, engine: type[Engine] | None = None) -> Finding:
+        """Return a Finding about this state; `outcome` from `observed` on.
+
+        Of an engine it is told only where that is on trial, not where it is a reference.
+        """
         assert self.claim is not None
-        return Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
+        found = Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
+        tried = engine is not None and trial.is_on_trial(engine)
+        return replace(found, engine=engine) if tried else found
+
+
+def _asked_again(method: str, state: tuple[Array, Array, float], answers: Answers) -> Any:
+    return answers.ask(method, *state)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from eomcheck.claims.repeat import python_of
+from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -76,6 +78,7 @@ class Finding:
             at, why.
         proof: what a proof rests on, or None.
         digits: decimal digits of a result in doubles that are certainly right, or None.
+        engine: the engine on trial, which is not one of ours, or None.
     """
 
     claim: str
@@ -89,6 +92,7 @@ class Finding:
     detail: str = ""
     proof: Proof | None = None
     digits: float | None = None
+    engine: type[Engine] | None = None
 
     @property
     def ratio(self) -> float:
@@ -104,6 +108,10 @@ class Finding:
             f"{self.observed:.3g}, allowed {self.allowed:.3g}"
         )
         return f"{text} ({self.detail})" if self.detail else text
+
+    def because(self, why: str) -> Finding:
+        """Return the Finding with more in its detail."""
+        return replace(self, detail=f"{self.detail}; {why}")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding as plain data, numbers in full precision."""
@@ -134,7 +142,7 @@ class Finding:
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""
-        return python_of(self.scene, self.state)
+        return python_of(self.scene, self.state, () if self.engine is None else (self.engine,))
 
 
 def ratio(observed: float, allowed: float) -> float:
@@ -142,24 +150,6 @@ def ratio(observed: float, allowed: float) -> float:
     if allowed > 0:
         return observed / allowed
     return 0.0 if observed == 0 else float("inf")
-
-
-def python_of(scene: Scene | Subject, state: State | None) -> str:
-    """Return Python code that prints what fails in a state, or for all states where it is None."""
-    if not isinstance(scene, Scene):
-        return scene.as_python(state)
-    kind = type(scene)
-    home = "eomcheck.scenes" if kind.__module__.startswith("eomcheck.") else kind.__module__
-    head = f"import eomcheck\nfrom {home} import {kind.__name__}\n\nscene = {scene!r}\n"
-    if state is None:
-        loop = "for finding in eomcheck.prove(scene):\n"
-    else:
-        loop = (
-            f"q = {state.q.tolist()}\n"
-            f"v = {state.v.tolist()}\n"
-            f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False):\n"
-        )
-    return head + loop + '    if finding.verdict == "failed":\n        print(finding)\n'
 
 
 def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
@@ -191,13 +181,22 @@ def diagnose(
 
     In the entry `worst`, by default that of the largest error.
     """
-    if worst is None:
-        at = np.unravel_index(int(np.argmax(np.abs(found - expected))), found.shape)
-        worst = tuple(int(i) for i in at)
+    worst = worst_of(found - expected) if worst is None else worst
+    what = resembles(found, expected, allowed, worst)
+    return what or f"{found[worst]:.6g}, expected {expected[worst]:.6g}"
+
+
+def resembles(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+    """Return what the entry `worst` of `found` looks like, "" if like nothing known."""
     x, y = float(found[worst]), float(expected[worst])
     near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
-    what = looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)
-    return what or f"{x:.6g}, expected {y:.6g}"
+    return looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)
+
+
+def worst_of(error: Array) -> tuple[int, ...]:
+    """Return the index of the entry with the largest magnitude."""
+    at = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
+    return tuple(int(i) for i in at)
 
 
 def looks_like(
@@ -223,8 +222,7 @@ def looks_like(
 
 def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
     """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
-    index = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
-    return entry_name(tuple(int(i) for i in index), names)
+    return entry_name(worst_of(error), names)
 
 
 def entry_name(index: tuple[int, ...], names: tuple[tuple[str, ...], ...]) -> str:

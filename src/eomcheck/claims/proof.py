@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eomcheck.claims.blame import raised_in
 from eomcheck.claims.draws import REDRAWS, Draws, Key, look_at
 from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.point import Point
@@ -117,6 +118,10 @@ def prove_structure(
         return [_not_rational(scene, error)]
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
+    except Exception as error:
+        if said := raised_in(scene, error):
+            return [_skipped(scene, ("finite-terms", "terms"), f"not rational: {said}")]
+        raise
     findings = [
         _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
         for key, what in draws.refused.items()

@@ -16,7 +16,6 @@ import numpy as np
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
@@ -114,25 +113,6 @@ class NoRateError(Exception):
     """What is prepared uses more than angles, roots and the clock, and cannot be differentiated."""
 
 
-class Against(NamedTuple):
-    """A term, and what engines say that it is.
-
-    Attributes:
-        term: a field of `Terms`; there is nothing to compare where it is None, but for B, then 0.
-        theirs: the same by an engine, and the size of what it forms it from, where that cancels.
-        method: the method of an engine that says it.
-    """
-
-    term: str
-    method: str
-    theirs: Callable[[Any, State], tuple[Array, float]]
-
-    def ours(self, at: Quantities) -> Array | None:
-        """Return the term."""
-        found = getattr(at.terms, self.term)
-        return np.zeros(at.scene.n) if found is None and self.term == "B" else found
-
-
 @dataclass(frozen=True)
 class Claim:
     """One statement that the suite checks: by `check`, or by `sides`, which can be proved too.
@@ -147,7 +127,8 @@ class Claim:
         check: function of a `Case` that yields one Finding per subject.
         sides: function of a point (`Quantities`) and of a `Look` that yields Sides.
         rate_of: the subject of the sides that need a rate of what `prepare` makes.
-        against: what engines say instead of the sides, in doubles.
+        asks: the method of an engine that the claim asks.
+        against: the field of `Terms` that engines say instead of the sides, in doubles.
         provable: False where another claim, proved, says the same.
     """
 
@@ -158,7 +139,8 @@ class Claim:
     check: Callable[[Case], Iterator[Finding]] | None = field(default=None, repr=False)
     sides: Callable[[Any, Any], Iterator[Sides | Skipped]] | None = field(default=None, repr=False)
     rate_of: str = ""
-    against: Against | None = field(default=None, repr=False)
+    asks: str = ""
+    against: str = ""
     provable: bool = True
 
     @property
@@ -171,11 +153,11 @@ CLAIMS: dict[str, Claim] = {}
 """Id -> claim, single terms before whole accelerations: the first that fails is the closest."""
 
 
-def check(id: str, statement: str, equations: str, term: str) -> Callable:
+def check(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
     """Register the decorated check under `id`; it is called with the `Case`, bound to the claim."""
 
     def register(function: Callable[[Case], Iterator[Finding]]) -> Callable:
-        CLAIMS[id] = Claim(id, statement, equations, term, function)
+        CLAIMS[id] = Claim(id, statement, equations, term, function, asks=asks)
         return function
 
     return register
@@ -207,6 +189,12 @@ def size(*factors: Any) -> float:
 def numbered(prefix: str, count: int) -> tuple[str, ...]:
     """Return (prefix)1, (prefix)2, ..."""
     return tuple(f"{prefix}{i + 1}" for i in range(count))
+
+
+def term_of(at: Quantities, term: str) -> Array | None:
+    """Return a field of `Terms`; None where it is absent, but for B, which then is 0."""
+    found = getattr(at.terms, term)
+    return np.zeros(at.scene.n) if found is None and term == "B" else found
 
 
 def names_of_term(scene: Scene, term: str) -> Names:

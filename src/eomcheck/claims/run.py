@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
+from typing import Any, NamedTuple
 
 import hypothesis
 from hypothesis import HealthCheck, Phase, Verbosity
@@ -19,11 +20,12 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case, Finding, State
+from eomcheck.claims.blame import raised_in
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.claims.strata import links_of, measured, scene_cases, state_cases
-from eomcheck.engines import ENGINES, Engine, engine_of
-from eomcheck.errors import distinct, named
+from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
+from eomcheck.errors import EomcheckError, distinct, named
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
 from eomcheck.formulations import Formulation, formulations_among
@@ -46,7 +48,7 @@ class Selection:
     def of(
         cls,
         formulations: Iterable[str] | None = None,
-        engines: Iterable[str] | None = None,
+        engines: Iterable[str | type[Engine]] | None = None,
         claims: Iterable[str] | None = None,
         *,
         scenes: Sequence[Scene | type[Scene]] = (Snake,),
@@ -57,11 +59,10 @@ class Selection:
             InputError: a formulation applies to none of `scenes`.
             UnknownNameError: a name is not registered.
         """
-        names = ENGINES if engines is None else distinct("engines", engines)
         ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
-        return cls(formulations_among(scenes, formulations), tuple(map(engine_of, names)), ids)
+        return cls(formulations_among(scenes, formulations), engines_among(engines), ids)
 
 
 @dataclass
@@ -83,6 +84,11 @@ class Run:
     drawn: list[Drawn] = field(default_factory=list)
     refused: tuple[str, ...] = ()
     minimal: Finding | None = None
+    _asked: _Asked | None = field(default=None, repr=False, compare=False)
+    _told: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_asked": None}  # engines hold what no process can hand to another
 
     @property
     def cases(self) -> int:
@@ -96,15 +102,30 @@ class Run:
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
-        case = _case(scene, state, selection)
+        if self._asked is None or self._asked.scene is not scene:
+            self._asked = _asked(scene, selection)  # engines are made once for each scene
+        case = _case(self._asked, state, selection)
         new: list[Finding] = []
+        if (broken := case.broken_terms) is not None:
+            new.append(broken)
         for one in selection.claims:
             start = time.perf_counter()
-            new += case.look(CLAIMS[one]) if case.finite or one == "finite-terms" else []
+            look = broken is None and (case.finite or one == "finite-terms")
+            new += filter(self._is_new, case.look(CLAIMS[one])) if look else []
             self.seconds[one] += time.perf_counter() - start
         self.findings += new
         self.ends.append(len(self.findings))
-        self.refused = case.refused if case.finite else ()
+        self.refused = case.refused if broken is None and case.finite else ()
+        return new
+
+    def _is_new(self, finding: Finding) -> bool:
+        """Return False of what cannot be told, where that was said in an earlier state."""
+        lacks = bool(CLAIMS[finding.claim].asks) or finding.detail.startswith("not rational")
+        if finding.verdict != "not looked at" or not lacks:
+            return True
+        said = finding.claim, finding.subject, finding.detail
+        new = said not in self._told
+        self._told.add(said)
         return new
 
     def explore(
@@ -197,7 +218,9 @@ def _smallest(
     """Return the smallest failure of the same claim among `cases`, or the one there is."""
 
     def examine(drawn: tuple[Scene, State]) -> None:
-        for finding in _case(*drawn, selection).look(CLAIMS[failed.claim]):
+        for finding in _case(_asked(drawn[0], selection), drawn[1], selection).look(
+            CLAIMS[failed.claim]
+        ):
             if finding.verdict == "failed":
                 raise _Falsified(finding)
 
@@ -225,11 +248,30 @@ def _smallest(
     return failed
 
 
-def _case(scene: Scene, state: State, selection: Selection) -> Case:
+class _Asked(NamedTuple):
+    """A scene, the engines made for it, and those that could not be made."""
+
+    scene: Scene
+    engines: tuple[Engine, ...]
+    broken: dict[type[Engine], str]
+
+
+def _asked(scene: Scene, selection: Selection) -> _Asked:
     check_shapes(scene)
-    engines = tuple(engine(scene) for engine in selection.engines if engine.represents(scene))
-    formulations = tuple(f for f in selection.formulations if f.applies_to(scene))
-    return Case(Evaluation(scene, *state), formulations, engines)
+    engines, broken = [], {}
+    for kind in selection.engines:
+        if represents(kind, scene):
+            try:
+                engines.append(made(kind, scene))
+            except EngineFault as fault:
+                broken[kind] = fault.what
+    return _Asked(scene, tuple(engines), broken)
+
+
+def _case(asked: _Asked, state: State, selection: Selection) -> Case:
+    formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
+    evaluation = Evaluation(asked.scene, *state)
+    return Case(evaluation, formulations, asked.engines, broken=asked.broken)
 
 
 def check(
@@ -239,7 +281,7 @@ def check(
     t: float = 0.0,
     *,
     formulations: Iterable[str] | None = None,
-    engines: Iterable[str] | None = None,
+    engines: Iterable[str | type[Engine]] | None = None,
     claims: Iterable[str] | None = None,
     consistent: bool = True,
 ) -> list[Finding]:
@@ -251,7 +293,8 @@ def check(
         v: velocities (n,), consistent with the constraints.
         t: time, s.
         formulations: keys of the formulations to look at, by default all that apply.
-        engines: keys of the engines to compare with, all that can by default.
+        engines: keys, names or classes of the engines to compare with, all of ours that can by
+            default; see `eomcheck.engines.engine_of`.
         claims: ids of the claims to look at, all by default.
         consistent: refuse a v that violates the constraints. With False claims fail that hold for
             consistent velocities only, but a scene whose own a is wrong can be looked at.
@@ -266,8 +309,14 @@ def check(
     selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     state = State(*scene.check_state(q, v, t), t)
     check_shapes(scene)
-    if consistent:
-        check_consistent(Evaluation(scene, *state), LETS_PASS)
+    try:
+        if consistent:
+            check_consistent(Evaluation(scene, *state), LETS_PASS)
+    except EomcheckError:
+        raise
+    except Exception as error:
+        if not raised_in(scene, error):  # else it is one of the Findings
+            raise
     return Run().look_at(scene, state, selection)
 
 
@@ -277,7 +326,7 @@ def validate(
     examples: int = 25,
     seed: int = 0,
     formulations: Iterable[str] | None = None,
-    engines: Iterable[str] | None = None,
+    engines: Iterable[str | type[Engine]] | None = None,
     claims: Iterable[str] | None = None,
 ) -> list[Finding]:
     """Check a scene in its initial state and in random consistent states.
@@ -287,7 +336,8 @@ def validate(
         examples: number of random states.
         seed: of the draws.
         formulations: keys of the formulations to look at, by default all that apply.
-        engines: keys of the engines to compare with, all that can by default.
+        engines: keys, names or classes of the engines to compare with, all of ours that can by
+            default; see `eomcheck.engines.engine_of`.
         claims: ids of the claims to look at, all by default.
 
     Returns:

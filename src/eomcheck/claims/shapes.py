@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.claims.blame import raised_in
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.scene import Scene
@@ -31,20 +32,38 @@ def check_shapes(scene: Scene) -> None:
     which = type(scene), scene.structure
     if which in _looked_at:
         return
-    with np.errstate(all="ignore"):
-        for function, name, found, shape in _returned(scene):
-            if found is not None and np.shape(found) != shape:
-                whose = f"{type(scene).__name__}.{function}: {name}"
-                raise InputError(f"{whose} has shape {np.shape(found)}, expected {shape}")
+    try:
+        _compare_shapes(scene)
+    except InputError:
+        raise
+    except Exception as error:
+        if raised_in(scene, error):
+            return  # which is told of the state where it happens
+        raise
     _looked_at.add(which)
 
 
-def _returned(scene: Scene) -> Iterator[Returned]:
-    """Yield what the functions return at some point, those first that others are made of."""
+def _compare_shapes(scene: Scene) -> None:
+    with np.errstate(all="ignore"):
+        for function, name, found, shape in returned(scene, _somewhere(scene)):
+            whose = f"{type(scene).__name__}.{function}: {name}"
+            if isinstance(found, list | tuple):
+                kind = type(found).__name__
+                raise InputError(f"{whose} is a {kind}, expected an array of shape {shape}")
+            if found is not None and np.shape(found) != shape:
+                raise InputError(f"{whose} has shape {np.shape(found)}, expected {shape}")
+
+
+def _somewhere(scene: Scene) -> Quantities:
     random = np.random.default_rng(0)
+    at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, scene.n))
+    at.v, at.u = random.uniform(0.1, 1.0, scene.n), random.uniform(0.1, 1.0, scene.p)
+    return at
+
+
+def returned(scene: Scene, at: Quantities) -> Iterator[Returned]:
+    """Yield what the functions return at a point, those first that others are made of."""
     n, r, p = scene.n, scene.r, scene.p
-    at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, n))
-    at.v, at.u = random.uniform(0.1, 1.0, n), random.uniform(0.1, 1.0, p)
     place = at.parameters, at.prepared, at.q
     here = *place, at.v
 

@@ -21,7 +21,7 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.engines import Answers
+from eomcheck.claims.trial import answer, compared
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import sensitivity_of
@@ -177,6 +177,7 @@ def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
     "N q̇ + G by recursion = N_Kane q̇ in full",
     "(22)-(23)",
     "inertia remainder N q̇ + G",
+    asks="kane_inertia_remainder",
 )
 def kane_n_matrix(case: Case) -> Iterator[Finding]:
     """Our remainder is N_Kane q̇ + G_Kane of Eq. (23), differentiated by an engine."""
@@ -186,17 +187,21 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     def remainder(e: Quantities) -> Array:
         return kane_system(e)[1]
 
-    for engine in case.engines:
-        if not engine.offers("kane_inertia_remainder"):
+    for engine in case.taking_part:
+        said = answer(case, engine, *case.state)
+        if isinstance(said, Finding) or isinstance(engine, type):
+            yield said
             continue
-        expected, terms, condition = Answers(engine).kane_inertia_remainder(*case.state)
+        theirs, terms, condition = said
         scale = sensitivity_of(case.at, remainder, coordinates=True) + terms
-        yield case.compare(
+        yield compared(
+            case,
+            engine,
             f"kane ~ {engine.key}",
             remainder(case.at),
-            expected,
+            theirs,
             condition * scale,
+            lambda answers: answers.kane_inertia_remainder(*case.state)[0],
             scale=scale,
-            evidence=f"compared: {engine.version()}",
             names=(speed_names(case.at),),
         )

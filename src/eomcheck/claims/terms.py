@@ -10,7 +10,7 @@ import numpy as np
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.point import Point
-from eomcheck.claims.registry import Against, Look, Sides, along, check, claim, names_of_term, size
+from eomcheck.claims.registry import Look, Sides, along, check, claim, names_of_term, size
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.numbers.contract import Array
@@ -36,11 +36,8 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     "M = ∂²T/∂q̇²",
     "(5), (25)",
     "mass matrix",
-    against=Against(
-        "M",
-        "mass_matrix",
-        lambda engine, at: (engine.mass_matrix(at.q, at.t), engine.mass_matrix_size(at.q, at.t)),
-    ),
+    asks="mass_matrix",
+    against="M",
 )
 def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
     """M v is the rate of T along any change of v; M itself is symmetric."""
@@ -60,11 +57,8 @@ def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
     "(5), (25)",
     "bias",
     rate_of="B",
-    against=Against(
-        "B",
-        "bias",
-        lambda engine, at: (engine.bias(*at), engine.bias_size(*at)),
-    ),
+    asks="bias",
+    against="B",
 )
 def bias(at: Point, look: Look) -> Iterator[Sides]:
     """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
@@ -86,7 +80,8 @@ def bias(at: Point, look: Look) -> Iterator[Sides]:
     "(26)-(27)",
     "generalized forces",
     rate_of="Q",
-    against=Against("Q", "forces", lambda engine, at: (engine.forces(*at), 0.0)),
+    asks="forces",
+    against="Q",
 )
 def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
@@ -121,9 +116,8 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     "a = ∂c/∂q̇",
     "(2), (28)",
     "constraint Jacobian",
-    against=Against(
-        "a", "constraint_jacobian", lambda engine, at: (engine.constraint_jacobian(*at), 0.0)
-    ),
+    asks="constraint_jacobian",
+    against="a",
 )
 def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
     """The constraints are a v + b for every v, and none is forgotten."""
@@ -178,9 +172,8 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     "(3)",
     "constraint drift",
     rate_of="gamma",
-    against=Against(
-        "gamma", "constraint_drift", lambda engine, at: (engine.constraint_drift(*at), 0.0)
-    ),
+    asks="constraint_drift",
+    against="gamma",
 )
 def constraint_drift(at: Point, look: Look) -> Iterator[Sides]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
+from eomcheck.claims.own import not_rational
 from eomcheck.claims.registry import check, pairs
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
@@ -44,6 +45,9 @@ def enclosures(case: Case) -> Iterator[Finding]:
     """The enclosures by all formulations have a point in common, pair by pair."""
     if not case.has_speeds or not np.isfinite(case.at.u).all():
         return
+    if why := not_rational(case.at.scene):
+        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        return
     found: list[tuple[Formulation, Enclosure]] = []
     known: dict[int, Quantities] = {}
     for f in case.solved:
@@ -67,12 +71,15 @@ def true_errors(case: Case) -> Iterator[Finding]:
     here = case.at
     if not case.has_speeds or not np.isfinite(here.u).all():
         return
+    if why := not_rational(here.scene):
+        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        return
     try:
         truth, at = true_state(here.scene, here.q, here.u, here.t)
     except (RefusedError, TypeError) as error:
         yield _without_truth(case, "all", error)
         return
-    true = Case(at, case.formulations, case.engines, case.claim)
+    true = Case(at, case.formulations, (), case.claim)
     for formulation in true.solved:
         sensitivity = true.vdot_sensitivity(formulation)
         found = certify(formulation, truth, at, sensitivity=sensitivity)

@@ -40,14 +40,24 @@ class Registry(StrEnum):
 
 @app.command()
 def validate(
-    scene: Kind = "snake",
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of scene, all of them, or your own: path/to/file.py:Class. [snake; with an "
+            "engine of your own all that it represents]"
+        ),
+    ] = None,
     links: Annotated[
         str | None, typer.Option(help="Number of links of the random scenes, N or N..M. [1..12]")
     ] = None,
     examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 120,
     seed: Seed = 0,
     engine: Annotated[
-        list[str] | None, typer.Option(help="Engine to compare with; repeat for more. Default all.")
+        list[str] | None,
+        typer.Option(
+            help="Engine to compare with, or your own to check: path/to/file.py:Class; repeat for "
+            "more. Default all of ours."
+        ),
     ] = None,
     formulation: Annotated[
         list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
@@ -70,19 +80,28 @@ def validate(
     check_writable(json)
     check_output(report, [records] if records else [])
 
+    from eomcheck.claims import CLAIMS
     from eomcheck.claims.run import Run, Selection
+    from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable
+    from eomcheck.engines import engines_among
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import kinds_of
+    from eomcheck.scenes.named import ALL, kinds_of
 
-    kinds = kinds_of(scene)
+    engines = engines_among(engine)
+    tried = tuple(filter(is_on_trial, engines))
+    kinds = kinds_of(scene or (ALL if tried else "snake"))
+    if engine:
+        kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
     if executor is not None and len(kinds) == 1:
         raise InputError(f"executor = {executor!r}: the states of one scene are not spread")
-    selection = Selection.of(formulation, engine, scenes=kinds)
+    # With all our scenes an engine is on trial, and not they.
+    claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
+    selection = Selection.of(formulation, engine, claims, scenes=kinds)
     check_place(executor)
     for made in selection.engines:
         made.version()  # a missing library is bad input, said before anything is computed
@@ -119,6 +138,8 @@ def validate(
         raise lost
     if any(finding.verdict == "failed" for finding in findings):
         raise typer.Exit(1)
+    if engine and not interrupted:
+        check_compared(engines, findings)
 
 
 @app.command()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from eomcheck.engines.answers import Answers
+from collections.abc import Iterable
+
+from eomcheck.engines.answers import Answers, EngineFault, made, represents
 from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
-from eomcheck.errors import named
+from eomcheck.errors import InputError, distinct
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lookup import Kind, looked_up
 
 ENGINES: dict[str, type[Engine]] = {
     engine.key: engine for engine in (PinocchioEngine, CasadiEngine)
@@ -14,13 +18,58 @@ ENGINES: dict[str, type[Engine]] = {
 """Key -> class."""
 
 
-def engine_of(key: str) -> type[Engine]:
-    """Return the engine called `key`.
+ENGINE: Kind[Engine] = Kind("engine", Engine, ENGINES)
+
+
+def engine_of(name: str | type[Engine]) -> type[Engine]:
+    """Return the engine that `name` stands for.
+
+    Args:
+        name: a key of `ENGINES`, another name as `eomcheck.lookup.looked_up` understands it, or the
+            class itself.
 
     Raises:
         UnknownNameError: there is none.
+        InputError: no such file, no such engine in it, or the class does not keep the contract.
     """
-    return named("engine", key, ENGINES)
+    if isinstance(name, type):
+        if not issubclass(name, Engine):
+            raise InputError(f"engine = {name.__name__}, expected a class that derives from Engine")
+        return checked(name)
+    return checked(looked_up(ENGINE, name))
+
+
+def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
+    """Return the engines that are named, or all of ours if `names` is None.
+
+    Raises:
+        InputError, UnknownNameError: see `engine_of`; or two have one key.
+    """
+    found: dict[str, type[Engine]] = {}
+    for kind in map(engine_of, ENGINES if names is None else distinct("engines", names)):
+        if found.setdefault(kind.key, kind) is not kind:
+            raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
+    return tuple(found.values())
+
+
+def checked(kind: type[Engine]) -> type[Engine]:
+    """Return an engine whose class says all that the contract asks of it.
+
+    Raises:
+        InputError: a method that is required is missing; the key is no name, or that of something
+            else; it accelerates, and does not say like which formulation.
+    """
+    whose = f"engine {kind.__name__}"
+    if missing := sorted(getattr(kind, "__abstractmethods__", ())):
+        raise InputError(f"{whose} has no {', '.join(missing)}")
+    if not kind.key.isidentifier():
+        raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
+    if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:
+        raise InputError(f"{whose}: key = {kind.key!r} is that of something else")
+    if kind.offers("acceleration") and getattr(kind, "solves_like", None) not in FORMULATIONS:
+        known = ", ".join(key for key, one in FORMULATIONS.items() if one.uses == "terms")
+        raise InputError(f"{whose} has an acceleration, but solves_like is none of {known}")
+    return kind
 
 
 __all__ = [
@@ -29,6 +78,10 @@ __all__ = [
     "Answers",
     "Engine",
     "EngineAcceleration",
+    "EngineFault",
     "VelocityMap",
     "engine_of",
+    "engines_among",
+    "made",
+    "represents",
 ]

@@ -1,12 +1,66 @@
-"""What an engine answers, in the scene's coordinates."""
+"""What an engine answers, in the scene's coordinates, and what is wrong with an answer as such."""
 
 from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.errors import EngineError, InputError
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
+
+ELSEWHERE = 0.25
+"""How far off the states are at which an engine is asked before, see `Answers.disturb`."""
+
+Shape = tuple[int | None, ...]
+
+
+class EngineFault(Exception):
+    """An engine gives no answer, or none of the kind that its contract says.
+
+    Attributes:
+        what: what it did.
+    """
+
+    def __init__(self, what: str):
+        self.what = what
+        super().__init__(what)
+
+
+def made(kind: type[Engine], scene: Scene) -> Engine:
+    """Return the engine for `scene`.
+
+    Raises:
+        EngineFault: it cannot be made, though it says that it represents the scene.
+        EngineError: its library is not installed.
+    """
+    try:
+        return kind(scene)
+    except EngineError:
+        raise
+    except Exception as error:
+        raise EngineFault(f"{kind.__name__}(scene) {_raised(error)}") from error
+
+
+def represents(kind: type[Engine], scene: Scene) -> bool:
+    """Return whether an engine says that it can represent `scene`.
+
+    Raises:
+        InputError: it raises an exception instead.
+        EngineError: its library is not installed.
+    """
+    try:
+        return bool(kind.represents(scene))
+    except EngineError:
+        raise
+    except Exception as error:
+        said = f"engine {kind.__name__}: represents({scene.name}) {_raised(error)}"
+        raise InputError(said) from error
 
 
 class Answers:
@@ -14,6 +68,8 @@ class Answers:
 
     With w = S v and ẇ = S v̇ + Ṡ v in its own coordinates x: M = Sᵀ M_x S, B = Sᵀ (B_x + M_x Ṡ v),
     Q = Sᵀ Q_x, a = a_x S and gamma = gamma_x + a_x Ṡ v.
+
+    All methods raise `EngineFault` where an answer is not what the contract says.
 
     Args:
         engine: the engine.
@@ -23,65 +79,83 @@ class Answers:
         self.engine = engine
         self._maps = engine.offers("velocity_map")
 
+    def disturb(self, method: str, q: Array, v: Array, t: float) -> None:
+        """Ask at other states, so that an answer that is kept where it should not be shows.
+
+        Last of all by `method` itself where only the velocity is another one. What comes of it
+        does not matter.
+        """
+        other = q + ELSEWHERE, ELSEWHERE - v / 2
+        for name, (there, speed) in (
+            ("mass_matrix", other),
+            ("bias", other),
+            (method, other),
+            (method, (q, other[1])),
+        ):
+            if name != "acceleration":
+                try:
+                    self.ask(name, there, speed, t)
+                except Exception:
+                    continue
+
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """Return what the engine says by the method of this name, handed q, v, ..., t."""
+        if method == "mass_matrix":
+            return self.mass_matrix(arguments[0], arguments[-1])
+        return getattr(self, method)(*arguments)
+
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v); q itself, the identity and zeros where the engine has none."""
-        return VelocityMap(*self.engine.velocity_map(q, v))
+        n = self.engine.scene.n
+        parts = self._call("velocity_map", q, v)
+        try:
+            x, S, rest = parts
+        except (TypeError, ValueError):
+            raise EngineFault(
+                f"velocity_map returned {_kind(parts)}, expected (x, S, Ṡ v)"
+            ) from None
+        S = _checked("velocity_map: S", S, (None, n))
+        x = _checked("velocity_map: x", x, (None,))
+        return VelocityMap(x, S, _checked("velocity_map: Ṡ v", rest, (len(S),)))
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
-        if not self._maps:
-            return self.engine.mass_matrix(q, t)
         x, S, _ = self.velocity_map(q, np.zeros_like(q))
-        return S.T @ self.engine.mass_matrix(x, t) @ S
-
-    def mass_matrix_size(self, q: Array, t: float = 0.0) -> float:
-        """Return the largest entry of |S|ᵀ |M_x| |S|, 0 where the engine has no own coordinates.
-
-        Relative angles carry all bodies behind, which cancels in M.
-        """
-        if not self._maps:
-            return 0.0
-        x, S, _ = self.velocity_map(q, np.zeros_like(q))
-        return largest(np.abs(S).T @ np.abs(self.engine.mass_matrix(x, t)) @ np.abs(S))
+        M = self._asked("mass_matrix", (len(S),) * 2, x, t)
+        return S.T @ M @ S if self._maps else M
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,)."""
-        if not self._maps:
-            return self.engine.bias(q, v, t)
         x, S, rest = self.velocity_map(q, v)
-        B = self.engine.bias(x, S @ v, t)
-        return S.T @ (B + self.engine.mass_matrix(x, t) @ rest if rest.any() else B)
-
-    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
-        """Return the size of the terms that the engine sums to B."""
-        x, S, _ = self.velocity_map(q, v)
-        return self.engine.bias_size(x, S @ v, t)
+        B = self._asked("bias", (len(S),), x, S @ v, t)
+        if rest.any():
+            B = B + self._asked("mass_matrix", (len(S),) * 2, x, t) @ rest
+        return S.T @ B
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (n,)."""
         x, S, _ = self.velocity_map(q, v)
-        return S.T @ self.engine.forces(x, S @ v, t)
+        return S.T @ self._asked("forces", (len(S),), x, S @ v, t)
 
     def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return a (r, n)."""
         x, S, _ = self.velocity_map(q, v)
-        return self.engine.constraint_jacobian(x, S @ v, t) @ S
+        return self._jacobian(x, S, S @ v, t) @ S
 
     def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return gamma (r,)."""
-        if not self._maps:
-            return self.engine.constraint_drift(q, v, t)
         x, S, rest = self.velocity_map(q, v)
-        w = S @ v
-        drift = self.engine.constraint_drift(x, w, t)
-        return drift + self.engine.constraint_jacobian(x, w, t) @ rest
+        drift = self._asked("constraint_drift", (self.engine.scene.r,), x, S @ v, t)
+        return drift + self._jacobian(x, S, S @ v, t) @ rest if rest.any() else drift
 
     def kane_inertia_remainder(
         self, q: Array, v: Array, t: float = 0.0
     ) -> tuple[Array, float, float]:
         """Return (N_Kane q̇ + G_Kane (p,), size, condition); generalized speeds are the scene's."""
         x, S, _ = self.velocity_map(q, v)
-        return self.engine.kane_inertia_remainder(x, S @ v, t)
+        remainder, size, condition = self._call("kane_inertia_remainder", x, S @ v, t)
+        shape = (self.engine.scene.p,)
+        return _checked("kane_inertia_remainder", remainder, shape), float(size), float(condition)
 
     def acceleration(
         self,
@@ -93,12 +167,76 @@ class Answers:
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ (n,) and λ (r,) or None; Q, a and gamma are the scene's."""
-        if not self._maps:
-            return EngineAcceleration(*self.engine.acceleration(q, v, Q, a, gamma, t))
         x, S, rest = self.velocity_map(q, v)
-        back = np.linalg.pinv(S)
-        if a is not None and gamma is not None:
-            a = a @ back
-            gamma = gamma - a @ rest
-        wdot, multipliers = self.engine.acceleration(x, S @ v, back.T @ Q, a, gamma, t)
-        return EngineAcceleration(back @ (wdot - rest), multipliers)
+        w, back = S @ v, np.linalg.pinv(S) if self._maps else S
+        if self._maps:
+            Q = back.T @ Q
+            if a is not None and gamma is not None:
+                a = a @ back
+                gamma = gamma - a @ rest
+        result = self._call("acceleration", x, w, Q, a, gamma, t)
+        try:
+            wdot, multipliers = result
+        except (TypeError, ValueError):
+            said = f"acceleration returned {_kind(result)}, expected (v̇, λ or None)"
+            raise EngineFault(said) from None
+        vdot = _checked("acceleration: v̇", wdot, (len(S),))
+        if multipliers is not None:
+            multipliers = _checked("acceleration: λ", multipliers, (self.engine.scene.r,))
+        return EngineAcceleration(back @ (vdot - rest) if self._maps else vdot, multipliers)
+
+    def _jacobian(self, x: Array, S: Array, w: Array, t: float) -> Array:
+        return self._asked("constraint_jacobian", (self.engine.scene.r, len(S)), x, w, t)
+
+    def _asked(self, method: str, shape: Shape, *arguments: Any) -> Array:
+        return _checked(method, self._call(method, *arguments), shape)
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        handed = [np.array(x) if isinstance(x, np.ndarray) else x for x in arguments]
+        function: Callable[..., Any] = getattr(self.engine, method)
+        try:
+            result = function(*handed)
+        except Exception as error:
+            raise EngineFault(f"{method} {_raised(error)}") from error
+        for here, before in zip(handed, arguments, strict=True):
+            if isinstance(here, np.ndarray) and not np.array_equal(here, before, equal_nan=True):
+                raise EngineFault(f"{method} changes an array that it is handed")
+        return result
+
+
+def _raised(error: Exception) -> str:
+    """Return what an engine raised, and in which line."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    said = " ".join(str(error).split())
+    return f"raised {type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
+
+
+def _kind(value: Any) -> str:
+    """Return what a value is, with its article: "a list", "an int", "None"."""
+    if value is None:
+        return "None"
+    name = type(value).__name__
+    return f"a{'n' if name[0] in 'aeiou' else ''} {name}"
+
+
+def _checked(method: str, value: Any, shape: Shape) -> Array:
+    """Return an answer as a new array of doubles.
+
+    Raises:
+        EngineFault: it is no array, of another shape, not of real numbers, or not finite.
+    """
+    wanted = ", ".join("any" if x is None else str(x) for x in shape)
+    expected = f"expected an array of shape ({wanted})"
+    if not hasattr(value, "__array__"):
+        raise EngineFault(f"{method} returned {_kind(value)}, {expected}")
+    array = np.asarray(value)
+    if len(array.shape) != len(shape) or any(
+        want not in (None, have) for have, want in zip(array.shape, shape, strict=True)
+    ):
+        raise EngineFault(f"{method} returned an array of shape {array.shape}, {expected}")
+    if array.dtype.kind not in "fiu":
+        raise EngineFault(f"{method} returned an array of {array.dtype}, expected real numbers")
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise EngineFault(f"{method} returned {array[where]} in entry {list(where)}")
+    return np.array(array, np.float64)

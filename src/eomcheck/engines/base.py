@@ -156,12 +156,6 @@ class Engine(ABC):
         """
         raise NotImplementedError
 
-    # ---- Sizes -----------------------------------------------------------------------------------
-
-    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
-        """Return the size of the terms that the engine sums to B, where that exceeds B itself."""
-        return 0.0
-
 
 OPTIONAL = (
     "forces",

@@ -8,6 +8,7 @@ only; its parameters are inputs, so that one model serves all snakes of N links.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -33,7 +34,10 @@ class CasadiEngine(Engine):
         self._parameters = _flatten(parameters)
         key = (type(scene), scene.n, scene.r, tuple(value is None for value in parameters))
         if key not in _MODELS:
-            _MODELS[key] = _symbolic_model(scene)
+            with warnings.catch_warnings():
+                # Scenes of one's own may call numpy's functions, and casadi tells of its next ones.
+                warnings.simplefilter("ignore", FutureWarning)
+                _MODELS[key] = _symbolic_model(scene)
         self._model = _MODELS[key]
 
     @classmethod
@@ -57,15 +61,6 @@ class CasadiEngine(Engine):
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) = d/dt (∂T/∂v) - ∂T/∂q at v̇ = 0."""
         return self._evaluate("bias", q, v, t)
-
-    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
-        """Return the size of the inertia forces in B, V_qᵀ I V and V_vᵀ I V_q v, term by term.
-
-        Along axes that turn with a body they appear and cancel where B is small or vanishes.
-        """
-        V_v, V_q, inertia = (np.abs(self._evaluate(x, q, v, t)) for x in ("V_v", "V_q", "inertia"))
-        v = np.abs(v)
-        return largest(2.0 * V_q.T @ inertia @ V_v @ v + V_v.T @ inertia @ V_q @ v)
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (n,) = -∂U/∂q - ∂R/∂v, zeros without potential and dissipation."""

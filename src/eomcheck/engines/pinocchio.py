@@ -9,7 +9,6 @@ import numpy as np
 
 from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import EngineError, required
-from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -30,7 +29,6 @@ class PinocchioEngine(Engine):
         self.model = self._build(tree)
         self.data = self.model.createData()
         self.coordinates = tree.coordinates
-        self._reach = float(np.abs(tree.offset).sum() + np.abs(tree.center).max())
 
     @classmethod
     def version(cls) -> str:
@@ -73,20 +71,6 @@ class PinocchioEngine(Engine):
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by the recursive Newton-Euler algorithm; gravity is zero in the model."""
         return np.array(self._pin.nonLinearEffects(self.model, self.data, q, v))
-
-    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
-        """Return a size of the momenta that RNEA turns with the bodies, m ω V and their moments.
-
-        In frames that move with the bodies these appear even where the whole chain only translates,
-        and cancel: B does not depend on ẋ and ẏ. V × m V does, component by component.
-        """
-        projected = np.abs(self.coordinates).T @ np.abs(self.bias(q, v))
-        force = crossed = 0.0
-        for body, velocity in zip(self.model.inertias, self.data.v, strict=True):
-            x, y, z = np.abs(velocity.linear)
-            force += body.mass * np.linalg.norm(velocity.linear) * np.linalg.norm(velocity.angular)
-            crossed += body.mass * (x * y + y * z + z * x)
-        return largest(projected) + float(force) * max(1.0, self._reach) + float(crossed)
 
     def acceleration(
         self,

@@ -68,6 +68,30 @@ class Dual:
 
     __radd__, __rmul__ = __add__, __mul__
 
+    # What numpy's functions call of arrays of objects: scenes of one's own may use them.
+
+    def sin(self):
+        """Return the sine."""
+        return Dual(np.sin(self.x), self.rate * np.cos(self.x))
+
+    def cos(self):
+        """Return the cosine."""
+        return Dual(np.cos(self.x), -self.rate * np.sin(self.x))
+
+    def tan(self):
+        """Return the tangent."""
+        return self.sin() / self.cos()
+
+    def sqrt(self):
+        """Return the square root."""
+        root = np.sqrt(self.x)
+        return Dual(root, self.rate / (2 * root))
+
+    def exp(self):
+        """Return the exponential."""
+        power = np.exp(self.x)
+        return Dual(power, self.rate * power)
+
 
 def _quotient(x, y):
     """Return x / y; a quotient of two literals would be a double."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines import Engine, engine_of
+from eomcheck.engines import Answers, Engine, engine_of
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
@@ -80,13 +80,15 @@ def from_engine(engine: Any) -> Functions:
         engine: an engine, made for its scene; of the optional methods those it overrides.
     """
     scene, zero = engine.scene, np.zeros(engine.scene.n)
-    given: dict[str, Any] = {"M": engine.mass_matrix, "bias": engine.bias}
+    # In the scene's coordinates, whatever the engine has itself.
+    says: Any = Answers(engine) if isinstance(engine, Engine) else engine
+    given: dict[str, Any] = {"M": says.mass_matrix, "bias": says.bias}
     optional = {"Q": "forces", "gamma": "constraint_drift"} if scene.r else {"Q": "forces"}
     for name, method in optional.items():
         if _offers(engine, method):
-            given[name] = getattr(engine, method)
+            given[name] = getattr(says, method)
     if scene.r and _offers(engine, "constraint_jacobian"):
-        given["a"] = lambda q: engine.constraint_jacobian(q, zero)
+        given["a"] = lambda q: says.constraint_jacobian(q, zero)
     return Functions(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
 
 

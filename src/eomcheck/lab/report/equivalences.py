@@ -55,7 +55,8 @@ def other_data(overview: Overview) -> Iterator[OtherData]:
             continue
         scene: Any = kind.example()
         names = list(kind.ranges(links_of(scene)))
-        by = [key for key in run.series["engines"] if not ENGINES[key].reads_parameters]
+        ours = [key for key in run.series["engines"] if key in ENGINES]
+        by = [key for key in ours if not ENGINES[key].reads_parameters]
         seen = [name for name in names if by and _in_tree(scene, name)]
         common = ", ".join(name for name in names if name not in seen)
         covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"

@@ -77,7 +77,8 @@ class Overview:
     def columns(self) -> list[str]:
         """The formulations and engines that took part."""
         seen = {name for row in self.rows for name in parties(row)}
-        return [key for key in (*FORMULATIONS, *ENGINES) if key in seen]
+        own = (key for run in self.runs for key in run.series["engines"])
+        return [key for key in dict.fromkeys((*FORMULATIONS, *ENGINES, *own)) if key in seen]
 
     @cached_property
     def scenes(self) -> list[str]:

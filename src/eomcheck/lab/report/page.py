@@ -52,7 +52,7 @@ def write_page(overview: Overview, path: Path) -> None:
         anchor=anchor,
         claims=party_sheet(overview.claims, overview.columns),
         evidence=evidence_sheet,
-        lit={*STYLES, *ENGINES},
+        lit={*STYLES, *ENGINES, *overview.columns},
         formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
         light={key: style.color for key, style in STYLES.items()},
         dark={key: on_dark(style.color) for key, style in STYLES.items()},

@@ -13,7 +13,8 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, get_args, get_type_hints
 
-from eomcheck.claims.finding import Finding, Proof, Verdict, python_of, ratio
+from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
+from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run, Selection
 from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
@@ -103,12 +104,13 @@ def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> l
         case: number of the state in its run; None for a structure.
     """
     scene, state = findings[0].scene, findings[0].state
+    engines = dict.fromkeys(one.engine for one in findings if one.engine is not None)
     where = {
         "scene": key,
         "links": links_of(scene),
         "case": case,
         "structure": scene.structure if case is None else "",
-        "python": python_of(scene, state),
+        "python": python_of(scene, state, engines),
     }
     return [Kept(**{name: getattr(one, name) for name in COLUMNS}, **where) for one in findings]
 

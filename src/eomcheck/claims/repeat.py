@@ -1,0 +1,130 @@
+"""Python code that shows a finding again, run as it is printed."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import sysconfig
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eomcheck.engines import Engine
+from eomcheck.mechanics.parameters import Parametric
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+
+if TYPE_CHECKING:
+    from eomcheck.claims.finding import Subject
+
+INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
+"""Folders from which any Python imports."""
+
+
+def python_of(
+    scene: Scene | Subject, state: State | None, engines: Iterable[type[Engine]] = ()
+) -> str:
+    """Return Python code that prints what fails in a state, or for all states where it is None.
+
+    Args:
+        scene: the scene; a subject that is none says itself what shows it again.
+        state: (q, v, t), or None.
+        engines: engines on trial there, which are then the only ones to look at.
+    """
+    if not isinstance(scene, Scene):
+        return scene.as_python(state)
+    engines = tuple(engines)
+    places = [_place(type(scene)), *(_place(kind) for kind in engines)]
+    lines = [line for place in places for line in place.splitlines()]
+    head = "\n".join(dict.fromkeys(["import eomcheck", *lines]))
+    text = f"{head}\n\nscene = {scene_code(scene)}\n"
+    if state is None:
+        text += "for finding in eomcheck.prove(scene):\n"
+    else:
+        chosen = ", ".join(kind.__name__ for kind in engines)
+        more = f", engines=[{chosen}]" if engines else ""
+        text += (
+            f"q = {state.q.tolist()}\n"
+            f"v = {state.v.tolist()}\n"
+            f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False{more}):\n"
+        )
+    return text + '    if finding.verdict == "failed":\n        print(finding)\n'
+
+
+# ---- Classes -------------------------------------------------------------------------------------
+
+
+def _place(kind: type) -> str:
+    """Return the lines that make a class known, or a comment where there is none."""
+    name, module = kind.__name__, kind.__module__
+    if module.startswith("eomcheck."):
+        home = "eomcheck.scenes" if issubclass(kind, Scene) and _in_scenes(kind) else module
+        return f"from {home} import {name}"
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if kind.__qualname__ != name or (file is None and module == "__main__"):
+        return f"# {kind.__qualname__} is defined nowhere that can be imported: define it here"
+    if file is None or _is_installed(file):
+        return f"from {module} import {name}"
+    path = Path(file).resolve()
+    if "." not in module:
+        return f"from eomcheck.lookup import in_file\n{name} = in_file({str(path)!r}, {name!r})"
+    # Files of one package import each other by their names.
+    depth = module.count(".") + (path.name == "__init__.py")
+    root = str(path.parents[depth])
+    return f"import sys\nsys.path.insert(0, {root!r})\nfrom {module} import {name}"
+
+
+def _in_scenes(kind: type) -> bool:
+    return getattr(sys.modules.get("eomcheck.scenes"), kind.__name__, None) is kind
+
+
+def _is_installed(file: str) -> bool:
+    return any(Path(file).is_relative_to(folder) for folder in INSTALLED)
+
+
+# ---- Scenes --------------------------------------------------------------------------------------
+
+
+def scene_code(scene: Scene) -> str:
+    """Return Python that makes a scene again: its arguments as far as it keeps them by name."""
+    kind = type(scene)
+    if isinstance(scene, Parametric):
+        return repr(scene)
+    if is_dataclass(scene):
+        kept = {one.name: getattr(scene, one.name) for one in fields(scene) if one.init}
+        return _call(kind, kept)
+    if kind.__repr__ is not object.__repr__:
+        return repr(scene)
+    try:
+        if _same(vars(kind()), vars(scene)):
+            return f"{kind.__name__}()"
+    except Exception:  # it has no defaults
+        pass
+    names = [name for name in inspect.signature(kind).parameters if hasattr(scene, name)]
+    return _call(kind, {name: getattr(scene, name) for name in names})
+
+
+def _call(kind: type, arguments: dict[str, Any]) -> str:
+    said = ", ".join(f"{name}={_literal(value)}" for name, value in arguments.items())
+    return f"{kind.__name__}({said})"
+
+
+def _literal(value: Any) -> str:
+    plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    return repr(plain)
+
+
+def _same(x: Any, y: Any) -> bool:
+    """Return whether two values are equal, arrays in them entry by entry."""
+    if type(x) is not type(y):
+        return False
+    if isinstance(x, dict):
+        return x.keys() == y.keys() and all(_same(x[key], y[key]) for key in x)
+    if isinstance(x, list | tuple):
+        return len(x) == len(y) and all(map(_same, x, y))
+    if isinstance(x, np.ndarray):
+        return np.array_equal(x, y)
+    return bool(x == y)

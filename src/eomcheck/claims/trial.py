@@ -1,0 +1,220 @@
+"""Engines on trial: what they answer in a state beside the scene's own, and whose fault it is.
+
+Of our engines and a scene it is the scene that is judged: "found" is the scene's value. Of an
+engine that somebody else wrote, "found" is what the engine says and "expected" the reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eomcheck.claims.finding import DECIDED, Finding, resembles, worst_of
+from eomcheck.claims.registry import CLAIMS
+from eomcheck.engines import ENGINES, Answers, Engine, EngineFault, made, represents
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import HUGE, largest
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+if TYPE_CHECKING:
+    from eomcheck.claims.case import Case
+
+UNABLE = (np.linalg.LinAlgError, EngineFault)
+
+FLOAT32 = 2.0**-19
+"""A relative error below this, and above that of doubles, is one of single precision."""
+
+
+def is_on_trial(kind: type[Engine]) -> bool:
+    """Return whether an engine is not one of ours, so that it is the one to judge."""
+    return kind not in ENGINES.values()
+
+
+def kind_of(engine: Engine | type[Engine]) -> type[Engine]:
+    """Return the class of an engine; of one that could not be made, that is all there is."""
+    return engine if isinstance(engine, type) else type(engine)
+
+
+def overflows(at: Evaluation) -> bool:
+    """Return whether the state or the scene is so large that products of it overflow."""
+    numbers = [x for x in at.parameters if x is not None] + [at.q, at.v]
+    return max(largest(x) for x in numbers) > HUGE
+
+
+def inertia_size(at: Evaluation) -> float:
+    """Return the size of the inertia forces ω × p that an engine may sum to B, N or N m.
+
+    Momenta |M| |v| times all rates of angles. In frames that turn with the bodies these forces
+    appear and cancel, also where B itself is small or vanishes: B does not depend on how fast the
+    whole scene translates. Of a scene that names no angles all velocities count.
+    """
+    v = np.abs(at.v)
+    rates = v[at.scene.angle_coordinates]
+    return float((rates if rates.size else v).sum()) * largest(np.abs(at.terms.M) @ v)
+
+
+def mass_size(at: Evaluation, S: Array) -> float:
+    """Return the size of the terms that Sᵀ M_x S sums to M, kg m² or the like.
+
+    Relative angles carry all bodies behind, which cancels in M.
+    """
+    if np.array_equal(S, np.eye(at.scene.n)):
+        return 0.0
+    back, across = np.linalg.pinv(S), np.abs(S)
+    return largest(across.T @ np.abs(back.T @ at.terms.M @ back) @ across)
+
+
+def size_of(case: Case, engine: Engine, method: str) -> float:
+    """Return the size of the terms that an engine may sum to an answer, where it cancels."""
+    if method == "bias":
+        return inertia_size(case.at)
+    if method != "mass_matrix" or not engine.offers("velocity_map"):
+        return 0.0
+    try:
+        S = Answers(engine).velocity_map(case.at.q, np.zeros_like(case.at.v)).S
+        return mass_size(case.at, S)
+    except UNABLE:
+        return 0.0
+
+
+def represented(
+    engines: Sequence[type[Engine]], scenes: Sequence[type[Scene]]
+) -> tuple[type[Scene], ...]:
+    """Return the kinds of scenes of which one of `engines` represents a small one at least.
+
+    Raises:
+        InputError: there is none, or an engine cannot say so.
+    """
+    found = tuple(
+        kind
+        for kind in scenes
+        if any(represents(engine, scene) for engine in engines for scene in _small(kind))
+    )
+    if not found:
+        who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
+        raise InputError(f"engine {who} represents none of these scenes: {what}")
+    return found
+
+
+def _small(kind: type[Scene]) -> Iterator[Scene]:
+    for links in (1, 2, 3) if kind.has_links else (None,):
+        with suppress(InputError):  # no scene of the kind has so many
+            yield from kind.structures(links)
+
+
+def check_compared(engines: Sequence[type[Engine]], findings: Iterable[Finding]) -> None:
+    """Raise InputError if an engine was compared with nothing: that is no pass."""
+    decided = {
+        word
+        for finding in findings
+        if finding.verdict in DECIDED and CLAIMS[finding.claim].asks
+        for word in finding.subject.split(" ~ ")
+    }
+    for kind in engines:
+        if kind.key not in decided:
+            raise InputError(f"engine {kind.key}: nothing could be compared with it")
+
+
+def answer(
+    case: Case,
+    engine: Engine | type[Engine],
+    *arguments: Any,
+    excused: Callable[[], bool] = lambda: False,
+) -> Any:
+    """Return what the engine says of what the claim asks; else the Finding that it says nothing.
+
+    Args:
+        case: the state, and the claim that is looked at.
+        engine: the engine, or its class if it could not be made.
+        arguments: what its method is handed.
+        excused: whether nothing could be judged here, whatever the answer.
+    """
+    assert case.claim is not None
+    method, kind = case.claim.asks, kind_of(engine)
+    if not kind.offers(method):
+        return unseen(case, kind, f"it does not offer {method}")
+    if isinstance(engine, type) and not is_on_trial(engine):
+        return unseen(case, engine, f"not rational: {case.broken[engine]}")
+    try:
+        if isinstance(engine, type):
+            raise EngineFault(case.broken[engine])
+        answers = Answers(engine)
+        answers.disturb(method, *case.state)
+        return answers.ask(method, *arguments)
+    except EngineFault as fault:
+        open_here = overflows(case.at) or excused()
+        verdict = "inconclusive" if open_here else "failed"
+        outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"
+        return case.finding(kind.key, *outcome, engine=kind)
+
+
+def unseen(case: Case, kind: type[Engine], why: str) -> Finding:
+    """Return the Finding of what an engine does not tell, or of what cannot be compared."""
+    outcome = 0.0, 0.0, "not looked at", evidence_of(kind), why
+    return case.finding(kind.key, *outcome, engine=kind)
+
+
+def evidence_of(kind: type[Engine]) -> str:
+    """Return the level of evidence of a comparison, and what it rests on."""
+    return f"compared: {kind.version()}"
+
+
+def compared(
+    case: Case,
+    engine: Engine,
+    subject: str,
+    ours: Any,
+    theirs: Any,
+    sensitivity: float,
+    again: Callable[[Answers], Any],
+    *,
+    names: Sequence[tuple[str, ...]],
+    scale: float | None = None,
+) -> Finding:
+    """Return the Finding of an answer being the scene's own.
+
+    Args:
+        case: the state, and the claim that is looked at.
+        engine: the engine.
+        subject: what is compared.
+        ours: the scene's.
+        theirs: the engine's, same shape.
+        sensitivity: κ · scale of both computations together.
+        again: asks the same once more.
+        names: names along each axis.
+        scale: size of what is compared, by default the largest entry of what is expected.
+    """
+    kind, tried = type(engine), is_on_trial(type(engine))
+    found, expected = (theirs, ours) if tried else (ours, theirs)
+    here = subject, found, expected, sensitivity
+    how: dict[str, Any] = {"names": tuple(names), "scale": scale, "evidence": evidence_of(kind)}
+    finding = case.compare(*here, **how, engine=kind)
+    if finding.verdict == "failed" and tried:
+        try:
+            fresh = again(Answers(made(kind, case.at.scene)))
+        except Exception:
+            return finding
+        if largest(np.asarray(fresh) - np.asarray(ours)) <= finding.allowed:
+            return finding.because("a new engine answers right: it keeps what it was asked before")
+    return finding
+
+
+def said_on_trial(found: Array, expected: Array, allowed: float) -> str:
+    """Return what is wrong with the worst entry of an engine on trial: both numbers, and a name.
+
+    Args:
+        found: what it says.
+        expected: what it should say, same shape.
+        allowed: the error that rounding explains.
+    """
+    worst = worst_of(found - expected)
+    what = resembles(found, expected, allowed, worst)
+    numbers = f"found {found[worst]:.9g}, expected {expected[worst]:.9g}"
+    if largest(found - expected) <= FLOAT32 * largest(expected):
+        what = "as large as the rounding of single precision"
+    return f"{numbers}: {what}" if what else numbers

@@ -1,0 +1,158 @@
+"""Classes by name: those of a registry, of an installed package, and somebody's own in a file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Generic, NamedTuple, TypeVar
+
+from eomcheck.errors import EomcheckError, InputError, UnknownNameError
+
+T = TypeVar("T")
+
+
+class Kind(NamedTuple, Generic[T]):
+    """What is looked up.
+
+    Attributes:
+        word: what one is called: "scene", "engine".
+        base: the class that all derive from.
+        registry: key -> class, of our own.
+    """
+
+    word: str
+    base: type[T]
+    registry: Mapping[str, type[T]]
+
+    @property
+    def group(self) -> str:
+        """The group of entry points by which installed packages announce theirs."""
+        return f"eomcheck.{self.word}s"
+
+
+def looked_up(kind: Kind[T], name: object) -> type[T]:
+    """Return the class that `name` stands for.
+
+    Args:
+        kind: what it should be.
+        name: a key of the registry, `path/to/file.py:Class`, `package.module:Class`, or the name of
+            an entry point.
+
+    Raises:
+        UnknownNameError: there is no such key or entry point.
+        InputError: no such file or module, it cannot be run, or has no such class.
+    """
+    if isinstance(name, str) and name in kind.registry:
+        return kind.registry[name]
+    home, colon, of = name.rpartition(":") if isinstance(name, str) else ("", "", "")
+    if colon and of.isidentifier():
+        module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
+        return _class_in(module, of, kind, home)
+    announced = {point.name: point for point in entry_points(group=kind.group)}
+    if name not in announced:
+        raise UnknownNameError(kind.word, name, (*kind.registry, *announced))
+    value = announced[str(name)].value
+    return _class_in(_installed(value.partition(":")[0]), value.partition(":")[2], kind, value)
+
+
+def in_file(path: str, name: str) -> type:
+    """Return the class called `name` in a Python file, as code that shows a finding loads it.
+
+    Raises:
+        InputError: no such file, it cannot be run, or it has no such class.
+    """
+    return _class_in(_in_file(Path(path)), name, Kind("class", object, {}), path)
+
+
+def _class_in(module: ModuleType, name: str, kind: Kind[T], home: str) -> type[T]:
+    found = getattr(module, name, None)
+    if isinstance(found, type) and issubclass(found, kind.base):
+        return found
+    own = [
+        key
+        for key, value in vars(module).items()
+        if isinstance(value, type) and value.__module__ == module.__name__
+        if issubclass(value, kind.base)
+    ]
+    has = ", ".join(own) or "none"
+    raise InputError(f"{home!r} has no {kind.word} {name!r}; it has: {has}")
+
+
+def _installed(name: str) -> ModuleType:
+    """Return the module of this name; the current folder counts, after all others."""
+    here = str(Path.cwd())
+    if here not in sys.path and "" not in sys.path:
+        sys.path.append(here)
+    return _run(name, lambda: importlib.import_module(name))
+
+
+def _in_file(path: Path) -> ModuleType:
+    """Return the file as a module, under the name by which its folder would import it."""
+    if not path.is_file():
+        raise InputError(f"{str(path)!r} is not a file")
+    name, path = path.stem, path.resolve()
+    if not name.isidentifier():
+        raise InputError(f"{str(path)!r} cannot be imported: {name!r} is no name in Python")
+    if _home_of(name) not in (None, str(path)):
+        raise InputError(f"{str(path)!r} has the name of another module, {name}")
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module, execute = importlib.util.module_from_spec(spec), spec.loader.exec_module
+
+    def load() -> ModuleType:
+        sys.modules[name] = module
+        try:
+            execute(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+        return module
+
+    with _importable(str(path.parent)):
+        return _run(str(path), load)
+
+
+def _home_of(name: str) -> str | None:
+    """Return the file of the module of this name, if there is one; "" of one without a file."""
+    known = sys.modules.get(name)
+    if known is not None:
+        return getattr(known, "__file__", None) or ""
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        return None
+    if spec is None or spec.loader is None:  # a folder of that name is no module of its own
+        return None
+    return spec.origin or ""
+
+
+@contextmanager
+def _importable(folder: str) -> Iterator[None]:
+    """Look for modules first in a folder; afterwards last of all, for what is imported later."""
+    known = folder in sys.path
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+        if not known:
+            sys.path.append(folder)
+
+
+def _run(home: str, load) -> ModuleType:
+    try:
+        return load()
+    except EomcheckError:
+        raise
+    except (Exception, SystemExit) as error:
+        what = f"{type(error).__name__}: {error}"
+        raise InputError(f"{home!r} cannot be imported: {what}") from error

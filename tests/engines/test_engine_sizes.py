@@ -1,0 +1,104 @@
+"""How large the terms are that an engine sums and that cancel: measured from the scene, for all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.engines.planar import planar
+from tests.scenes.test_not_rational import Blade
+
+import eomcheck
+from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.trial import inertia_size, mass_size
+from eomcheck.engines import ENGINES, Answers, Engine, represents
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.scenes import SCENES, Sleigh
+
+ENGINES_ALL = [*ENGINES.values(), planar()]
+
+
+class InBody(Engine):
+    """A sleigh whose inertia forces m ω × V are formed along it, where they do not cancel."""
+
+    def __init__(self, scene):
+        super().__init__(scene)
+        parameters = scene.parameters(_Doubles())
+        self.m, self.c = float(parameters.mass[0]), float(scene.offset)
+        self.right = planar()(scene)
+
+    version = classmethod(lambda cls: "in-body 1")
+    represents = classmethod(lambda cls, scene: True)
+
+    def velocity_map(self, q, v):
+        return self.right.velocity_map(q, v)
+
+    def mass_matrix(self, q, t=0.0):
+        return self.right.mass_matrix(q, t)
+
+    def bias(self, q, v, t=0.0):
+        cos, sin, omega = np.cos(q[2]), np.sin(q[2]), v[2]
+        R = np.array([[cos, -sin], [sin, cos]])
+        V = R.T @ v[:2] + np.array([0.0, self.c * omega])
+        # ω × V of the centre, less what v turns by itself: ẋ and ẏ appear, and cancel.
+        turned = self.m * omega * np.array([-V[1], V[0]])
+        own = self.m * omega * (R.T @ np.array([-v[1], v[0]]))
+        force = turned - own
+        return np.array([*(R @ force), self.c * force[1]])
+
+
+class _Doubles:
+    def numbers(self, x):
+        return np.asarray(x, float)
+
+
+def test_a_bias_that_vanishes_where_its_terms_cancel_is_allowed_their_rounding():
+    scene = Sleigh(offset=0.0)
+    found = []
+    for heading in np.linspace(0.1, 3.0, 30):
+        q = np.array([3.0, -5.0, heading])
+        v = eomcheck.velocity(scene, q, [40.0, 1.3])
+        found += eomcheck.check(scene, q, v, engines=[InBody], claims=["bias"])
+    assert {f.verdict for f in found} == {"passed"}
+    assert any(f.observed > 0 for f in found), "the terms do cancel with an error"
+
+
+def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():
+    class Wrong(planar()):
+        def bias(self, q, v, t=0.0):
+            return (1 + 1e-12) * super().bias(q, v, t)
+
+    scene = Sleigh()
+    q = np.array([3.0, -5.0, 0.4])
+    v = eomcheck.velocity(scene, q, [1.0, 2.0])
+    (finding,) = eomcheck.check(scene, q, v, engines=[Wrong], claims=["bias"])
+    assert finding.verdict == "failed"
+
+
+@pytest.mark.parametrize("key", SCENES)
+def test_right_engines_are_within_the_allowance_on_every_scene(key):
+    compared = 0
+    for scene, state in scene_cases(SCENES[key], (1, 12), 12, seed=5):
+        at = Evaluation(scene, *state)
+        B = np.zeros(scene.n) if at.terms.B is None else at.terms.B
+        for kind in ENGINES_ALL:
+            if represents(kind, scene):
+                answers = Answers(kind(scene))
+                error = largest(answers.bias(*state) - B)
+                assert error <= allowed_error(inertia_size(at) + 20 * largest(B))
+                S = answers.velocity_map(state.q, state.v).S
+                error = largest(answers.mass_matrix(state.q, state.t) - at.terms.M)
+                scale = mass_size(at, S) + 20 * largest(at.terms.M)
+                assert error <= allowed_error(scale)
+                compared += 1
+    assert compared >= 12
+
+
+def test_where_a_scene_names_no_angles_all_velocities_count():
+    class Unnamed(Blade):
+        angle_coordinates = slice(0, 0)
+
+    state = np.array([0.1, 0.5, 0.3]), np.array([1.0, 2.0, 0.5])
+    m, named = 2.0, inertia_size(Evaluation(Blade(), *state))
+    assert named == 0.5 * m * 2.0
+    assert inertia_size(Evaluation(Unnamed(), *state)) == 3.5 * m * 2.0
