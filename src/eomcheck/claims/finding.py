@@ -12,7 +12,6 @@ from eomcheck.claims.repeat import python_of
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 
