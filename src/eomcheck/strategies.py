@@ -6,6 +6,7 @@ not when they are drawn from::
     from hypothesis import given
     from eomcheck import strategies
 
+    @strategies.settings
     @given(strategies.scene_states(strategies.snakes(max_links=5)))
     def test_my_solver(case):
         scene, state = case
@@ -19,7 +20,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from hypothesis import reject
+from hypothesis import HealthCheck, reject
+from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
@@ -32,6 +34,19 @@ from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.scenes import Snake
 
 S = TypeVar("S", bound=Scene)
+
+settings = hypothesis_settings(
+    deadline=None,
+    suppress_health_check=[
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+        HealthCheck.large_base_example,
+        HealthCheck.filter_too_much,
+    ],
+)
+"""What a test needs whose cases are drawn here, as a decorator or the first argument of
+`hypothesis.settings`: the first case loads engines, which takes longer than hypothesis allows for
+one, and a case is closed and made consistent while it is drawn."""
 
 NEGLIGIBLE = 1e-6
 """Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""

@@ -10,11 +10,12 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
 import hypothesis
-from hypothesis import HealthCheck, Phase, Verbosity
+from hypothesis import Phase, Verbosity
 from hypothesis.errors import Unsatisfiable
 from hypothesis.strategies import SearchStrategy
 
@@ -154,7 +155,7 @@ class Run:
             if failed is not None:
                 self.minimal = failed
                 if smaller is not None:
-                    self.minimal = _smallest(failed, smaller(scene), selection, seed)
+                    self.minimal = smallest_failure(failed, smaller(scene), selection, seed)
                 return
 
     def look_at_kind(
@@ -184,11 +185,7 @@ class Run:
         on_case()
         drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
 
-        def smaller(failed: Scene) -> SearchStrategy[tuple[Scene, State]]:
-            most = max(links[0], min(links[1], links_of(failed) or links[1]))
-            return strategies.scene_states(strategies.scenes(kind, links[0], most))
-
-        self.explore(drawn, selection, on_case, smaller, seed)
+        self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed)
 
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
@@ -199,7 +196,19 @@ class Run:
         return self.findings
 
 
-def _states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
+def no_larger(scene: Scene, links: tuple[int, int]) -> SearchStrategy[tuple[Scene, State]]:
+    """Return a strategy for scenes of the kind of `scene`, with at most as many links, in a state.
+
+    Args:
+        scene: the scene.
+        links: smallest and largest number of links, for a kind that has one.
+    """
+    most = max(links[0], min(links[1], links_of(scene) or links[1]))
+    return strategies.scene_states(strategies.scenes(type(scene), links[0], most))
+
+
+def states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
+    """Return a strategy for `scene` with each of its ordinary states."""
     return strategies.states(scene).map(lambda state: (scene, state))
 
 
@@ -209,13 +218,20 @@ class _Falsified(AssertionError):
         super().__init__(str(finding))
 
 
-def _smallest(
+def smallest_failure(
     failed: Finding,
     cases: SearchStrategy[tuple[Scene, State]],
     selection: Selection,
     seed: int,
 ) -> Finding:
-    """Return the smallest failure of the same claim among `cases`, or the one there is."""
+    """Return the smallest failure of the same claim among `cases`, or the one there is.
+
+    Args:
+        failed: a failure.
+        cases: among which a smaller one is looked for.
+        selection: what takes part.
+        seed: of the search.
+    """
 
     def examine(drawn: tuple[Scene, State]) -> None:
         for finding in _case(_asked(drawn[0], selection), drawn[1], selection).look(
@@ -225,17 +241,11 @@ def _smallest(
                 raise _Falsified(finding)
 
     settings = hypothesis.settings(
+        strategies.settings,
         max_examples=TRIES,
         database=None,
-        deadline=None,
         derandomize=False,
         report_multiple_bugs=False,
-        suppress_health_check=[
-            HealthCheck.too_slow,
-            HealthCheck.data_too_large,
-            HealthCheck.large_base_example,
-            HealthCheck.filter_too_much,
-        ],
         phases=(Phase.generate, Phase.shrink),
         verbosity=Verbosity.quiet,
     )
@@ -354,5 +364,5 @@ def validate(
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), selection)
     drawn = state_cases(scene, examples, seed)
-    run.explore(drawn, selection, smaller=_states_of, seed=seed)
+    run.explore(drawn, selection, smaller=states_of, seed=seed)
     return run.finish(selection)

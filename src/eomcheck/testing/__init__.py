@@ -6,10 +6,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from eomcheck.strategies import settings
     from eomcheck.testing.reference import from_engine, from_scene
     from eomcheck.testing.registry import FUNCTION_CLAIMS
     from eomcheck.testing.run import check, check_functions
     from eomcheck.testing.subject import Functions
+    from eomcheck.testing.suite import parametrize_with_claims
     from eomcheck.testing.sympy import from_kane, from_lagrange
 
 _HOME = {
@@ -21,6 +23,8 @@ _HOME = {
     "from_kane": "testing.sympy",
     "from_lagrange": "testing.sympy",
     "from_scene": "testing.reference",
+    "parametrize_with_claims": "testing.suite",
+    "settings": "strategies",
 }
 
 
@@ -43,4 +47,6 @@ __all__ = [
     "from_kane",
     "from_lagrange",
     "from_scene",
+    "parametrize_with_claims",
+    "settings",
 ]

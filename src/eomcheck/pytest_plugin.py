@@ -1,0 +1,68 @@
+"""The plug-in for pytest: two options, and a folder that its processes share.
+
+pytest loads it wherever eomcheck is installed, so it imports nothing but pytest: neither numpy nor
+any other room. `eomcheck.testing` reads `OPTIONS`, and does without the plug-in where it is off.
+"""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass
+class Options:
+    """What was asked for on pytest's command line.
+
+    Attributes:
+        examples: random states a scene, in place of what the test asks for.
+        xfails: the file of expected failures, in place of the one that the test names.
+        shared: a folder that the processes of pytest-xdist share, None where there is one process.
+    """
+
+    examples: int | None = None
+    xfails: Path | None = None
+    shared: Path | None = None
+
+
+OPTIONS = Options()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options."""
+    group = parser.getgroup("eomcheck")
+    group.addoption(
+        "--eomcheck-examples",
+        metavar="N",
+        type=_count,
+        help="random states a scene, for tests parametrized with claims",
+    )
+    group.addoption(
+        "--eomcheck-xfails",
+        metavar="FILE",
+        help="expected failures, an id and a reason a line, in place of those that tests name",
+    )
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"{text!r}, expected a whole number of at least 1")
+    return int(text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep the options where tests find them that are not collected yet."""
+    xfails = config.getoption("--eomcheck-xfails")
+    OPTIONS.examples = config.getoption("--eomcheck-examples")
+    OPTIONS.xfails = None if xfails is None else config.invocation_params.dir / xfails
+    # A worker of pytest-xdist on this machine keeps its files beside those of the others.
+    own = config.getoption("basetemp", None) if hasattr(config, "workerinput") else None
+    OPTIONS.shared = None if own is None else Path(own).parent
+
+
+def pytest_unconfigure() -> None:
+    """Forget the options, for the next session in this process."""
+    OPTIONS.examples = OPTIONS.xfails = OPTIONS.shared = None

@@ -1,0 +1,204 @@
+"""`parametrize_with_claims`: a pytest test for each claim that is made of an engine or functions.
+
+The work on a scene is done when its first test asks for it, once for all claims, and once for all
+processes of pytest-xdist. Ids in the file of expected failures are those in the brackets of a test.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from inspect import getsourcefile, unwrap
+from pathlib import Path
+from typing import Any, TypeVar
+
+from eomcheck.engines import Engine, engine_of
+from eomcheck.errors import EomcheckError, InputError, required, whole_number
+from eomcheck.testing.expected import expected_failures as read_expected
+from eomcheck.testing.once import done_once
+from eomcheck.testing.trials import Outcome, Scenes, Trial, scene_trials
+
+F = TypeVar("F", bound=Callable)
+
+OF_THE_FILE = "expected-failures"
+"""Id of the test that each line of the file of expected failures is about a test."""
+
+EXAMPLES = 25
+"""Random states a scene, if nobody says otherwise."""
+
+
+def parametrize_with_claims(
+    subject: type[Engine] | Mapping[str, Any] | str | None = None,
+    scenes: Scenes | None = None,
+    *,
+    expected_failures: str | Path | None = None,
+    strict: bool = True,
+    examples: int = EXAMPLES,
+    seed: int = 0,
+) -> Callable[[F], F]:
+    """Return a decorator that makes one pytest test for each claim and scene::
+
+        @parametrize_with_claims(MyEngine, scenes=["chain-pendulum"])
+        def test_my_engine(check):
+            check()
+
+    A test is called after its claim and scene, `test_my_engine[mass-matrix-chain-pendulum]`. It
+    fails with the Finding and with code that shows it again. It is skipped, with the reason, where
+    the claim does not apply, was only inconclusive or could not be looked at.
+
+    Args:
+        subject: on trial: a class of engine or the name of one; the arguments of
+            `check_functions`, by name; None for the scenes themselves.
+        scenes: scenes, kinds of scenes of which random ones are drawn, or their names, in a list or
+            by names of your own; by default all that the engine represents. Functions have none.
+        expected_failures: a file with an id and a reason a line, beside the test's own file. These
+            tests have to fail. A further test, `expected-failures`, fails if a line matches none.
+        strict: whether an expected failure that passes, or that is not looked at, is a failure.
+        examples: number of random states a scene; `--eomcheck-examples` overrides it.
+        seed: of the draws.
+
+    Raises:
+        InputError: an argument is not valid, the file cannot be read, or the engine represents
+            none of the scenes.
+        UnknownNameError: no engine or scene has this name.
+        EngineError: pytest is not installed.
+    """
+    pytest = required("pytest", "test")
+    examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
+    trials = _trials(subject, scenes)
+
+    def decorate(function: F) -> F:
+        home = Path(getsourcefile(unwrap(function)) or ".").resolve()
+        name = f"{home}::{function.__qualname__}"
+        file = None if expected_failures is None else home.parent / expected_failures
+        suite = Suite(name, trials, _option("xfails") or file, strict, examples, seed)
+        _suites[name] = suite
+        checks = suite.checks()
+        return pytest.mark.parametrize("check", checks, ids=[one.id for one in checks])(function)
+
+    return decorate
+
+
+def _trials(subject: Any, scenes: Scenes | None) -> list[Trial]:
+    if subject is None and scenes is None:
+        raise InputError("subject = None, expected an engine, functions, or else scenes")
+    return [*scene_trials(None if subject is None else engine_of(subject), scenes)]
+
+
+def _option(name: str) -> Any:
+    """Return what the command line of pytest says; None where the plug-in is off."""
+    plugin = sys.modules.get("eomcheck.pytest_plugin")
+    return None if plugin is None else getattr(plugin.OPTIONS, name)
+
+
+# ---- The tests -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Suite:
+    """The tests of one function.
+
+    Attributes:
+        name: of the function, with its file.
+        trials: what is looked at, a trial a scene.
+        file: expected failures, or None.
+        strict: whether an expected failure has to fail.
+        examples: number of random states a scene.
+        seed: of the draws.
+    """
+
+    name: str
+    trials: list[Trial]
+    file: Path | None
+    strict: bool
+    examples: int
+    seed: int
+    _done: dict[str, dict[str, Outcome]] = field(default_factory=dict)
+
+    @cached_property
+    def expected(self) -> dict[str, str]:
+        """Id -> reason of the tests that have to fail."""
+        return {} if self.file is None else read_expected(self.file)
+
+    @cached_property
+    def ids(self) -> dict[str, tuple[Trial, str]]:
+        """Id -> trial and claim, one test each."""
+        found: dict[str, tuple[Trial, str]] = {}
+        for trial in self.trials:
+            for claim in trial.claims:
+                id = f"{claim}-{trial.where}" if trial.where else claim
+                if id in found:
+                    raise InputError(f"scenes: two tests would be called {id!r}")
+                found[id] = trial, claim
+        return found
+
+    def checks(self) -> list[Callable[[], None]]:
+        """Return what the tests call, in order: scene by scene, the closest to a cause first."""
+        checks: list[Any] = [Check(self, id) for id in self.ids]
+        self.expected  # a file that cannot be read is told before anything is run
+        return checks if self.file is None else [CheckOfFile(self), *checks]
+
+    def outcome(self, id: str) -> Outcome:
+        """Return what a test came to; the work is done here if it is not yet."""
+        trial, claim = self.ids[id]
+        if trial.where not in self._done:
+            examples = _option("examples") or self.examples
+
+            def work() -> dict[str, Outcome]:
+                return trial.outcomes(examples, self.seed)
+
+            found = done_once(_option("shared"), f"{self.name}-{trial.where}", work)
+            self._done[trial.where] = {id: Outcome(*one) for id, one in found.items()}
+        nothing = f"{claim} does not apply" + (f" to {trial.where}" if trial.where else "")
+        return self._done[trial.where].get(claim, Outcome("not looked at", nothing))
+
+
+_suites: dict[str, Suite] = {}
+"""Those of this process, by name: one file of expected failures may be of several."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One claim on one scene; calling it passes, fails or skips the test."""
+
+    suite: Suite = field(repr=False)
+    id: str
+
+    def __call__(self) -> None:
+        """Look at the claim, and tell pytest."""
+        __tracebackhide__ = True
+        pytest = required("pytest")
+        try:
+            verdict, text = self.suite.outcome(self.id)
+        except EomcheckError as error:
+            pytest.fail(f"{self.id}: {error}", pytrace=False)
+        reason = self.suite.expected.get(self.id)
+        if verdict == "failed":
+            if reason is not None:
+                pytest.xfail(reason)
+            pytest.fail(text, pytrace=False)
+        stale = self.suite.strict and reason is not None
+        if stale and verdict != "inconclusive":
+            what = "passes" if verdict == "passed" else f"is not looked at ({text})"
+            pytest.fail(f"{self.id} {what}, but is expected to fail: {reason}", pytrace=False)
+        if verdict != "passed":
+            pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)
+
+
+@dataclass(frozen=True)
+class CheckOfFile:
+    """Every id in a file of expected failures is that of a test."""
+
+    suite: Suite = field(repr=False)
+    id: str = OF_THE_FILE
+
+    def __call__(self) -> None:
+        """Fail on ids that no test has, in any of the suites that read this file."""
+        __tracebackhide__ = True
+        sharing = [one for one in _suites.values() if one.file == self.suite.file]
+        unmatched = [id for id in self.suite.expected if not any(id in one.ids for one in sharing)]
+        if unmatched:
+            said = f"{str(self.suite.file)!r}: no test is called {', '.join(unmatched)}"
+            required("pytest").fail(said, pytrace=False)

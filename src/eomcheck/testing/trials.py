@@ -1,0 +1,194 @@
+"""What a test suite asks of an engine, of a scene or of functions: each claim, on many states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import Any, NamedTuple, Protocol
+
+from eomcheck.claims import CLAIMS, Finding, State
+from eomcheck.claims.finding import Verdict
+from eomcheck.claims.run import Run, Selection, no_larger, smallest_failure, states_of
+from eomcheck.claims.strata import scene_cases, state_cases
+from eomcheck.engines import Engine
+from eomcheck.errors import InputError
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES
+from eomcheck.scenes.named import kinds_of
+
+LINKS = 1, 5
+"""Numbers of links of the random scenes of a kind: larger ones take longer and show less."""
+
+
+class Outcome(NamedTuple):
+    """What a claim came to on all states that were looked at.
+
+    Attributes:
+        verdict: "failed" if it failed once, otherwise "passed" if it passed once, and so on.
+        text: for whoever reads it in a terminal, "" where it passed.
+    """
+
+    verdict: Verdict
+    text: str = ""
+
+
+class Trial(Protocol):
+    """Something on trial in one place, and the claims that it is asked.
+
+    Attributes:
+        where: the name of the scene, "" where there is none.
+        claims: ids of the claims.
+    """
+
+    where: str
+    claims: tuple[str, ...]
+
+    def outcomes(self, examples: int, seed: int) -> dict[str, Outcome]:
+        """Return what each claim came to; one that is not there does not apply.
+
+        Args:
+            examples: number of random states.
+            seed: of the draws.
+        """
+        ...
+
+
+def outcome_of(findings: Iterable[Finding], smallest: Callable[[Finding], Finding]) -> Outcome:
+    """Return what the Findings of one claim come to.
+
+    Args:
+        findings: at least one.
+        smallest: returns the smallest failure like one that is found.
+    """
+    by: dict[Verdict, list[Finding]] = {}
+    for finding in findings:
+        by.setdefault(finding.verdict, []).append(finding)
+    if failed := by.get("failed"):
+        shown = smallest(failed[0])
+        count = f"failed {len(failed)} times of {sum(map(len, by.values()))}"
+        return Outcome("failed", f"{shown}\n{count}; to see it again:\n\n{shown.as_python()}")
+    if "passed" in by:
+        return Outcome("passed")
+    verdict = "inconclusive" if "inconclusive" in by else "not looked at"
+    why = by[verdict][0]
+    return Outcome(verdict, why.detail if verdict == "not looked at" and why.detail else str(why))
+
+
+# ---- Engines and scenes --------------------------------------------------------------------------
+
+
+def of_engines() -> tuple[str, ...]:
+    """Return the ids of the claims that engines are asked."""
+    return tuple(id for id, claim in CLAIMS.items() if claim.asks)
+
+
+@dataclass(frozen=True)
+class SceneTrial:
+    """An engine on trial on a scene, or the scene itself.
+
+    Attributes:
+        where: name of the scene.
+        scene: the scene, or a kind of which random ones are drawn.
+        engine: the engine, None where the scene is on trial.
+    """
+
+    where: str
+    scene: Scene | type[Scene]
+    engine: type[Engine] | None
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Those about engines, or all that are about a state."""
+        if self.engine is not None:
+            return of_engines()
+        return tuple(id for id, claim in CLAIMS.items() if id != "coverage")
+
+    @property
+    def example(self) -> Scene:
+        """The scene, or the example of its kind."""
+        return self.scene.example() if isinstance(self.scene, type) else self.scene
+
+    @property
+    def represented(self) -> bool:
+        """Whether the engine can represent the example; a scene represents itself."""
+        return self.engine is None or self.engine.represents(self.example)
+
+    def outcomes(self, examples: int, seed: int) -> dict[str, Outcome]:
+        """Return what each claim came to, as `Trial` says."""
+        if not self.represented:
+            return {}
+        kind = type(self.example)
+        engines = None if self.engine is None else [self.engine]
+        selection = Selection.of(None, engines, self.claims, scenes=[kind])
+        run = Run()
+        for scene, state in self._cases(examples, seed):
+            run.look_at(scene, state, selection)
+        links = partial(no_larger, links=LINKS) if isinstance(self.scene, type) else states_of
+
+        def smallest(failed: Finding) -> Finding:
+            return smallest_failure(failed, links(failed.scene), selection, seed)
+
+        by: dict[str, list[Finding]] = {}
+        for finding in run.findings:
+            by.setdefault(finding.claim, []).append(finding)
+        return {id: outcome_of(findings, smallest) for id, findings in by.items()}
+
+    def _cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
+        example = self.example
+        first = [(example, State(*example.initial_state()))]
+        if isinstance(self.scene, type):
+            drawn = scene_cases(self.scene, LINKS, examples, seed)
+            return chain(first, state_cases(example, 1, seed), drawn)
+        return chain(first, state_cases(example, examples, seed))
+
+
+Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] | str]
+"""Scenes, kinds, or names as on the command line; with names of one's own where it is a mapping."""
+
+
+def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[SceneTrial]:
+    """Return a trial a scene.
+
+    Args:
+        engine: the engine, None where the scenes are on trial.
+        scenes: the scenes, by default every kind whose example the engine represents.
+
+    Raises:
+        InputError: what is no scene, two scenes of one name, or none that the engine represents.
+        UnknownNameError: a name that no scene has.
+    """
+    named: list[tuple[str, Any]]
+    if scenes is None:
+        named = [(kind.key, kind) for kind in SCENES.values()]
+        named = [(key, kind) for key, kind in named if SceneTrial(key, kind, engine).represented]
+    elif isinstance(scenes, Mapping):
+        named = [(name, one) for name, given in scenes.items() for one in _scenes(given)]
+    elif isinstance(scenes, str | Scene | type):
+        raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
+    else:
+        named = [(_name(one), one) for given in scenes for one in _scenes(given)]
+    trials: dict[str, SceneTrial] = {}
+    for name, scene in named:
+        if name in trials:
+            hint = "give them names: scenes={name: scene}"
+            raise InputError(f"scenes: two of them are called {name!r}; {hint}")
+        trials[name] = SceneTrial(name, scene, engine)
+    if not any(trial.represented for trial in trials.values()):
+        said = ", ".join(trials) or "none"
+        who = "nothing" if engine is None else engine.key
+        raise InputError(f"scenes = {said}: {who} represents none of them")
+    return list(trials.values())
+
+
+def _scenes(given: Any) -> tuple[Scene | type[Scene], ...]:
+    if isinstance(given, str):
+        return kinds_of(given)
+    if isinstance(given, Scene) or (isinstance(given, type) and issubclass(given, Scene)):
+        return (given,)
+    raise InputError(f"scenes: {given!r} is neither a scene, a kind of scene nor the name of one")
+
+
+def _name(scene: Scene | type[Scene]) -> str:
+    return scene.key if isinstance(scene, type) else scene.name
