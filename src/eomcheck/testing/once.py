@@ -1,4 +1,4 @@
-"""What the processes of one test session share: work that the first one does and the others read."""
+"""Work that the processes of a test session share: the first one does it, the others read it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from eomcheck.engines import Engine, engine_of
 from eomcheck.errors import EomcheckError, InputError, required, whole_number
 from eomcheck.testing.expected import expected_failures as read_expected
 from eomcheck.testing.once import done_once
-from eomcheck.testing.trials import Outcome, Scenes, Trial, scene_trials
+from eomcheck.testing.trials import Result, Scenes, Trial, scene_trials
 
 F = TypeVar("F", bound=Callable)
 
@@ -72,8 +72,11 @@ def parametrize_with_claims(
     def decorate(function: F) -> F:
         home = Path(getsourcefile(unwrap(function)) or ".").resolve()
         name = f"{home}::{function.__qualname__}"
-        file = None if expected_failures is None else home.parent / expected_failures
-        suite = Suite(name, trials, _option("xfails") or file, strict, examples, seed)
+        own = None if expected_failures is None else home.parent / expected_failures
+        file = _option("xfails") or own
+        # Read here: a file that cannot be is told before anything is run.
+        expected = {} if file is None else read_expected(file)
+        suite = Suite(name, trials, file, expected, strict, examples, seed)
         _suites[name] = suite
         checks = suite.checks()
         return pytest.mark.parametrize("check", checks, ids=[one.id for one in checks])(function)
@@ -103,7 +106,8 @@ class Suite:
     Attributes:
         name: of the function, with its file.
         trials: what is looked at, a trial a scene.
-        file: expected failures, or None.
+        file: of expected failures, or None.
+        expected: id -> reason of the tests that have to fail.
         strict: whether an expected failure has to fail.
         examples: number of random states a scene.
         seed: of the draws.
@@ -112,15 +116,11 @@ class Suite:
     name: str
     trials: list[Trial]
     file: Path | None
+    expected: dict[str, str]
     strict: bool
     examples: int
     seed: int
-    _done: dict[str, dict[str, Outcome]] = field(default_factory=dict)
-
-    @cached_property
-    def expected(self) -> dict[str, str]:
-        """Id -> reason of the tests that have to fail."""
-        return {} if self.file is None else read_expected(self.file)
+    _done: dict[str, dict[str, Result]] = field(default_factory=dict)
 
     @cached_property
     def ids(self) -> dict[str, tuple[Trial, str]]:
@@ -137,22 +137,23 @@ class Suite:
     def checks(self) -> list[Callable[[], None]]:
         """Return what the tests call, in order: scene by scene, the closest to a cause first."""
         checks: list[Any] = [Check(self, id) for id in self.ids]
-        self.expected  # a file that cannot be read is told before anything is run
         return checks if self.file is None else [CheckOfFile(self), *checks]
 
-    def outcome(self, id: str) -> Outcome:
+    def result(self, id: str) -> Result:
         """Return what a test came to; the work is done here if it is not yet."""
         trial, claim = self.ids[id]
         if trial.where not in self._done:
             examples = _option("examples") or self.examples
 
-            def work() -> dict[str, Outcome]:
-                return trial.outcomes(examples, self.seed)
+            known = {of for id, (on, of) in self.ids.items() if on is trial and id in self.expected}
+
+            def work() -> dict[str, Result]:
+                return trial.results(examples, self.seed, known)
 
             found = done_once(_option("shared"), f"{self.name}-{trial.where}", work)
-            self._done[trial.where] = {id: Outcome(*one) for id, one in found.items()}
+            self._done[trial.where] = {id: Result(*one) for id, one in found.items()}
         nothing = f"{claim} does not apply" + (f" to {trial.where}" if trial.where else "")
-        return self._done[trial.where].get(claim, Outcome("not looked at", nothing))
+        return self._done[trial.where].get(claim, Result("not looked at", nothing))
 
 
 _suites: dict[str, Suite] = {}
@@ -171,7 +172,7 @@ class Check:
         __tracebackhide__ = True
         pytest = required("pytest")
         try:
-            verdict, text = self.suite.outcome(self.id)
+            verdict, text = self.suite.result(self.id)
         except EomcheckError as error:
             pytest.fail(f"{self.id}: {error}", pytrace=False)
         reason = self.suite.expected.get(self.id)

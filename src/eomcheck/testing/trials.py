@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -22,7 +22,7 @@ LINKS = 1, 5
 """Numbers of links of the random scenes of a kind: larger ones take longer and show less."""
 
 
-class Outcome(NamedTuple):
+class Result(NamedTuple):
     """What a claim came to on all states that were looked at.
 
     Attributes:
@@ -45,35 +45,55 @@ class Trial(Protocol):
     where: str
     claims: tuple[str, ...]
 
-    def outcomes(self, examples: int, seed: int) -> dict[str, Outcome]:
+    def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, Result]:
         """Return what each claim came to; one that is not there does not apply.
 
         Args:
             examples: number of random states.
             seed: of the draws.
+            known: ids of the claims that are expected to fail.
         """
         ...
 
 
-def outcome_of(findings: Iterable[Finding], smallest: Callable[[Finding], Finding]) -> Outcome:
-    """Return what the Findings of one claim come to.
+def results_of(
+    findings: Iterable[Finding],
+    known: Collection[str],
+    smallest: Callable[[Finding], Finding] = lambda failed: failed,
+) -> dict[str, Result]:
+    """Return what the Findings of each claim come to.
 
     Args:
-        findings: at least one.
-        smallest: returns the smallest failure like one that is found.
+        findings: of all claims, in the order in which a failure is closest to its cause.
+        known: ids of the claims that are expected to fail.
+        smallest: returns the smallest failure like one that is found. It is asked once, for the
+            first that is not expected: what follows is mostly due to that one.
     """
+    by: dict[str, list[Finding]] = {}
+    for finding in findings:
+        by.setdefault(finding.claim, []).append(finding)
+    found: dict[str, Result] = {}
+    for claim in sorted(by, key=[*CLAIMS, *by].index):
+        first = not any(one.verdict == "failed" for id, one in found.items() if id not in known)
+        usual = claim in known or not first
+        found[claim] = result_of(by[claim], (lambda failed: failed) if usual else smallest)
+    return found
+
+
+def result_of(findings: list[Finding], smallest: Callable[[Finding], Finding]) -> Result:
+    """Return what the Findings of one claim come to, at least one; see `results_of`."""
     by: dict[Verdict, list[Finding]] = {}
     for finding in findings:
         by.setdefault(finding.verdict, []).append(finding)
     if failed := by.get("failed"):
         shown = smallest(failed[0])
-        count = f"failed {len(failed)} times of {sum(map(len, by.values()))}"
-        return Outcome("failed", f"{shown}\n{count}; to see it again:\n\n{shown.as_python()}")
+        count = f"failed {len(failed)} times of {len(findings)}"
+        return Result("failed", f"{shown}\n{count}; to see it again:\n\n{shown.as_python()}")
     if "passed" in by:
-        return Outcome("passed")
+        return Result("passed")
     verdict = "inconclusive" if "inconclusive" in by else "not looked at"
     why = by[verdict][0]
-    return Outcome(verdict, why.detail if verdict == "not looked at" and why.detail else str(why))
+    return Result(verdict, why.detail if verdict == "not looked at" and why.detail else str(why))
 
 
 # ---- Engines and scenes --------------------------------------------------------------------------
@@ -115,7 +135,7 @@ class SceneTrial:
         """Whether the engine can represent the example; a scene represents itself."""
         return self.engine is None or self.engine.represents(self.example)
 
-    def outcomes(self, examples: int, seed: int) -> dict[str, Outcome]:
+    def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
         """Return what each claim came to, as `Trial` says."""
         if not self.represented:
             return {}
@@ -130,10 +150,7 @@ class SceneTrial:
         def smallest(failed: Finding) -> Finding:
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        by: dict[str, list[Finding]] = {}
-        for finding in run.findings:
-            by.setdefault(finding.claim, []).append(finding)
-        return {id: outcome_of(findings, smallest) for id, findings in by.items()}
+        return results_of(run.findings, known, smallest)
 
     def _cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
         example = self.example

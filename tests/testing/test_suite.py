@@ -1,0 +1,441 @@
+"""The tests of somebody's own repository: what passes, fails, is skipped or is expected."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import eomcheck
+from eomcheck import testing, validation
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.scenes import ChainPendulum, Snake
+
+pytest_plugins = ["pytester"]
+
+ROOT = Path(__file__).parents[2]
+SHOWN = ROOT / "docs" / "guides" / "ci"
+PLUGIN = "eomcheck.pytest_plugin"
+
+SIGN = "self.coupling * np.sin", "-self.coupling * np.sin"
+ON_ONE_SCENE = "@parametrize_with_claims(ByHand)", "@parametrize_with_claims(ByHand, {})"
+TWO_LINKS = "scenes=[ChainPendulum.rods(2)]"
+FEW = "--eomcheck-examples=2"
+
+Session = Callable[..., pytest.RunResult]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def loaded() -> None:
+    """Load all libraries: sessions forget what they import, and some cannot be loaded twice."""
+    eomcheck.validate(ChainPendulum.rods(1), examples=1)
+
+
+@pytest.fixture
+def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Session:
+    """An empty repository with the files that the guide shows; returns what runs pytest there."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.setenv("PYTHONPATH", str(Path(eomcheck.__file__).parents[1]))
+    for path in SHOWN.glob("*.py"):
+        (pytester.path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+
+    def run(*options: str, plugin: bool = True) -> pytest.RunResult:
+        plugins = ("-p", PLUGIN) if plugin else ()
+        return pytester.runpytest_inprocess(*plugins, "-rsxX", "-p", "no:cacheprovider", *options)
+
+    return run
+
+
+def change(pytester: pytest.Pytester, name: str, *changes: tuple[str, str]) -> None:
+    """Replace texts in a file of the repository, each of which is there once."""
+    path = pytester.path / name
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+
+
+def plant(pytester: pytest.Pytester) -> None:
+    """Plant the wrong sign in the bias of the engine."""
+    change(pytester, "by_hand.py", SIGN)
+
+
+def arguments(pytester: pytest.Pytester, text: str) -> None:
+    """Hand these arguments to the decorator, behind the engine."""
+    old, new = ON_ONE_SCENE
+    imported = "from eomcheck.testing", "from eomcheck.scenes import *\nfrom eomcheck.testing"
+    change(pytester, "test_by_hand.py", (old, new.format(text)), imported)
+
+
+def ids(result: pytest.RunResult, outcome: str) -> set[str]:
+    """Return what stands in brackets of the tests that came to this."""
+    reports = result.reprec.getreports("pytest_runtest_logreport")  # type: ignore[attr-defined]
+    told = {(one.nodeid, one.outcome) for one in reports if one.when == "call"}
+    return {node.split("[", 1)[1][:-1] for node, came in told if came == outcome}
+
+
+# ---- What a test comes to ------------------------------------------------------------------------
+
+
+def test_a_right_engine_passes_in_an_empty_repository_and_what_it_does_not_say_is_skipped(session):
+    result = session(FEW)
+    here = "-chain-pendulum"
+    assert ids(result, "passed") == {
+        "mass-matrix" + here,
+        "bias" + here,
+        "engine-acceleration" + here,
+    }
+    assert {"constraint-jacobian" + here, "kane-n-matrix" + here} <= ids(result, "skipped")
+    assert not ids(result, "failed")
+    result.stdout.fnmatch_lines(["SKIPPED * kane-n-matrix does not apply to chain-pendulum"])
+
+
+def test_it_passes_without_the_plug_in_too(session, pytester):
+    arguments(pytester, f"{TWO_LINKS}, examples=2")
+    assert len(ids(session(plugin=False), "passed")) == 3
+
+
+def test_a_wrong_sign_fails_by_name_beside_what_is_right(session, pytester):
+    plant(pytester)
+    arguments(pytester, TWO_LINKS)
+    result = session(FEW)
+    here = "-chain-pendulum[2]"
+    assert ids(result, "failed") == {"bias" + here, "engine-acceleration" + here}
+    assert "mass-matrix" + here in ids(result, "passed")
+    result.stdout.fnmatch_lines(["bias ?byhand? failed on chain-pendulum?2?:*row θ_?: sign)"])
+
+
+def test_a_failure_is_the_finding_and_its_code_without_a_traceback(session, pytester):
+    plant(pytester)
+    arguments(pytester, TWO_LINKS)
+    text = session(FEW, "-k", "bias").stdout.str()
+    shown = text.split("_ test_by_hand[bias-chain-pendulum[2]] _")[1].split("\n=====")[0]
+    finding, *rest = shown.strip(" _\n").splitlines()
+    assert finding.startswith("bias [byhand] failed on chain-pendulum[2]: observed")
+    assert "scene = ChainPendulum(" in "\n".join(rest)
+    assert not any(word in shown for word in ("Traceback", "suite.py", "check()", ">  "))
+
+
+def test_the_code_of_a_failure_shows_it_again(session, pytester):
+    plant(pytester)
+    arguments(pytester, TWO_LINKS)
+    text = session(FEW, "-k", "bias").stdout.str()
+    code = text.split("to see it again:\n")[1].split("\n=====")[0]
+    ran = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=pytester.path
+    )
+    assert not ran.stderr
+    assert "bias [byhand] failed on chain-pendulum[2]" in ran.stdout
+
+
+VAGUE = """
+from eomcheck.engines.casadi import CasadiEngine
+
+class Vague(CasadiEngine):
+    key = "vague"
+
+    def kane_inertia_remainder(self, q, v, t=0.0):
+        remainder, size, _ = super().kane_inertia_remainder(q, v, t)
+        return remainder, size, 1e20
+"""
+
+
+def test_what_was_only_inconclusive_is_skipped_with_the_reason(session, pytester):
+    (pytester.path / "by_hand.py").write_text(VAGUE.replace("Vague", "ByHand"), encoding="utf-8")
+    arguments(pytester, "scenes=[Sleigh]")
+    result = session(FEW)
+    assert "kane-n-matrix-sleigh" in ids(result, "skipped")
+    assert "bias-sleigh" in ids(result, "passed")
+    said = "SKIPPED * inconclusive: kane-n-matrix ?kane ~ vague? inconclusive on sleigh*"
+    result.stdout.fnmatch_lines([said])
+
+
+def test_a_scene_that_the_engine_does_not_represent_is_skipped_beside_one_that_it_does(
+    session, pytester
+):
+    arguments(pytester, "scenes=[ChainPendulum, 'snake']")
+    result = session(FEW)
+    assert {"bias-snake", "mass-matrix-snake"} <= ids(result, "skipped")
+    assert "bias-chain-pendulum" in ids(result, "passed")
+
+
+def test_what_the_scene_itself_breaks_is_no_expected_failure(session, pytester):
+    broken = """
+    class Broken(ChainPendulum):
+        @staticmethod
+        def velocities(parameters, angles, q, v):
+            V, omega = ChainPendulum.velocities(parameters, angles, q, v)
+            return V, omega.ravel()
+    """
+    arguments(pytester, "scenes=[Broken([1], [1], [1])], expected_failures='known.txt'")
+    test = pytester.path / "test_by_hand.py"
+    test.write_text(
+        test.read_text().replace(
+            "\n\n@", "\n\n" + "".join(line[4:] + "\n" for line in broken.splitlines()[1:]) + "\n@"
+        )
+    )
+    (pytester.path / "known.txt").write_text("bias-chain-pendulum[1] known\n")
+    result = session(FEW)
+    assert "bias-chain-pendulum[1]" in ids(result, "failed")
+    result.stdout.fnmatch_lines(["bias-chain-pendulum?1?: *ω has shape (1,), expected (1, 1)"])
+
+
+# ---- Expected failures ---------------------------------------------------------------------------
+
+HERE = "chain-pendulum[2]"
+KNOWN = f"""\
+# What is known to fail.
+
+bias-{HERE}    the sign of the centrifugal forces
+engine-acceleration-{HERE} the same
+"""
+
+
+def expect(pytester: pytest.Pytester, text: str, options: str = "") -> None:
+    """Write a file of expected failures and name it in the test."""
+    (pytester.path / "known.txt").write_text(text, encoding="utf-8")
+    arguments(pytester, f"{TWO_LINKS}, expected_failures='known.txt'{options}")
+
+
+def test_an_expected_failure_xfails_with_its_reason(session, pytester):
+    plant(pytester)
+    expect(pytester, KNOWN)
+    result = session(FEW)
+    result.assert_outcomes(passed=2, skipped=5, xfailed=2)
+    assert ids(result, "passed") == {f"mass-matrix-{HERE}", "expected-failures"}
+    result.stdout.fnmatch_lines(["XFAIL *bias-*the sign of the centrifugal forces"])
+
+
+def test_runxfail_shows_an_expected_failure(session, pytester):
+    plant(pytester)
+    expect(pytester, KNOWN)
+    result = session(FEW, "--runxfail", "-k", "bias")
+    assert ids(result, "failed") == {f"bias-{HERE}"}
+    result.stdout.fnmatch_lines(["bias ?byhand? failed on *"])
+
+
+@pytest.mark.parametrize(("options", "failed"), [("", 2), (", strict=False", 0)])
+def test_an_expected_failure_that_passes_is_stale(session, pytester, options, failed):
+    expect(pytester, KNOWN, options)
+    result = session(FEW)
+    result.assert_outcomes(passed=4 - failed, skipped=5, failed=failed)
+    if failed:
+        said = f"bias-{HERE} passes, but is expected to fail: the sign of the centrifugal forces"
+        assert said in result.stdout.str()
+
+
+def test_an_expected_failure_that_is_not_looked_at_is_stale(session, pytester):
+    expect(pytester, f"kane-n-matrix-{HERE} who knows")
+    result = session(FEW, "-k", "kane")
+    assert ids(result, "failed") == {f"kane-n-matrix-{HERE}"}
+    assert "is not looked at (kane-n-matrix does not apply" in result.stdout.str()
+
+
+@pytest.mark.parametrize("options", ["", ", strict=False"])
+def test_an_id_that_matches_nothing_fails_by_name(session, pytester, options):
+    expect(pytester, f"bias-{HERE} known\nbias-of-old known\nbais known\n", options)
+    plant(pytester)
+    result = session(FEW)
+    assert {"expected-failures"} < ids(result, "failed")
+    assert f"bias-{HERE}" not in ids(result, "failed")
+    result.stdout.fnmatch_lines(["*known.txt': no test is called bias-of-old, bais"])
+
+
+def test_two_tests_may_share_a_file(session, pytester):
+    plant(pytester)
+    expect(pytester, KNOWN + "mass-matrix-other known\n")
+    test = pytester.path / "test_by_hand.py"
+    more = test.read_text().replace("test_by_hand", "test_other").replace("=[", "={'other': ")
+    test.write_text(test.read_text() + more.replace("(2)]", "(2)}"))
+    result = session(FEW, "-k", "expected-failures")
+    assert not ids(result, "failed")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "known.txt' cannot be read"),
+        (f"bias-{HERE}\n", "line 1: 'bias-chain-pendulum[2]' has no reason"),
+        (KNOWN + f"bias-{HERE} again\n", "line 5: 'bias-chain-pendulum[2]' is there twice"),
+    ],
+)
+def test_a_file_that_cannot_be_read_stops_before_anything_is_run(session, pytester, text, says):
+    expect(pytester, text or "")
+    if text is None:
+        (pytester.path / "known.txt").unlink()
+    result = session(FEW)
+    assert result.ret == pytest.ExitCode.INTERRUPTED
+    assert says in result.stdout.str()
+
+
+# ---- Work ----------------------------------------------------------------------------------------
+
+
+def counting(pytester: pytest.Pytester) -> Callable[[], int]:
+    """Have the engine tell whenever it is made; return what counts."""
+    log = pytester.path / "made.txt"
+    made = (
+        "super().__init__(scene)",
+        (
+            "super().__init__(scene)\n"
+            f"        with open({str(log)!r}, 'a') as file:\n            file.write('made\\n')"
+        ),
+    )
+    change(pytester, "by_hand.py", made)
+    return lambda: len(log.read_text().splitlines()) if log.exists() else 0
+
+
+def test_the_work_on_a_scene_is_done_once_for_all_its_claims(session, pytester):
+    made = counting(pytester)
+    arguments(pytester, TWO_LINKS)
+    session(FEW)
+    assert made() == 3  # the initial state, and two
+
+
+def test_nothing_is_done_before_a_test_of_the_scene_is_run(session, pytester):
+    made = counting(pytester)
+    arguments(pytester, "scenes={'one': ChainPendulum.rods(1), 'two': ChainPendulum.rods(2)}")
+    session("--co", FEW)
+    assert made() == 0
+    session("-k", "two", FEW)
+    assert made() == 3
+
+
+def test_processes_of_xdist_share_the_work(session, pytester):
+    pytest.importorskip("xdist")
+    made = counting(pytester)
+    arguments(pytester, TWO_LINKS)
+    result = pytester.runpytest_subprocess("-p", PLUGIN, "-p", "xdist", "-n", "2", FEW)
+    result.assert_outcomes(passed=3, skipped=5)
+    assert made() == 3
+
+
+# ---- Options and arguments -----------------------------------------------------------------------
+
+
+def test_the_number_of_examples_is_an_argument_and_an_option_goes_before_it(session, pytester):
+    made = counting(pytester)
+    arguments(pytester, f"{TWO_LINKS}, examples=4")
+    session()
+    assert made() == 5
+    session("--eomcheck-examples", "1")
+    assert made() == 5 + 2
+
+
+@pytest.mark.parametrize("count", ["0", "-3", "many"])
+def test_a_number_of_examples_that_is_none_is_bad_input(session, pytester, count):
+    result = session(f"--eomcheck-examples={count}")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert f"{count!r}, expected a whole number of at least 1" in result.stderr.str()
+
+
+def test_expected_failures_of_the_command_line_go_before_those_of_the_test(session, pytester):
+    plant(pytester)
+    expect(pytester, "no-such-test known\n")
+    (pytester.path / "here.txt").write_text(KNOWN, encoding="utf-8")
+    result = session(FEW, "--eomcheck-xfails", "here.txt")
+    result.assert_outcomes(passed=2, skipped=5, xfailed=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "says"),
+    [
+        ({"subject": "no-such-engine"}, UnknownNameError, "no-such-engine"),
+        ({}, InputError, "expected an engine, functions, or else scenes"),
+        ({"subject": "casadi", "scenes": Snake}, InputError, "expected a list of scenes"),
+        ({"subject": "casadi", "scenes": "snake"}, InputError, "expected a list of scenes"),
+        ({"subject": "casadi", "scenes": [3]}, InputError, "3 is neither a scene"),
+        ({"subject": "casadi", "scenes": ["snak"]}, UnknownNameError, "unknown scene 'snak'"),
+        ({"subject": "casadi", "scenes": []}, InputError, "represents none of them"),
+        (
+            {"subject": "pinocchio", "scenes": ["rolling-disk"]},
+            InputError,
+            "represents none of them",
+        ),
+        ({"subject": "casadi", "scenes": ["snake", Snake]}, InputError, "two of them are called"),
+        ({"subject": "casadi", "examples": 0}, InputError, "examples = 0"),
+        ({"subject": "casadi", "seed": 0.5}, InputError, "seed = 0.5"),
+    ],
+)
+def test_bad_arguments_are_told_in_a_sentence(given, error, says):
+    with pytest.raises(error, match=says):
+        testing.parametrize_with_claims(**given)
+
+
+def test_every_scene_of_the_installed_package_can_be_looked_at(session, pytester):
+    asked = "--pyargs", validation.__name__, FEW, "-k", "sleigh", "-v"
+    result = pytester.runpytest_subprocess("-p", PLUGIN, *asked)
+    outcomes = result.parseoutcomes()
+    assert outcomes["passed"] > 20 and "failed" not in outcomes
+    result.stdout.fnmatch_lines(["*test_claims?bias-sleigh? PASSED*"])
+
+
+def test_an_engine_is_judged_on_scenes_that_are_drawn(session, pytester):
+    # Right where there is one link only, so the example of three and most draws tell.
+    change(
+        pytester,
+        "by_hand.py",
+        ("np.fill_diagonal", "self.coupling *= 1 + (scene.n == 3)\n        np.fill_diagonal"),
+    )
+    result = session(FEW)
+    assert "mass-matrix-chain-pendulum" in ids(result, "failed")
+
+
+# ---- The plug-in ---------------------------------------------------------------------------------
+
+
+def test_the_plug_in_is_the_one_that_pytest_finds():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["entry-points"]["pytest11"] == {"eomcheck": PLUGIN}
+
+
+def test_the_plug_in_imports_nothing_but_pytest():
+    code = (
+        "import sys, pytest; before = set(sys.modules); "
+        f"import {PLUGIN}; print(*sorted(set(sys.modules) - before))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["eomcheck", PLUGIN]
+
+
+# ---- hypothesis ----------------------------------------------------------------------------------
+
+SLOW = """
+import time
+from hypothesis import given, settings, strategies as st
+from eomcheck import testing
+
+taken = iter([0.5])
+
+@testing.settings
+@given(st.integers())
+def test_slow(x):
+    time.sleep(next(taken, 0))
+
+@settings(testing.settings, max_examples=3)
+@given(st.integers())
+def test_few(x):
+    pass
+"""
+
+
+def test_the_settings_allow_a_first_case_that_takes_long(session, pytester):
+    pytester.makepyfile(test_slow=SLOW)
+    pytester.runpytest_subprocess("test_slow.py").assert_outcomes(passed=2)
+    without = SLOW.replace("@testing.settings\n", "")
+    pytester.makepyfile(test_slow=without)
+    pytester.runpytest_subprocess("test_slow.py").assert_outcomes(passed=1, failed=1)
+
+
+def test_a_scene_of_its_own_is_judged_where_there_is_no_engine():
+    from eomcheck.testing.trials import SceneTrial
+
+    trial = SceneTrial("rods", ChainPendulum.rods(2), None)
+    verdicts = {id: one.verdict for id, one in trial.results(2, 0).items()}
+    assert verdicts["kinetic-energy"] == verdicts["equivalence"] == "passed"
+    assert "failed" not in verdicts.values()
