@@ -7,18 +7,19 @@ processes of pytest-xdist. Ids in the file of expected failures are those in the
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from inspect import getsourcefile, unwrap
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from eomcheck.engines import Engine, engine_of
 from eomcheck.errors import EomcheckError, InputError, required, whole_number
 from eomcheck.testing.expected import expected_failures as read_expected
 from eomcheck.testing.once import done_once
-from eomcheck.testing.trials import Result, Scenes, Trial, scene_trials
+from eomcheck.testing.subject import Functions
+from eomcheck.testing.trials import FunctionsTrial, Result, Scenes, Trial, scene_trials
 
 F = TypeVar("F", bound=Callable)
 
@@ -30,9 +31,10 @@ EXAMPLES = 25
 
 
 def parametrize_with_claims(
-    subject: type[Engine] | Mapping[str, Any] | str | None = None,
+    subject: type[Engine] | Functions | str | None = None,
     scenes: Scenes | None = None,
     *,
+    against: Any = None,
     expected_failures: str | Path | None = None,
     strict: bool = True,
     examples: int = EXAMPLES,
@@ -44,15 +46,17 @@ def parametrize_with_claims(
         def test_my_engine(check):
             check()
 
-    A test is called after its claim and scene, `test_my_engine[mass-matrix-chain-pendulum]`. It
+    A test is called after its claim and scene, `test_my_engine[mass-matrix-chain-pendulum]`, one of
+    functions after its claim alone. It
     fails with the Finding and with code that shows it again. It is skipped, with the reason, where
     the claim does not apply, was only inconclusive or could not be looked at.
 
     Args:
-        subject: on trial: a class of engine or the name of one; the arguments of
-            `check_functions`, by name; None for the scenes themselves.
+        subject: on trial: a class of engine or the name of one; `Functions`; None for the scenes
+            themselves.
         scenes: scenes, kinds of scenes of which random ones are drawn, or their names, in a list or
             by names of your own; by default all that the engine represents. Functions have none.
+        against: what functions are compared with, as in `check_functions`.
         expected_failures: a file with an id and a reason a line, beside the test's own file. These
             tests have to fail. A further test, `expected-failures`, fails if a line matches none.
         strict: whether an expected failure that passes, or that is not looked at, is a failure.
@@ -67,7 +71,7 @@ def parametrize_with_claims(
     """
     pytest = required("pytest", "test")
     examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
-    trials = _trials(subject, scenes)
+    trials = _trials(subject, scenes, against)
 
     def decorate(function: F) -> F:
         home = Path(getsourcefile(unwrap(function)) or ".").resolve()
@@ -79,12 +83,18 @@ def parametrize_with_claims(
         suite = Suite(name, trials, file, expected, strict, examples, seed)
         _suites[name] = suite
         checks = suite.checks()
-        return pytest.mark.parametrize("check", checks, ids=[one.id for one in checks])(function)
+        return pytest.mark.parametrize("check", checks.values(), ids=checks)(function)
 
     return decorate
 
 
-def _trials(subject: Any, scenes: Scenes | None) -> list[Trial]:
+def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[Trial]:
+    if isinstance(subject, Functions):
+        if scenes is not None:
+            raise InputError(f"scenes = {scenes!r}, but functions are no engine of scenes")
+        return [FunctionsTrial(subject, against)]
+    if against is not None:
+        raise InputError(f"against = {against!r}, but only functions are compared with something")
     if subject is None and scenes is None:
         raise InputError("subject = None, expected an engine, functions, or else scenes")
     return [*scene_trials(None if subject is None else engine_of(subject), scenes)]
@@ -134,10 +144,10 @@ class Suite:
                 found[id] = trial, claim
         return found
 
-    def checks(self) -> list[Callable[[], None]]:
-        """Return what the tests call, in order: scene by scene, the closest to a cause first."""
-        checks: list[Any] = [Check(self, id) for id in self.ids]
-        return checks if self.file is None else [CheckOfFile(self), *checks]
+    def checks(self) -> dict[str, Callable[[], None]]:
+        """Return id -> what the test calls: scene by scene, the closest to a cause first."""
+        of_file = {} if self.file is None else {OF_THE_FILE: CheckOfFile(self)}
+        return of_file | {id: Check(self, id) for id in self.ids}
 
     def result(self, id: str) -> Result:
         """Return what a test came to; the work is done here if it is not yet."""
@@ -174,16 +184,15 @@ class Check:
         try:
             verdict, text = self.suite.result(self.id)
         except EomcheckError as error:
-            pytest.fail(f"{self.id}: {error}", pytrace=False)
+            _fail(f"{self.id}: {error}")
         reason = self.suite.expected.get(self.id)
         if verdict == "failed":
             if reason is not None:
                 pytest.xfail(reason)
-            pytest.fail(text, pytrace=False)
-        stale = self.suite.strict and reason is not None
-        if stale and verdict != "inconclusive":
+            _fail(text)
+        if self.suite.strict and reason is not None and verdict != "inconclusive":
             what = "passes" if verdict == "passed" else f"is not looked at ({text})"
-            pytest.fail(f"{self.id} {what}, but is expected to fail: {reason}", pytrace=False)
+            _fail(f"{self.id} {what}, but is expected to fail: {reason}")
         if verdict != "passed":
             pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)
 
@@ -193,7 +202,6 @@ class CheckOfFile:
     """Every id in a file of expected failures is that of a test."""
 
     suite: Suite = field(repr=False)
-    id: str = OF_THE_FILE
 
     def __call__(self) -> None:
         """Fail on ids that no test has, in any of the suites that read this file."""
@@ -201,5 +209,9 @@ class CheckOfFile:
         sharing = [one for one in _suites.values() if one.file == self.suite.file]
         unmatched = [id for id in self.suite.expected if not any(id in one.ids for one in sharing)]
         if unmatched:
-            said = f"{str(self.suite.file)!r}: no test is called {', '.join(unmatched)}"
-            required("pytest").fail(said, pytrace=False)
+            _fail(f"{str(self.suite.file)!r}: no test is called {', '.join(unmatched)}")
+
+
+def _fail(text: str) -> NoReturn:
+    __tracebackhide__ = True
+    raise required("pytest").fail.Exception(text, pytrace=False)

@@ -17,6 +17,8 @@ from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.named import kinds_of
+from eomcheck.testing.check import FUNCTION_CLAIMS, check
+from eomcheck.testing.subject import Functions
 
 LINKS = 1, 5
 """Numbers of links of the random scenes of a kind: larger ones take longer and show less."""
@@ -35,15 +37,17 @@ class Result(NamedTuple):
 
 
 class Trial(Protocol):
-    """Something on trial in one place, and the claims that it is asked.
+    """Something on trial in one place, and the claims that it is asked."""
 
-    Attributes:
-        where: the name of the scene, "" where there is none.
-        claims: ids of the claims.
-    """
+    @property
+    def where(self) -> str:
+        """The name of the scene, "" where there is none."""
+        ...
 
-    where: str
-    claims: tuple[str, ...]
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Ids of the claims, in the order in which a failure is closest to its cause."""
+        ...
 
     def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, Result]:
         """Return what each claim came to; one that is not there does not apply.
@@ -57,6 +61,7 @@ class Trial(Protocol):
 
 
 def results_of(
+    claims: Iterable[str],
     findings: Iterable[Finding],
     known: Collection[str],
     smallest: Callable[[Finding], Finding] = lambda failed: failed,
@@ -64,7 +69,8 @@ def results_of(
     """Return what the Findings of each claim come to.
 
     Args:
-        findings: of all claims, in the order in which a failure is closest to its cause.
+        claims: ids, in the order in which a failure is closest to its cause.
+        findings: of all claims.
         known: ids of the claims that are expected to fail.
         smallest: returns the smallest failure like one that is found. It is asked once, for the
             first that is not expected: what follows is mostly due to that one.
@@ -73,27 +79,35 @@ def results_of(
     for finding in findings:
         by.setdefault(finding.claim, []).append(finding)
     found: dict[str, Result] = {}
-    for claim in sorted(by, key=[*CLAIMS, *by].index):
-        first = not any(one.verdict == "failed" for id, one in found.items() if id not in known)
-        usual = claim in known or not first
-        found[claim] = result_of(by[claim], (lambda failed: failed) if usual else smallest)
+    for claim in filter(by.__contains__, claims):
+        worst = result_of(by[claim])
+        if isinstance(worst, Finding):
+            if claim not in known:
+                worst, smallest = smallest(worst), lambda failed: failed
+            worst = _failed(worst, by[claim])
+        found[claim] = worst
     return found
 
 
-def result_of(findings: list[Finding], smallest: Callable[[Finding], Finding]) -> Result:
-    """Return what the Findings of one claim come to, at least one; see `results_of`."""
-    by: dict[Verdict, list[Finding]] = {}
+def result_of(findings: list[Finding]) -> Result | Finding:
+    """Return what the Findings of one claim come to; the first failure, if there is one."""
+    by: dict[Verdict, Finding] = {}
     for finding in findings:
-        by.setdefault(finding.verdict, []).append(finding)
-    if failed := by.get("failed"):
-        shown = smallest(failed[0])
-        count = f"failed {len(failed)} times of {len(findings)}"
-        return Result("failed", f"{shown}\n{count}; to see it again:\n\n{shown.as_python()}")
+        by.setdefault(finding.verdict, finding)
+    if "failed" in by:
+        return by["failed"]
     if "passed" in by:
         return Result("passed")
-    verdict = "inconclusive" if "inconclusive" in by else "not looked at"
-    why = by[verdict][0]
-    return Result(verdict, why.detail if verdict == "not looked at" and why.detail else str(why))
+    if "inconclusive" in by:
+        return Result("inconclusive", str(by["inconclusive"]))
+    why = by["not looked at"]
+    return Result("not looked at", why.detail or str(why))
+
+
+def _failed(shown: Finding, findings: list[Finding]) -> Result:
+    failures = sum(one.verdict == "failed" for one in findings)
+    count = f"failed in {failures} of {len(findings)} comparisons; " if len(findings) > 1 else ""
+    return Result("failed", f"{shown}\n{count}to see it again:\n\n{shown.as_python()}")
 
 
 # ---- Engines and scenes --------------------------------------------------------------------------
@@ -148,9 +162,10 @@ class SceneTrial:
         links = partial(no_larger, links=LINKS) if isinstance(self.scene, type) else states_of
 
         def smallest(failed: Finding) -> Finding:
+            assert isinstance(failed.scene, Scene)
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        return results_of(run.findings, known, smallest)
+        return results_of(self.claims, run.findings, known, smallest)
 
     def _cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
         example = self.example
@@ -159,6 +174,31 @@ class SceneTrial:
             drawn = scene_cases(self.scene, LINKS, examples, seed)
             return chain(first, state_cases(example, 1, seed), drawn)
         return chain(first, state_cases(example, examples, seed))
+
+
+@dataclass(frozen=True)
+class FunctionsTrial:
+    """Functions on trial.
+
+    Attributes:
+        functions: the functions.
+        against: a scene or an engine that they are compared with, or None.
+        where: "", for there is no scene.
+    """
+
+    functions: Functions
+    against: Any = None
+    where: str = ""
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """All that there are about functions."""
+        return tuple(FUNCTION_CLAIMS)
+
+    def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
+        """Return what each claim came to, as `Trial` says."""
+        found = check(self.functions, states=examples, seed=seed, against=self.against)
+        return results_of(self.claims, found, known)
 
 
 Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] | str]
@@ -176,12 +216,12 @@ def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sce
         InputError: what is no scene, two scenes of one name, or none that the engine represents.
         UnknownNameError: a name that no scene has.
     """
-    named: list[tuple[str, Any]]
+    named: list[tuple[str, Scene | type[Scene]]]
     if scenes is None:
         named = [(kind.key, kind) for kind in SCENES.values()]
         named = [(key, kind) for key, kind in named if SceneTrial(key, kind, engine).represented]
     elif isinstance(scenes, Mapping):
-        named = [(name, one) for name, given in scenes.items() for one in _scenes(given)]
+        named = [(str(name), one) for name, given in scenes.items() for one in _scenes(given)]
     elif isinstance(scenes, str | Scene | type):
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
