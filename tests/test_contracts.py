@@ -156,7 +156,7 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "errors console output",
+    "errors console output pytest_plugin",
     "files lookup",
     "numbers",
     "kernels mechanics",
@@ -168,6 +168,7 @@ LAYERS = (
     "strategies",
     "claims",
     "testing",
+    "validation",
     "lab",
     "cli",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -14,6 +15,7 @@ import eomcheck
 from eomcheck import testing, validation
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.scenes import ChainPendulum, Snake
+from eomcheck.testing.once import done_once
 
 pytest_plugins = ["pytester"]
 
@@ -40,14 +42,19 @@ def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Sessi
     """An empty repository with the files that the guide shows; returns what runs pytest there."""
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(Path(eomcheck.__file__).parents[1]))
-    for path in SHOWN.glob("*.py"):
-        (pytester.path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    shown(pytester, "by_hand.py", "test_by_hand.py")
 
     def run(*options: str, plugin: bool = True) -> pytest.RunResult:
         plugins = ("-p", PLUGIN) if plugin else ()
         return pytester.runpytest_inprocess(*plugins, "-rsxX", "-p", "no:cacheprovider", *options)
 
     return run
+
+
+def shown(pytester: pytest.Pytester, *names: str) -> None:
+    """Put files that the guide shows into the repository."""
+    for name in names:
+        pytester.path.joinpath(name).write_bytes((SHOWN / name).read_bytes())
 
 
 def change(pytester: pytest.Pytester, name: str, *changes: tuple[str, str]) -> None:
@@ -83,7 +90,7 @@ def ids(result: pytest.RunResult, outcome: str) -> set[str]:
 
 
 def test_a_right_engine_passes_in_an_empty_repository_and_what_it_does_not_say_is_skipped(session):
-    result = session(FEW)
+    result = session(FEW, "test_by_hand.py")
     here = "-chain-pendulum"
     assert ids(result, "passed") == {
         "mass-matrix" + here,
@@ -103,7 +110,7 @@ def test_it_passes_without_the_plug_in_too(session, pytester):
 def test_a_wrong_sign_fails_by_name_beside_what_is_right(session, pytester):
     plant(pytester)
     arguments(pytester, TWO_LINKS)
-    result = session(FEW)
+    result = session(FEW, "test_by_hand.py")
     here = "-chain-pendulum[2]"
     assert ids(result, "failed") == {"bias" + here, "engine-acceleration" + here}
     assert "mass-matrix" + here in ids(result, "passed")
@@ -256,6 +263,18 @@ def test_two_tests_may_share_a_file(session, pytester):
     assert not ids(result, "failed")
 
 
+def test_an_id_of_another_file_matches_nothing(session, pytester):
+    expect(pytester, f"bias-{HERE} known\n")
+    test = pytester.path / "test_by_hand.py"
+    more = test.read_text().replace("test_by_hand", "test_other").replace("known.txt", "other.txt")
+    more = more.replace("=[", "={'other': ").replace("(2)]", "(2)}")
+    (pytester.path / "test_other.py").write_text(more)
+    (pytester.path / "other.txt").write_text(f"bias-{HERE} known\n")
+    result = session(FEW, "-k", "expected-failures")
+    result.assert_outcomes(passed=1, failed=1, deselected=16)
+    result.stdout.fnmatch_lines(["*other.txt': no test is called bias-*"])
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -315,6 +334,46 @@ def test_processes_of_xdist_share_the_work(session, pytester):
     assert made() == 3
 
 
+WORK = """
+import sys, time
+from pathlib import Path
+from eomcheck.testing.once import done_once
+
+folder, log = map(Path, sys.argv[1:])
+
+def work():
+    with log.open("a") as file:
+        file.write("done\\n")
+    time.sleep(0.5)
+    return ["found"]
+
+while not (folder / "go").exists():
+    time.sleep(0.001)
+assert done_once(folder, "work", work) == ["found"]
+"""
+
+
+def test_work_is_done_once_by_processes_that_begin_together(session, pytester, tmp_path):
+    log = tmp_path / "log"
+    command = [sys.executable, "-c", WORK, str(pytester.path), str(log)]
+    started = [subprocess.Popen(command) for _ in range(3)]
+    (pytester.path / "go").touch()
+    assert [one.wait(60) for one in started] == [0, 0, 0]
+    assert log.read_text() == "done\n"
+
+
+def test_work_that_raises_is_not_kept(tmp_path):
+    def fail() -> None:
+        raise InputError("no")
+
+    with pytest.raises(InputError):
+        done_once(tmp_path, "work", fail)
+    assert done_once(tmp_path, "work", lambda: 2) == 2
+    assert done_once(tmp_path, "work", lambda: 3) == 2
+    assert done_once(tmp_path, "another", lambda: 3) == 3
+    assert done_once(None, "work", lambda: 4) == 4
+
+
 # ---- Options and arguments -----------------------------------------------------------------------
 
 
@@ -342,6 +401,9 @@ def test_expected_failures_of_the_command_line_go_before_those_of_the_test(sessi
     result.assert_outcomes(passed=2, skipped=5, xfailed=2)
 
 
+ONE = testing.Functions(1, bias=lambda q, v: 0 * q)
+
+
 @pytest.mark.parametrize(
     ("given", "error", "says"),
     [
@@ -358,6 +420,8 @@ def test_expected_failures_of_the_command_line_go_before_those_of_the_test(sessi
             "represents none of them",
         ),
         ({"subject": "casadi", "scenes": ["snake", Snake]}, InputError, "two of them are called"),
+        ({"subject": ONE, "scenes": ["snake"]}, InputError, "functions are no engine of scenes"),
+        ({"subject": "casadi", "against": Snake}, InputError, "only functions are compared"),
         ({"subject": "casadi", "examples": 0}, InputError, "examples = 0"),
         ({"subject": "casadi", "seed": 0.5}, InputError, "seed = 0.5"),
     ],
@@ -376,14 +440,56 @@ def test_every_scene_of_the_installed_package_can_be_looked_at(session, pytester
 
 
 def test_an_engine_is_judged_on_scenes_that_are_drawn(session, pytester):
-    # Right where there is one link only, so the example of three and most draws tell.
-    change(
-        pytester,
-        "by_hand.py",
-        ("np.fill_diagonal", "self.coupling *= 1 + (scene.n == 3)\n        np.fill_diagonal"),
-    )
-    result = session(FEW)
+    # Right where there are as many links as in the example.
+    wrong = "np.fill_diagonal", "self.coupling *= 1 + (scene.n != 3)\n        np.fill_diagonal"
+    change(pytester, "by_hand.py", wrong)
+    result = session("--eomcheck-examples=5")
     assert "mass-matrix-chain-pendulum" in ids(result, "failed")
+
+
+# ---- Functions -----------------------------------------------------------------------------------
+
+CART = (ROOT / "docs" / "guides" / "cart.py").read_text(encoding="utf-8")
+
+
+def test_functions_have_a_test_for_each_claim(session, pytester):
+    shown(pytester, "test_cart.py")
+    pytester.makepyfile(cart=CART)
+    result = session(FEW, "test_cart.py")
+    assert {"mass-matrix-symmetric", "bias-of-energy"} <= ids(result, "passed")
+    assert ids(result, "passed") | ids(result, "skipped") == set(testing.FUNCTION_CLAIMS)
+    result.stdout.fnmatch_lines(["SKIPPED *: coriolis-bias does not apply to cart, without C"])
+
+
+def test_a_mistake_in_a_function_fails_by_name(session, pytester):
+    assert CART.count("np.array([pull,") == 1
+    shown(pytester, "test_cart.py")
+    pytester.makepyfile(cart=CART.replace("np.array([pull,", "np.array([-pull,"))
+    change(pytester, "test_cart.py", ("(CART)", "(CART, expected_failures='known.txt')"))
+    (pytester.path / "known.txt").write_text("bias-power known\nbias-of-enregy known\n")
+    result = session(FEW, "test_cart.py")
+    assert {"bias-of-energy", "expected-failures"} <= ids(result, "failed")
+    assert "mass-matrix-symmetric" in ids(result, "passed")
+    result.stdout.fnmatch_lines(
+        ["bias-of-energy ?bias ~ T? failed on cart: *row q?0?: sign)", "XFAIL *bias-power* known"]
+    )
+
+
+def test_functions_are_compared_with_a_scene(session, pytester):
+    code = """
+    from eomcheck.scenes import ChainPendulum
+    from eomcheck.testing import Functions, parametrize_with_claims
+    import numpy as np
+
+    ROD = Functions(1, M=lambda q: [[WHAT]], bias=lambda q, v: [0.0])
+
+    @parametrize_with_claims(ROD, against=ChainPendulum.rods(1))
+    def test_rod(check):
+        check()
+    """
+    for what, failed in (("1 / 3", set()), ("1 / 4", {"reference"})):
+        pytester.makepyfile(test_rod=code.replace("WHAT", what))
+        assert ids(session(FEW, "test_rod.py"), "failed") == failed
 
 
 # ---- The plug-in ---------------------------------------------------------------------------------
@@ -422,6 +528,16 @@ def test_slow(x):
 def test_few(x):
     pass
 """
+
+
+def test_the_test_with_hypothesis_that_is_shown_passes_and_finds_a_wrong_sign(session, pytester):
+    page = (SHOWN.parent / "in-your-ci.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```$", page, re.S | re.M)
+    pytester.makepyfile(test_right=block, test_wrong=block.replace("[-sin", "[sin"))
+    assert "[-sin" in block
+    result = pytester.runpytest_subprocess("test_right.py", "test_wrong.py")
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["FAILED test_wrong.py::test_my_solver*"])
 
 
 def test_the_settings_allow_a_first_case_that_takes_long(session, pytester):

@@ -162,8 +162,8 @@ class Suite:
 
             found = done_once(_option("shared"), f"{self.name}-{trial.where}", work)
             self._done[trial.where] = {id: Result(*one) for id, one in found.items()}
-        nothing = f"{claim} does not apply" + (f" to {trial.where}" if trial.where else "")
-        return self._done[trial.where].get(claim, Result("not looked at", nothing))
+        done = self._done[trial.where]
+        return done[claim] if claim in done else Result("not looked at", trial.absent(claim))
 
 
 _suites: dict[str, Suite] = {}

@@ -17,7 +17,7 @@ from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.named import kinds_of
-from eomcheck.testing.check import FUNCTION_CLAIMS, check
+from eomcheck.testing.run import FUNCTION_CLAIMS, check
 from eomcheck.testing.subject import Functions
 
 LINKS = 1, 5
@@ -57,6 +57,10 @@ class Trial(Protocol):
             seed: of the draws.
             known: ids of the claims that are expected to fail.
         """
+        ...
+
+    def absent(self, claim: str) -> str:
+        """Return why there is no result of a claim."""
         ...
 
 
@@ -167,6 +171,12 @@ class SceneTrial:
 
         return results_of(self.claims, run.findings, known, smallest)
 
+    def absent(self, claim: str) -> str:
+        """Return why there is no result of a claim."""
+        if self.engine is not None and not self.represented:
+            return f"{self.engine.key} does not represent {self.where}"
+        return f"{claim} does not apply to {self.where}"
+
     def _cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
         example = self.example
         first = [(example, State(*example.initial_state()))]
@@ -199,6 +209,15 @@ class FunctionsTrial:
         """Return what each claim came to, as `Trial` says."""
         found = check(self.functions, states=examples, seed=seed, against=self.against)
         return results_of(self.claims, found, known)
+
+    def absent(self, claim: str) -> str:
+        """Return why there is no result of a claim."""
+        one, given = FUNCTION_CLAIMS[claim], self.functions.given
+        missing = [name for name in one.needs if not any(x in given for x in name.split("|"))]
+        excluded = [name for name in one.without if name in given]
+        why = f", without {' and '.join(missing)}".replace("|", " or ") if missing else ""
+        why += f", with {' and '.join(excluded)}" if excluded else ""
+        return f"{claim} does not apply to {self.functions.name}{why}"
 
 
 Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] | str]
