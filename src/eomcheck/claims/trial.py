@@ -93,12 +93,21 @@ def represented(
     found = tuple(
         kind
         for kind in scenes
-        if any(represents(engine, scene) for engine in engines for scene in _small(kind))
+        if any(represents_some(engine, kind) for engine in engines)
     )
     if not found:
         who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
         raise InputError(f"engine {who} represents none of these scenes: {what}")
     return found
+
+
+def represents_some(engine: type[Engine], kind: type[Scene]) -> bool:
+    """Return whether an engine represents a small scene of a kind at least.
+
+    Raises:
+        InputError: the engine cannot say so.
+    """
+    return any(represents(engine, scene) for scene in _small(kind))
 
 
 def _small(kind: type[Scene]) -> Iterator[Scene]:

@@ -12,7 +12,8 @@ from eomcheck.claims import CLAIMS, Finding, State
 from eomcheck.claims.finding import Verdict
 from eomcheck.claims.run import Run, Selection, no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import scene_cases, state_cases
-from eomcheck.engines import Engine
+from eomcheck.claims.trial import check_compared, represents_some
+from eomcheck.engines import Engine, represents
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
@@ -105,7 +106,7 @@ def result_of(findings: list[Finding]) -> Result | Finding:
     if "inconclusive" in by:
         return Result("inconclusive", str(by["inconclusive"]))
     why = by["not looked at"]
-    return Result("not looked at", why.detail or str(why))
+    return Result("not looked at", f"{why.subject}: {why.detail}")
 
 
 def _failed(shown: Finding, findings: list[Finding]) -> Result:
@@ -150,8 +151,12 @@ class SceneTrial:
 
     @property
     def represented(self) -> bool:
-        """Whether the engine can represent the example; a scene represents itself."""
-        return self.engine is None or self.engine.represents(self.example)
+        """Whether the engine represents the scene, or some of the kind; a scene does itself."""
+        if self.engine is None:
+            return True
+        if isinstance(self.scene, type):
+            return represents_some(self.engine, self.scene)
+        return represents(self.engine, self.scene)
 
     def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
         """Return what each claim came to, as `Trial` says."""
@@ -163,6 +168,8 @@ class SceneTrial:
         run = Run()
         for scene, state in self._cases(examples, seed):
             run.look_at(scene, state, selection)
+        if self.engine is not None:
+            check_compared([self.engine], run.findings)
         links = partial(no_larger, links=LINKS) if isinstance(self.scene, type) else states_of
 
         def smallest(failed: Finding) -> Finding:
