@@ -1,4 +1,4 @@
-"""The chain pendulum as SymPy's KanesMethod derives it from bodies, points and frames."""
+"""The chain pendulum as SymPy's KanesMethod derives it, from points, frames and bodies."""
 
 from functools import cache
 
@@ -12,51 +12,47 @@ from eomcheck.scenes import ChainPendulum
 
 @cache
 def derived(n):
-    """Return functions of (q, v, numbers): the mass matrix, the bias and the forces, for n links."""
-    q, u = me.dynamicsymbols(f"q:{n}"), me.dynamicsymbols(f"u:{n}")
-    (m, L, inertia), g = (sp.symbols(f"{name}:{n}") for name in "mLI"), sp.Symbol("g")
-    ground, joint = me.ReferenceFrame("N"), me.Point("O")
+    """Return M, -B and Q of n links as functions of (q, v, mass, length, inertia, gravity)."""
+    q, v = me.dynamicsymbols(f"q:{n}"), me.dynamicsymbols(f"v:{n}")
+    m, L, inertia = (sp.symbols(f"{name}:{n}") for name in ("m", "L", "I"))
+    g, ground, joint = sp.Symbol("g"), me.ReferenceFrame("N"), me.Point("O")
     joint.set_vel(ground, 0)
-    bodies, loads = [], []
+    links, weights = [], []
     for i in range(n):
-        frame = ground.orientnew(f"A{i}", "Axis", (q[i], ground.z))
-        frame.set_ang_vel(ground, u[i] * ground.z)
-        center = joint.locatenew(f"C{i}", L[i] / 2 * frame.x)
-        tip = joint.locatenew(f"P{i}", L[i] * frame.x)
+        link = ground.orientnew(f"A{i}", "Axis", (q[i], ground.z))
+        link.set_ang_vel(ground, v[i] * ground.z)
+        center, tip = (joint.locatenew(f"{x}{i}", L[i] / x * link.x) for x in (2, 1))
         for point in (center, tip):
-            point.v2pt_theory(joint, ground, frame)
-        bodies.append(me.RigidBody(f"B{i}", center, frame, m[i], (me.inertia(frame, 0, 0, inertia[i]), center)))
-        loads.append((center, -m[i] * g * ground.y))
+            point.v2pt_theory(joint, ground, link)
+        about = me.inertia(link, 0, 0, inertia[i]), center
+        links.append(me.RigidBody(f"B{i}", center, link, m[i], about))
+        weights.append((center, -m[i] * g * ground.y))
         joint = tip
-    rates = [a - b.diff() for a, b in zip(u, q, strict=True)]
-    kane = me.KanesMethod(ground, q, u, kd_eqs=rates)
-    kane.kanes_equations(bodies, loads)
-    forces = kane.forcing.subs(g, 0), kane.forcing - kane.forcing.subs(g, 0)
-    return [sp.lambdify((q, u, m, L, inertia, g), x) for x in (kane.mass_matrix, -forces[0], forces[1])]
+    kane = me.KanesMethod(ground, q, v, [v[i] - q[i].diff() for i in range(n)])
+    kane.kanes_equations(links, weights)
+    without = kane.forcing.subs(g, 0)
+    terms = kane.mass_matrix, without, kane.forcing - without
+    return [sp.lambdify((q, v, m, L, inertia, g), term) for term in terms]
 
 
 class Kanes(eomcheck.Engine):
-    """Frames, points and bodies, by SymPy."""
-
     @classmethod
     def version(cls):
         return f"sympy {sp.__version__}"
 
     @classmethod
     def represents(cls, scene):
-        return isinstance(scene, ChainPendulum) and scene.n <= 4
+        return isinstance(scene, ChainPendulum) and scene.links <= 3
 
-    def _asked(self, which, q, v):
-        scene = self.scene
-        gravity = 0.0 if scene.gravity is None else float(scene.gravity)
-        numbers = scene.mass, scene.length, scene.inertia, gravity
-        return np.asarray(derived(scene.n)[which](q, v, *numbers), float)
+    def of(self, which, q, v):
+        at, gravity = self.scene, 0.0 if self.scene.gravity is None else self.scene.gravity
+        return derived(at.links)[which](q, v, at.mass, at.length, at.inertia, float(gravity))
 
     def mass_matrix(self, q, t=0.0):
-        return self._asked(0, q, np.zeros_like(q))
+        return self.of(0, q, np.zeros_like(q))
 
     def bias(self, q, v, t=0.0):
-        return self._asked(1, q, v)[:, 0]
+        return -self.of(1, q, v)[:, 0]
 
     def forces(self, q, v, t=0.0):
-        return self._asked(2, q, v)[:, 0]
+        return self.of(2, q, v)[:, 0]

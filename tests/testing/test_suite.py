@@ -573,3 +573,46 @@ def test_a_scene_of_its_own_is_judged_where_there_is_no_engine():
     verdicts = {id: one.verdict for id, one in trial.results(2, 0).items()}
     assert verdicts["kinetic-energy"] == verdicts["equivalence"] == "passed"
     assert "failed" not in verdicts.values()
+
+
+# ---- One more engine -----------------------------------------------------------------------------
+
+KANES = Path(__file__).with_name("kanes.py").read_text(encoding="utf-8")
+RUN = "from eomcheck.cli import main; main()"
+
+
+def kanes(pytester: pytest.Pytester, old: str = "", new: str = "") -> pytest.RunResult:
+    """Check an adapter of SymPy in an empty repository, by path on the command line."""
+    pytest.importorskip("sympy")
+    for name in ("by_hand.py", "test_by_hand.py"):
+        (pytester.path / name).unlink()
+    assert KANES.count(old) == 1 or not old
+    pytester.makepyfile(kanes=KANES.replace(old, new) if old else KANES)
+    asked = "validate", "--engine", "kanes.py:Kanes", "--links", "1..3", "--examples", "6"
+    return pytester.run(sys.executable, "-c", RUN, *asked)
+
+
+def test_an_adapter_of_60_lines_is_checked_by_path_and_by_pytest(session, pytester):
+    assert len(KANES.splitlines()) <= 60
+    found = kanes(pytester)
+    assert found.ret == 0
+    found.stdout.fnmatch_lines(["*generalized-forces*compared*", "* 0 failed."])
+    pytester.makepyfile(
+        test_kanes="""
+        from kanes import Kanes
+        from eomcheck.testing import parametrize_with_claims
+
+        @parametrize_with_claims(Kanes)
+        def test_kanes(check):
+            check()
+        """
+    )
+    passed = ids(session(FEW), "passed")
+    terms = "mass-matrix", "bias", "generalized-forces"
+    assert passed == {f"{term}-chain-pendulum" for term in terms}
+
+
+def test_a_mistake_in_an_adapter_is_named_on_the_command_line(session, pytester):
+    found = kanes(pytester, "return -self.of(1", "return self.of(1")
+    assert found.ret == 1
+    found.stdout.fnmatch_lines(["bias ?kanes? failed*sign"])
