@@ -173,25 +173,27 @@ def test_a_scene_that_the_engine_does_not_represent_is_skipped_beside_one_that_i
     assert "bias-chain-pendulum" in ids(result, "passed")
 
 
-def test_what_the_scene_itself_breaks_is_no_expected_failure(session, pytester):
-    broken = """
-    class Broken(ChainPendulum):
-        @staticmethod
-        def velocities(parameters, angles, q, v):
-            V, omega = ChainPendulum.velocities(parameters, angles, q, v)
-            return V, omega.ravel()
-    """
+BROKEN = """
+
+class Broken(ChainPendulum):
+    @staticmethod
+    def velocities(parameters, angles, q, v):
+        print("asked")
+        V, omega = ChainPendulum.velocities(parameters, angles, q, v)
+        return V, omega.ravel()
+
+
+@parametrize"""
+
+
+def test_a_scene_that_breaks_is_told_in_a_sentence_and_is_no_expected_failure(session, pytester):
     arguments(pytester, "scenes=[Broken([1], [1], [1])], expected_failures='known.txt'")
-    test = pytester.path / "test_by_hand.py"
-    test.write_text(
-        test.read_text().replace(
-            "\n\n@", "\n\n" + "".join(line[4:] + "\n" for line in broken.splitlines()[1:]) + "\n@"
-        )
-    )
+    change(pytester, "test_by_hand.py", ("\n\n@parametrize", BROKEN))
     (pytester.path / "known.txt").write_text("bias-chain-pendulum[1] known\n")
-    result = session(FEW)
+    result = session(FEW, "-s")
     assert "bias-chain-pendulum[1]" in ids(result, "failed")
     result.stdout.fnmatch_lines(["bias-chain-pendulum?1?: *ω has shape (1,), expected (1, 1)"])
+    assert result.stdout.str().count("asked") == 1
 
 
 # ---- Expected failures ---------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from inspect import getsourcefile, unwrap
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -25,6 +25,9 @@ F = TypeVar("F", bound=Callable)
 
 OF_THE_FILE = "expected-failures"
 """Id of the test that each line of the file of expected failures is about a test."""
+
+STOPPED = ""
+"""In place of a claim: why none could be looked at."""
 
 EXAMPLES = 25
 """Random states a scene, if nobody says otherwise."""
@@ -150,20 +153,29 @@ class Suite:
         return of_file | {id: Check(self, id) for id in self.ids}
 
     def result(self, id: str) -> Result:
-        """Return what a test came to; the work is done here if it is not yet."""
+        """Return what a test came to; the work is done here if it is not yet.
+
+        Raises:
+            InputError: the scene or the functions could not be looked at.
+        """
         trial, claim = self.ids[id]
         if trial.where not in self._done:
-            examples = _option("examples") or self.examples
-
-            known = {of for id, (on, of) in self.ids.items() if on is trial and id in self.expected}
-
-            def work() -> dict[str, Result]:
-                return trial.results(examples, self.seed, known)
-
+            work = partial(self._work, trial)
             found = done_once(_option("shared"), f"{self.name}-{trial.where}", work)
             self._done[trial.where] = {id: Result(*one) for id, one in found.items()}
         done = self._done[trial.where]
+        if STOPPED in done:
+            raise InputError(done[STOPPED].text)
         return done[claim] if claim in done else Result("not looked at", trial.absent(claim))
+
+    def _work(self, trial: Trial) -> dict[str, Result]:
+        examples = _option("examples") or self.examples
+        known = {of for id, (on, of) in self.ids.items() if on is trial and id in self.expected}
+        try:
+            return trial.results(examples, self.seed, known)
+        except EomcheckError as error:
+            # Kept like any other result: the next claim would end there as well.
+            return {STOPPED: Result("failed", str(error))}
 
 
 _suites: dict[str, Suite] = {}
