@@ -29,7 +29,7 @@ def test_a_python_block_runs(page: Path, number: int, block: str, monkeypatch):
 
 
 def test_there_are_blocks():
-    assert {"README.md", "andrews.md", "check-your-own.md"} <= {page.name for page, *_ in BLOCKS}
+    assert {"README.md", "andrews.md", "in-your-ci.md"} <= {page.name for page, *_ in BLOCKS}
 
 
 TERM = re.compile(r"\{term\}`(?:[^`<]*<)?\s*([^`>]+?)>?`", re.S)
