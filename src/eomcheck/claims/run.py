@@ -39,7 +39,7 @@ TRIES = 50
 
 @dataclass(frozen=True)
 class Selection:
-    """What takes part in a run: all that is registered, unless named."""
+    """What takes part in a run: all that is installed in any case, unless named."""
 
     formulations: tuple[Formulation, ...]
     engines: tuple[type[Engine], ...]
@@ -55,6 +55,8 @@ class Selection:
         scenes: Sequence[Scene | type[Scene]] = (Snake,),
     ) -> Selection:
         """Look the names up; None stands for all that apply to any scene, an empty list for none.
+
+        Engines that an extra installs take part when named.
 
         Raises:
             InputError: a formulation applies to none of `scenes`.
@@ -303,8 +305,8 @@ def check(
         v: velocities (n,), consistent with the constraints.
         t: time, s.
         formulations: keys of the formulations to look at, by default all that apply.
-        engines: keys, names or classes of the engines to compare with, all of ours that can by
-            default; see `eomcheck.engines.engine_of`.
+        engines: keys, names or classes of the engines to compare with, see
+            `eomcheck.engines.engine_of`; by default those of `engines.ALWAYS`.
         claims: ids of the claims to look at, all by default.
         consistent: refuse a v that violates the constraints. With False claims fail that hold for
             consistent velocities only, but a scene whose own a is wrong can be looked at.
@@ -346,8 +348,8 @@ def validate(
         examples: number of random states.
         seed: of the draws.
         formulations: keys of the formulations to look at, by default all that apply.
-        engines: keys, names or classes of the engines to compare with, all of ours that can by
-            default; see `eomcheck.engines.engine_of`.
+        engines: keys, names or classes of the engines to compare with, see
+            `eomcheck.engines.engine_of`; by default those of `engines.ALWAYS`.
         claims: ids of the claims to look at, all by default.
 
     Returns:

@@ -56,7 +56,7 @@ def validate(
         list[str] | None,
         typer.Option(
             help="Engine to compare with, or your own to check: path/to/file.py:Class; repeat for "
-            "more. Default all of ours."
+            "more. Default those that no extra installs."
         ),
     ] = None,
     formulation: Annotated[

@@ -7,15 +7,23 @@ from collections.abc import Iterable
 from eomcheck.engines.answers import Answers, EngineFault, made, represents
 from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.drake import DrakeEngine
+from eomcheck.engines.exudyn import ExudynEngine
+from eomcheck.engines.mujoco import MujocoEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError, distinct
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lookup import Kind, looked_up
 
 ENGINES: dict[str, type[Engine]] = {
-    engine.key: engine for engine in (PinocchioEngine, CasadiEngine)
+    engine.key: engine
+    for engine in (PinocchioEngine, CasadiEngine, MujocoEngine, DrakeEngine, ExudynEngine)
 }
 """Key -> class."""
+
+ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
+"""Keys of the engines whose libraries come with eomcheck: they take part unless others are named.
+So a run does not depend on what else happens to be installed."""
 
 
 ENGINE: Kind[Engine] = Kind("engine", Engine, ENGINES)
@@ -40,13 +48,13 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
 
 
 def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
-    """Return the engines that are named, or all of ours if `names` is None.
+    """Return the engines that are named, or those of `ALWAYS` if `names` is None.
 
     Raises:
         InputError, UnknownNameError: see `engine_of`; or two have one key.
     """
     found: dict[str, type[Engine]] = {}
-    for kind in map(engine_of, ENGINES if names is None else distinct("engines", names)):
+    for kind in map(engine_of, ALWAYS if names is None else distinct("engines", names)):
         if found.setdefault(kind.key, kind) is not kind:
             raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
     return tuple(found.values())
@@ -73,6 +81,7 @@ def checked(kind: type[Engine]) -> type[Engine]:
 
 
 __all__ = [
+    "ALWAYS",
     "ENGINES",
     "OPTIONAL",
     "Answers",

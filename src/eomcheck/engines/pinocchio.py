@@ -1,67 +1,35 @@
-"""Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver.
-
-The model is built from the scene's neutral `Tree`, whose joint coordinates are x = T q.
-"""
+"""Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
-from eomcheck.errors import EngineError, required
-from eomcheck.mechanics.records import Tree
-from eomcheck.mechanics.scene import Scene
+from eomcheck.engines.base import EngineAcceleration
+from eomcheck.engines.tree import TreeEngine
+from eomcheck.engines.walk import Link
 from eomcheck.numbers.contract import Array
 
 
-class PinocchioEngine(Engine):
+class PinocchioEngine(TreeEngine):
     """A scene that is a tree of rigid bodies, as Pinocchio's own model."""
 
-    solves_like = "gw"
-    reads_parameters = False
+    module = "pinocchio"
 
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        tree = scene.tree()
-        if tree is None:
-            raise EngineError(f"pinocchio cannot represent {scene.name}: it has no tree of bodies")
-        self._pin = required("pinocchio")
-        self.model = self._build(tree)
-        self.data = self.model.createData()
-        self.coordinates = tree.coordinates
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        return f"pinocchio {required('pinocchio').__version__}"
-
-    @classmethod
-    def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is described as a tree."""
-        return scene.tree() is not None
-
-    def _build(self, tree: Tree):
-        pin = self._pin
-        joints = {
-            "px": pin.JointModelPX,
-            "py": pin.JointModelPY,
-            "rz": pin.JointModelRZ,
-        }
-        model = pin.Model()
+    def _build(self, library: Any, links: list[Link]) -> None:
+        self._pin = pin = library
+        self.model = model = pin.Model()
         model.gravity.setZero()
-        for j, (parent, kind) in enumerate(zip(tree.parent, tree.joint, strict=True)):
-            placement = pin.SE3(np.eye(3), tree.offset[j])
+        for link in links:
+            kind = getattr(pin, f"JointModel{link.kind.upper()}")
+            seat = pin.SE3(link.rotation, link.offset)
             # Joint 0 is Pinocchio's universe, where -1 is the ground here.
-            joint = model.addJoint(parent + 1, joints[kind](), placement, f"joint_{j}")
-            if tree.mass[j] > 0:
-                about_z = np.diag([0.0, 0.0, tree.inertia[j]])
-                body = pin.Inertia(float(tree.mass[j]), tree.center[j], about_z)
+            joint = model.addJoint(link.parent + 1, kind(), seat, link.name)
+            if link.mass > 0:
+                body = pin.Inertia(link.mass, link.center, link.inertia)
                 model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-        return model
-
-    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (T q, T, 0)."""
-        return VelocityMap(self.coordinates @ q, self.coordinates, np.zeros(len(self.coordinates)))
+        self.data = model.createData()
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by the composite rigid body algorithm, which fills its upper half."""

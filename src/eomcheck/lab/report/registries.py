@@ -105,8 +105,10 @@ def _engines() -> Sheet:
         except EngineError:
             library = "not installed"
         own = yes(engine.offers("constraint_jacobian"))
-        rows.append((Cell(engine.key, "name"), library, own, _first_line(engine)))
-    return Sheet("engines", "", ("key", "library", "own constraints", "what it is"), rows)
+        extra = engine.extra or "none needed"
+        rows.append((Cell(engine.key, "name"), library, extra, own, _first_line(engine)))
+    columns = ("key", "library", "installed by the extra", "own constraints", "what it is")
+    return Sheet("engines", "", columns, rows)
 
 
 def _claims() -> Sheet:

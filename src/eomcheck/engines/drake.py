@@ -1,0 +1,96 @@
+"""Drake: its `MultibodyPlant` in continuous time, which knows no constraints."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from eomcheck.engines.base import EngineAcceleration
+from eomcheck.engines.tree import TreeEngine
+from eomcheck.engines.walk import Link
+from eomcheck.errors import required
+from eomcheck.numbers.contract import Array
+
+
+class DrakeEngine(TreeEngine):
+    """A scene that is a tree of rigid bodies, as a plant of Drake's."""
+
+    module, extra = "pydrake.multibody.plant", "drake"
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        cls._library()
+        return f"drake {metadata.version('drake')}"
+
+    def _build(self, library: Any, links: list[Link]) -> None:
+        parts, math = required("pydrake.multibody.tree"), required("pydrake.math")
+        self.plant = plant = library.MultibodyPlant(time_step=0.0)
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        bodies, joints = [plant.world_body()], []
+        for link in links:
+            body = plant.AddRigidBody(link.name, _inertia(parts, link))
+            place = math.RigidTransform(math.RotationMatrix(link.rotation), link.offset)
+            parent = bodies[link.parent + 1].body_frame()
+            seat = plant.AddFrame(parts.FixedOffsetFrame(f"seat of {link.name}", parent, place))
+            kind = parts.PrismaticJoint if link.slides else parts.RevoluteJoint
+            joint = kind(f"joint of {link.name}", seat, body.body_frame(), link.axis)
+            joints.append(plant.AddJoint(joint))
+            bodies.append(body)
+        plant.Finalize()
+        self.context = plant.CreateDefaultContext()
+        self._place = np.array([joint.velocity_start() for joint in joints])
+
+    def _move_to(self, x: Array, rate: Array) -> None:
+        state = np.zeros(2 * self._n)
+        state[self._place], state[self._n + self._place] = x, rate
+        self.plant.SetPositionsAndVelocities(self.context, state)
+
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M (n, n) by the composite bodies' inertias."""
+        self._move_to(q, np.zeros(self._n))
+        return self.plant.CalcMassMatrix(self.context)[np.ix_(self._place, self._place)]
+
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return B (n,) by inverse dynamics; gravity is no part of it."""
+        self._move_to(q, v)
+        return self.plant.CalcBiasTerm(self.context)[self._place]
+
+    def _under(self, force: Array) -> Array:
+        """Return the acceleration (n,) by articulated bodies, without constraints."""
+        applied = np.zeros(self._n)
+        applied[self._place] = force
+        self.plant.get_applied_generalized_force_input_port().FixValue(self.context, applied)
+        port = self.plant.get_generalized_acceleration_output_port()
+        return np.array(port.Eval(self.context))[self._place]
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return v̇ and λ by forward dynamics: under Q, and at rest under each row of our a.
+
+        Accelerations are linear in forces; λ is what makes a v̇ + gamma vanish.
+        """
+        self._move_to(q, v)
+        free = self._under(Q)
+        if a is None or gamma is None:
+            return EngineAcceleration(free, None)
+        self._move_to(q, np.zeros(self._n))
+        responses = np.array([self._under(row) for row in a]).T
+        multipliers = np.linalg.solve(a @ responses, -gamma - a @ free)
+        return EngineAcceleration(free + responses @ multipliers, multipliers)
+
+
+def _inertia(parts: Any, link: Link) -> Any:
+    if link.mass == 0:
+        return parts.SpatialInertia.Zero()
+    moments = parts.RotationalInertia(*link.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    return parts.SpatialInertia.MakeFromCentralInertia(link.mass, link.center, moments)

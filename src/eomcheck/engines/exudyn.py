@@ -1,0 +1,123 @@
+"""Exudyn: a kinematic tree in minimal coordinates, by the parts of its solvers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from eomcheck.engines.base import EngineAcceleration
+from eomcheck.engines.tree import TreeEngine
+from eomcheck.engines.walk import Link
+from eomcheck.errors import required
+from eomcheck.numbers.contract import Array
+
+
+class ExudynEngine(TreeEngine):
+    """A scene that is a tree of rigid bodies, as a kinematic tree of Exudyn's."""
+
+    module = extra = "exudyn"
+
+    def _build(self, library: Any, links: list[Link]) -> None:
+        items = required("exudyn.itemInterface")
+        self._exu = library
+        self._container = library.SystemContainer()
+        self.system = self._container.AddSystem()
+        zero = np.zeros(self._n)
+        node = self.system.AddNode(
+            items.NodeGenericODE2(
+                referenceCoordinates=zero,
+                initialCoordinates=zero,
+                initialCoordinates_t=zero,
+                numberOfODE2Coordinates=self._n,
+            )
+        )
+        kinds = {"p": "Prismatic", "r": "Revolute"}
+        self._tree = self.system.AddObject(
+            items.ObjectKinematicTree(
+                nodeNumber=node,
+                gravity=np.zeros(3),
+                jointTypes=[
+                    getattr(library.JointType, kinds[link.kind[0]] + link.kind[1].upper())
+                    for link in links
+                ],
+                linkParents=[link.parent for link in links],
+                jointTransformations=library.Matrix3DList([link.rotation for link in links]),
+                jointOffsets=library.Vector3DList([link.offset for link in links]),
+                linkInertiasCOM=library.Matrix3DList([link.inertia for link in links]),
+                linkCOMs=library.Vector3DList([link.center for link in links]),
+                linkMasses=[link.mass for link in links],
+            )
+        )
+        if self.scene.r:
+            self._constraints = self._add_constraints(items, node)
+        self.system.Assemble()
+        self._settings = library.SimulationSettings()
+        self._settings.solution.file.write = False
+        self._settings.timeIntegration.verboseMode = self._settings.staticSolver.verboseMode = 0
+        # Alive for the parts that it computes; it solves nothing.
+        self._static = library.MainSolverStatic()
+        self._static.InitializeSolver(self.system, self._settings)
+
+    def _add_constraints(self, items: Any, node: Any) -> Any:
+        """Add the rows a v = 0, their entries still unknown."""
+        ground = self.system.AddNode(items.NodePointGround())
+        markers = [
+            self.system.AddMarker(items.MarkerNodeCoordinates(nodeNumber=one))
+            for one in (ground, node)
+        ]
+        return self.system.AddObject(
+            items.ObjectConnectorCoordinateVector(
+                markerNumbers=markers,
+                scalingMarker1=np.ones((self.scene.r, self._n)),
+                offset=np.zeros(self.scene.r),
+                velocityLevel=True,
+            )
+        )
+
+    def _move_to(self, x: Array, rate: Array, configuration: str = "Current") -> None:
+        data, where = self.system.systemData, getattr(self._exu.ConfigurationType, configuration)
+        data.SetODE2Coordinates(x, where)
+        data.SetODE2Coordinates_t(rate, where)
+
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M (n, n)."""
+        self._move_to(q, np.zeros(self._n))
+        self._static.ComputeMassMatrix(self.system)
+        return np.array(self._static.GetSystemMassMatrix())[: self._n, : self._n]
+
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return B (n,), minus the right-hand side of the equations without forces."""
+        self._move_to(q, v)
+        self._static.ComputeODE2RHS(self.system)
+        return -np.array(self._static.GetSystemResidual())[: self._n]
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return v̇ and λ as the implicit solver begins, with our Q, a and gamma.
+
+        Initial accelerations keep a v̇ = 0 whatever gamma is. So they are asked for beside some z
+        with a z = -gamma, whose inertia forces are taken from Q.
+        """
+        z = np.zeros(self._n)
+        if a is not None and gamma is not None:
+            z = np.linalg.lstsq(a, -gamma, rcond=None)[0]
+            self.system.SetObjectParameter(self._constraints, "scalingMarker1", a)
+            Q = Q - self.mass_matrix(q, t) @ z
+        self.system.SetObjectParameter(self._tree, "jointForceVector", Q)
+        self._move_to(q, v, "Initial")
+        solver, where = self._exu.MainSolverImplicitSecondOrder(), self._exu.ConfigurationType
+        solver.InitializeSolver(self.system, self._settings)
+        data = self.system.systemData
+        vdot = np.array(data.GetODE2Coordinates_tt(where.Current)) + z
+        multipliers = None if a is None else -np.array(data.GetAECoordinates(where.Current))
+        solver.FinalizeSolver(self.system, self._settings)
+        self.system.SetObjectParameter(self._tree, "jointForceVector", np.zeros(self._n))
+        return EngineAcceleration(vdot, multipliers)

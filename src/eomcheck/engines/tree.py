@@ -1,0 +1,60 @@
+"""What engines have in common that build their model from a scene's tree of bodies."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from eomcheck.engines.base import Engine, VelocityMap
+from eomcheck.engines.walk import Link, links_of
+from eomcheck.errors import EngineError, required
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+
+class TreeEngine(Engine):
+    """A tree of rigid bodies as a model of the library's own, in coordinates of its joints x = T q.
+
+    A subclass says what the library answers in these, in the order of the links (rule 4).
+    """
+
+    module: ClassVar[str]
+    """What to import."""
+
+    solves_like = "gw"
+    reads_parameters = False
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        if not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
+        tree = scene.tree()
+        assert tree is not None
+        self.coordinates: Array = tree.coordinates
+        """T (n, n)."""
+        self._n = len(self.coordinates)
+        self._build(self._library(), links_of(tree))
+
+    @classmethod
+    def _library(cls) -> Any:
+        return required(cls.module, cls.extra)
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return f"{cls.key} {cls._library().__version__}"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is described as a tree."""
+        return scene.tree() is not None
+
+    @abstractmethod
+    def _build(self, library: Any, links: list[Link]) -> None:
+        """Build the library's model, without gravity and forces."""
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (T q, T, 0)."""
+        return VelocityMap(self.coordinates @ q, self.coordinates, np.zeros(self._n))

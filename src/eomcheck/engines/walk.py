@@ -1,0 +1,129 @@
+"""The walk through a scene's tree of bodies that every engine is built by.
+
+An engine sees `Link`s: a joint, where it sits on the link before, and the body that it moves. How a
+`Tree` encodes these is known here alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.mechanics.records import Tree
+from eomcheck.numbers.contract import Array
+
+
+class Link(NamedTuple):
+    """A joint with one coordinate, and the body behind it.
+
+    The joint's frame moves with the body; at coordinate 0 it coincides with the joint's seat.
+    """
+
+    name: str
+    """Unique in its tree."""
+    parent: int
+    """Position of the link that it sits on, always an earlier one, or -1: the ground."""
+    kind: str
+    """Slides along ("p") or turns about ("r") an axis of its frame: "px", "py", "rz"."""
+    rotation: Array
+    """Orientation of the seat in the frame of the parent (3, 3)."""
+    offset: Array
+    """Position of the seat in the frame of the parent (3,), m."""
+    mass: float
+    """kg, 0 for a link that only carries others."""
+    center: Array
+    """Centre of mass in the joint's frame (3,), m."""
+    inertia: Array
+    """About the centre of mass, along the axes of the joint's frame (3, 3), kg m²."""
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic; otherwise it is revolute."""
+        return self.kind[0] == "p"
+
+    @property
+    def axis(self) -> Array:
+        """Axis of the joint in its own frame (3,), of length 1."""
+        return np.eye(3)["xyz".index(self.kind[1])]
+
+
+def links_of(tree: Tree) -> list[Link]:
+    """Return the links of a tree, each after the one that it sits on.
+
+    In the plane only the moment of inertia about z counts. It is given to all three axes, because
+    many libraries refuse a body that cannot exist, such as one with (0, 0, I).
+    """
+    return [
+        Link(
+            name=f"link_{j}",
+            parent=tree.parent[j],
+            kind=tree.joint[j],
+            rotation=np.eye(3),
+            offset=np.asarray(tree.offset[j], np.float64),
+            mass=float(tree.mass[j]),
+            center=np.asarray(tree.center[j], np.float64),
+            inertia=float(tree.inertia[j]) * np.eye(3),
+        )
+        for j in range(len(tree.joint))
+    ]
+
+
+class Mounted(NamedTuple):
+    """A joint as it sits on the body that it moves, while all joints are at 0."""
+
+    name: str
+    slides: bool
+    position: Array
+    """In the body's frame (3,), m."""
+    axis: Array
+    """In the body's frame (3,), of length 1."""
+
+
+class Carried(NamedTuple):
+    """A body with mass and all joints that move it: those of links without mass, then its own."""
+
+    body: Link
+    parent: int
+    """Position of the body that the first joint sits on, or -1: the ground."""
+    rotation: Array
+    """Orientation in the frame of the parent (3, 3) while all joints are at 0."""
+    offset: Array
+    """Position in the frame of the parent (3,) while all joints are at 0, m."""
+    joints: tuple[Mounted, ...]
+
+
+def bodies_with_mass(links: list[Link]) -> list[Carried] | None:
+    """Return the bodies that have mass, each with all joints between it and the body before.
+
+    For libraries in which nothing moves that has no mass. None where a link without mass does not
+    carry exactly one other, so that no body can take its joint over.
+    """
+    carries = [sum(other.parent == j for other in links) for j in range(len(links))]
+    if any(link.mass == 0 and number != 1 for link, number in zip(links, carries, strict=True)):
+        return None
+    bodies: list[Carried] = []
+    places = {-1: -1}
+    for j, link in enumerate(links):
+        if link.mass > 0:
+            places[j] = len(bodies)
+            chain, first = [link], link.parent
+            while first != -1 and links[first].mass == 0:
+                chain.insert(0, links[first])
+                first = links[first].parent
+            bodies.append(_carried(places[first], chain))
+    return bodies
+
+
+def _carried(parent: int, chain: list[Link]) -> Carried:
+    """Return the body of the last link of `chain`, moved by the joints of all."""
+    seats = [(chain[0].rotation, chain[0].offset)]
+    for link in chain[1:]:
+        rotation, offset = seats[-1]
+        seats.append((rotation @ link.rotation, offset + rotation @ link.offset))
+    rotation, offset = seats[-1]
+    joints = (
+        Mounted(link.name, link.slides, rotation.T @ (at - offset), rotation.T @ turned @ link.axis)
+        for link, (turned, at) in zip(chain, seats, strict=True)
+    )
+    return Carried(chain[-1], parent, rotation, offset, tuple(joints))
