@@ -9,15 +9,25 @@ from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, Velocity
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.drake import DrakeEngine
 from eomcheck.engines.exudyn import ExudynEngine
+from eomcheck.engines.idyntree import IdyntreeEngine
 from eomcheck.engines.mujoco import MujocoEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.engines.pybullet import PybulletEngine
 from eomcheck.errors import InputError, distinct
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lookup import Kind, looked_up
 
 ENGINES: dict[str, type[Engine]] = {
     engine.key: engine
-    for engine in (PinocchioEngine, CasadiEngine, MujocoEngine, DrakeEngine, ExudynEngine)
+    for engine in (
+        PinocchioEngine,
+        CasadiEngine,
+        MujocoEngine,
+        DrakeEngine,
+        ExudynEngine,
+        IdyntreeEngine,
+        PybulletEngine,
+    )
 }
 """Key -> class."""
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration
 from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Carried, Link, bodies_with_mass, links_of
-from eomcheck.mechanics.scene import Scene
+from eomcheck.engines.walk import Carried, Link, bodies_with_mass
 from eomcheck.numbers.contract import Array
 
 STIFFEST = 0.9999
@@ -28,10 +27,9 @@ class MujocoEngine(TreeEngine):
     compliant = True
 
     @classmethod
-    def represents(cls, scene: Scene) -> bool:
-        """Return whether a tree describes the scene in which links without mass carry one each."""
-        tree = scene.tree()
-        return tree is not None and bodies_with_mass(links_of(tree)) is not None
+    def holds(cls, links: list[Link]) -> bool:
+        """Return whether every link without mass carries exactly one other."""
+        return bodies_with_mass(links) is not None
 
     def _build(self, library: Any, links: list[Link]) -> None:
         self._mj = library

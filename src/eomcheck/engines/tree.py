@@ -10,6 +10,7 @@ import numpy as np
 from eomcheck.engines.base import Engine, VelocityMap
 from eomcheck.engines.walk import Link, links_of
 from eomcheck.errors import EngineError, required
+from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
@@ -28,14 +29,13 @@ class TreeEngine(Engine):
 
     def __init__(self, scene: Scene):
         super().__init__(scene)
-        if not self.represents(scene):
-            raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
         tree = scene.tree()
-        assert tree is not None
+        if tree is None or not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
         self.coordinates: Array = tree.coordinates
         """T (n, n)."""
-        self._n = len(self.coordinates)
-        self._build(self._library(), links_of(tree))
+        self._n = scene.n
+        self._build(self._library(), self.links(tree))
 
     @classmethod
     def _library(cls) -> Any:
@@ -48,8 +48,19 @@ class TreeEngine(Engine):
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is described as a tree."""
-        return scene.tree() is not None
+        """Return whether the scene is described as a tree that the library can hold."""
+        tree = scene.tree()
+        return tree is not None and cls.holds(cls.links(tree))
+
+    @classmethod
+    def links(cls, tree: Tree) -> list[Link]:
+        """Return the links that the model is built from."""
+        return links_of(tree)
+
+    @classmethod
+    def holds(cls, links: list[Link]) -> bool:
+        """Return whether the library can hold such a tree."""
+        return True
 
     @abstractmethod
     def _build(self, library: Any, links: list[Link]) -> None:

@@ -1,0 +1,116 @@
+"""PyBullet: Bullet's multibody code, from a URDF that is written for it and thrown away."""
+
+from __future__ import annotations
+
+import tempfile
+import weakref
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from eomcheck.engines.tree import TreeEngine
+from eomcheck.engines.walk import Link
+from eomcheck.numbers.contract import Array
+
+BASE = 7
+"""Entries of a free base's pose, from which it counts even where the base is fixed."""
+
+
+class PybulletEngine(TreeEngine):
+    """A scene that is a tree of rigid bodies, as a multibody of PyBullet's."""
+
+    module = extra = "pybullet"
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        cls._library()
+        return f"pybullet {metadata.version('pybullet')}"
+
+    def _build(self, library: Any, links: list[Link]) -> None:
+        self._bullet = library
+        # There are only so many connections: one is given back with the engine.
+        self._client = library.connect(library.DIRECT)
+        weakref.finalize(self, library.disconnect, self._client)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "tree.urdf")
+            path.write_text(_urdf(links), encoding="utf-8")
+            # Otherwise moments of inertia are guessed from the shape, and there is none.
+            flags = library.URDF_USE_INERTIA_FROM_FILE
+            self._body = library.loadURDF(
+                str(path), useFixedBase=True, flags=flags, physicsClientId=self._client
+            )
+        infos = [
+            library.getJointInfo(self._body, j, physicsClientId=self._client)
+            for j in range(self._n)
+        ]
+        place = {info[1].decode(): info[3] - BASE for info in infos}
+        self._place = np.array([place[f"joint_of_{link.name}"] for link in links])
+
+    def _ordered(self, x: Array) -> list[float]:
+        result = np.zeros(self._n)
+        result[self._place] = x
+        return result.tolist()
+
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M (n, n)."""
+        found = self._bullet.calculateMassMatrix(
+            self._body, self._ordered(q), physicsClientId=self._client
+        )
+        return np.array(found)[np.ix_(self._place, self._place)]
+
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return B (n,) by inverse dynamics; a new world has no gravity."""
+        state = self._ordered(q), self._ordered(v), [0.0] * self._n
+        found = self._bullet.calculateInverseDynamics(
+            self._body, *state, physicsClientId=self._client
+        )
+        return np.array(found)[self._place]
+
+
+def _urdf(links: list[Link]) -> str:
+    """Return the links as a URDF, every number with all its digits."""
+    robot = ElementTree.Element("robot", name="tree")
+    _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros((3, 3)))
+    for link in links:
+        _add_body(robot, link.name, link.mass, link.center, link.inertia)
+        parent = "ground" if link.parent < 0 else links[link.parent].name
+        kind = "prismatic" if link.slides else "continuous"
+        joint = ElementTree.SubElement(robot, "joint", name=f"joint_of_{link.name}", type=kind)
+        ElementTree.SubElement(joint, "parent", link=parent)
+        ElementTree.SubElement(joint, "child", link=link.name)
+        rpy = _text(_roll_pitch_yaw(link.rotation))
+        ElementTree.SubElement(joint, "origin", xyz=_text(link.offset), rpy=rpy)
+        ElementTree.SubElement(joint, "axis", xyz=_text(link.axis))
+        if link.slides:
+            anything = dict.fromkeys(("effort", "velocity"), "1")
+            ElementTree.SubElement(joint, "limit", lower="-1", upper="1", **anything)
+    ElementTree.indent(robot)  # Bullet cuts long lines off
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _add_body(robot: Any, name: str, mass: float, center: Array, inertia: Array) -> None:
+    inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=name), "inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=_text(center))
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    entries = {
+        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(inertia[i, j])) for i in range(3) for j in range(i, 3)
+    }
+    ElementTree.SubElement(inertial, "inertia", **entries)
+
+
+def _text(numbers: Array) -> str:
+    return " ".join(repr(float(x)) for x in numbers)
+
+
+def _roll_pitch_yaw(R: Array) -> Array:
+    """Return the angles (roll, pitch, yaw), rad, of R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    # Of what is left when yaw is undone, so that it is right where pitch is π/2 and yaw is anything.
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    roll = np.arctan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
+    return np.array([roll, pitch, yaw])
