@@ -41,7 +41,7 @@ from eomcheck.claims.point import Point
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.refusals import ENOUGH, MAY_REFUSE, Drawn, coverage, independent_rcond
 from eomcheck.claims.registry import Claim, Sides, Skipped, names_of_term
-from eomcheck.engines import ENGINES
+from eomcheck.engines import ALWAYS, ENGINES, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -200,6 +200,11 @@ def is_ball(x: Any) -> bool:
     return isinstance(x, flint.arb)
 
 
+def engines_for(scene: Scene) -> tuple[Engine, ...]:
+    kinds = (ENGINES[key] for key in ALWAYS)
+    return tuple(kind(scene) for kind in kinds if kind.represents(scene))
+
+
 def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Finding]:
     """Look at a claim where one number is wrong."""
     scene, state = sample(key)
@@ -218,7 +223,7 @@ def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Fin
             stack.enter_context(patch.object(speeds, "embedding", changed))
         elif part.of not in ENGINES:
             scene = wrong_scene(scene, part, entry, k)
-        engines = tuple(kind(scene) for kind in ENGINES.values() if kind.represents(scene))
+        engines = engines_for(scene)
         for engine in engines:
             if engine.key == part.of:
                 changed = wrong_result(engine.acceleration, part, entry, k)
@@ -308,7 +313,7 @@ class Shifted(Case):
 def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
     """Return what is found with every number wrong in turn, and the name of that number."""
     scene, state = sample(key)
-    engines = tuple(kind(scene) for kind in ENGINES.values() if kind.represents(scene))
+    engines = engines_for(scene)
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     case = Shifted(Evaluation(scene, *state), formulations, engines)
     case.by, case.judged = by, []

@@ -19,6 +19,18 @@ from eomcheck.formulations import FORMULATIONS, kane
 from eomcheck.scenes import Snake
 
 every_engine = pytest.mark.parametrize("key", ENGINES)
+solving = pytest.mark.parametrize(
+    "key",
+    [key for key, engine in ENGINES.items() if engine.offers("acceleration")],
+)
+solving_without_giving_way = pytest.mark.parametrize(
+    "key",
+    [
+        key
+        for key, engine in ENGINES.items()
+        if engine.offers("acceleration") and not engine.compliant
+    ],
+)
 deriving_constraints = pytest.mark.parametrize(
     "key", [key for key, engine in ENGINES.items() if engine.offers("forces")]
 )
@@ -134,7 +146,7 @@ def test_an_engine_has_the_mass_matrix_and_bias_of_a_single_link(key, theta):
     assert_close(engine.bias(q, v), np.array(B), inertia_size(Evaluation(snake, q, v)))
 
 
-@every_engine
+@solving_without_giving_way
 @ANGLES
 def test_an_engine_has_the_acceleration_and_multiplier_of_a_single_link_on_its_wheel(key, theta):
     m, L, alpha, s, omega = 2.0, 3.0, 0.4, 1.5, -0.8
@@ -201,7 +213,7 @@ def test_an_engine_differentiates_the_inertia_remainder_of_kanes_equations(key, 
     assert_close(found, remainder(at), condition * (ours + size))
 
 
-@every_engine
+@solving_without_giving_way
 @snakes
 def test_an_engine_has_the_acceleration_of_every_formulation(key, snake):
     at = state(snake)
@@ -225,7 +237,7 @@ def test_two_snakes_of_one_size_do_not_share_parameters(key):
     assert [engine.mass_matrix(np.zeros(3))[0, 0] for engine in engines] == [1.0, 5.0]
 
 
-@every_engine
+@solving
 def test_an_engine_changes_neither_the_state_nor_what_it_is_handed(key):
     at = state(SNAKES[1])
     Q, a, gamma = at.terms.Q, at.terms.a, at.terms.gamma

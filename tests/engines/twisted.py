@@ -14,7 +14,7 @@ def twisted(links: list[Link], seed: int) -> list[Link]:
     the inertia has products in the turned frame.
     """
     rng = np.random.default_rng(seed)
-    turns = [_turn(link, kind, rng) for link, kind in zip(links, rng.integers(0, 3, len(links)))]
+    turns = [_turn(link, int(rng.integers(0, 3)), rng) for link in links]
     result = []
     for link, (turn, kind) in zip(links, turns, strict=True):
         before = np.eye(3) if link.parent < 0 else turns[link.parent][0]

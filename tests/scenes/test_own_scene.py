@@ -21,7 +21,7 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.engines import ENGINES, Answers, EngineAcceleration
+from eomcheck.engines import ALWAYS, ENGINES, Answers, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
@@ -295,7 +295,7 @@ def test_a_scene_whose_functions_nobody_marked_moves_in_machine_code(key):
 SCENES = [Free(), OnBelt()]
 scenes = pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.key)
 every_formulation = pytest.mark.parametrize("key", applicable(OnBelt))
-every_engine = pytest.mark.parametrize("engine", ENGINES)
+every_engine = pytest.mark.parametrize("engine", ALWAYS)
 
 
 def test_every_formulation_finds_the_free_motion_and_no_multipliers():

@@ -45,8 +45,7 @@ class MujocoEngine(TreeEngine):
         model.opt.tolerance = 0.0
         for one in carried:
             # Not by `fullinertia`, which takes no singular ones, and no orientation without `ipos`.
-            moments, axes = np.linalg.eigh(one.body.inertia)
-            axes[:, 0] *= np.sign(np.linalg.det(axes))
+            moments, axes = one.body.principal
             body = model.body(one.body.name).id
             model.body_inertia[body] = moments
             model.body_iquat[body] = self._quaternion(axes)

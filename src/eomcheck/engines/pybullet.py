@@ -74,9 +74,9 @@ class PybulletEngine(TreeEngine):
 def _urdf(links: list[Link]) -> str:
     """Return the links as a URDF, every number with all its digits."""
     robot = ElementTree.Element("robot", name="tree")
-    _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros((3, 3)))
+    _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros(3), np.eye(3))
     for link in links:
-        _add_body(robot, link.name, link.mass, link.center, link.inertia)
+        _add_body(robot, link.name, link.mass, link.center, *link.principal)
         parent = "ground" if link.parent < 0 else links[link.parent].name
         kind = "prismatic" if link.slides else "continuous"
         joint = ElementTree.SubElement(robot, "joint", name=f"joint_of_{link.name}", type=kind)
@@ -86,20 +86,22 @@ def _urdf(links: list[Link]) -> str:
         ElementTree.SubElement(joint, "origin", xyz=_text(link.offset), rpy=rpy)
         ElementTree.SubElement(joint, "axis", xyz=_text(link.axis))
         if link.slides:
-            anything = dict.fromkeys(("effort", "velocity"), "1")
-            ElementTree.SubElement(joint, "limit", lower="-1", upper="1", **anything)
+            limits: dict[str, str] = dict.fromkeys(("lower", "upper", "effort", "velocity"), "1")
+            ElementTree.SubElement(joint, "limit", limits)  # not held to, but asked for
     ElementTree.indent(robot)  # Bullet cuts long lines off
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def _add_body(robot: Any, name: str, mass: float, center: Array, inertia: Array) -> None:
+def _add_body(
+    robot: Any, name: str, mass: float, center: Array, moments: Array, axes: Array
+) -> None:
     inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=name), "inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=_text(center))
+    # Along principal axes: Bullet turns to them itself, to 1e-11 only.
+    rpy = _text(_roll_pitch_yaw(axes))
+    ElementTree.SubElement(inertial, "origin", xyz=_text(center), rpy=rpy)
     ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
-    entries = {
-        f"i{'xyz'[i]}{'xyz'[j]}": repr(float(inertia[i, j])) for i in range(3) for j in range(i, 3)
-    }
-    ElementTree.SubElement(inertial, "inertia", **entries)
+    about = {f"i{axis}{axis}": repr(float(x)) for axis, x in zip("xyz", moments, strict=True)}
+    ElementTree.SubElement(inertial, "inertia", about | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
 
 
 def _text(numbers: Array) -> str:
@@ -110,7 +112,7 @@ def _roll_pitch_yaw(R: Array) -> Array:
     """Return the angles (roll, pitch, yaw), rad, of R = Rz(yaw) Ry(pitch) Rx(roll)."""
     yaw = np.arctan2(R[1, 0], R[0, 0])
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    # Of what is left when yaw is undone, so that it is right where pitch is π/2 and yaw is anything.
+    # Of what is left without yaw: right also where pitch is π/2 and yaw could be anything.
     cos, sin = np.cos(yaw), np.sin(yaw)
     roll = np.arctan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
     return np.array([roll, pitch, yaw])

@@ -47,6 +47,16 @@ class Link(NamedTuple):
         """Axis of the joint in its own frame (3,), of length 1."""
         return np.eye(3)["xyz".index(self.kind[1])]
 
+    @property
+    def principal(self) -> tuple[Array, Array]:
+        """Principal moments (3,), kg m², and their axes, columns of a rotation (3, 3).
+
+        For libraries that would find them themselves, and lose digits or the axes.
+        """
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        return moments, axes
+
 
 def links_of(tree: Tree) -> list[Link]:
     """Return the links of a tree, each after the one that it sits on.

@@ -1,0 +1,21 @@
+"""Tests of an engine are skipped, with the reason, where its library is not installed."""
+
+from __future__ import annotations
+
+import pytest
+
+from eomcheck.engines import ENGINES
+from eomcheck.errors import EngineError
+
+
+@pytest.fixture(autouse=True)
+def installed(request: pytest.FixtureRequest) -> None:
+    """Skip a test whose argument `key` is an engine without its library."""
+    callspec = getattr(request.node, "callspec", None)
+    key = None if callspec is None else callspec.params.get("key")
+    engine = ENGINES.get(key) if isinstance(key, str) else None
+    if engine is not None and engine.extra is not None:
+        try:
+            engine.version()
+        except EngineError as error:
+            pytest.skip(str(error))
