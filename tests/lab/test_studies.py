@@ -26,6 +26,7 @@ SMALL = {
     "agreement": {"links": 2, "per_size": 3},
     "rhs": {"scene": "sleigh", "formulation": ["kane"], "repeats": 2},
     "motion": {"formulation": ["kane"]},
+    "engines": {"engine": ["pinocchio"], "links": "2", "states": 2},
     "tolerance": {"links": "2", "examples": 2},
 }
 

@@ -22,6 +22,7 @@ STUDIES: dict[str, str] = {
     "links.",
     "accuracy": "Certify how many digits each formulation delivers in doubles, against ball "
     "arithmetic.",
+    "engines": "Ask every engine at random states, and measure how far it is from the scenes' own.",
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",

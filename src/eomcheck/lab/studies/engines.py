@@ -1,0 +1,219 @@
+"""What each engine can say, and how far what it says is from the scenes' own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.finding import DECIDED
+from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.strata import scene_cases
+from eomcheck.engines import ENGINES, Answers, Engine, engine_of
+from eomcheck.errors import EngineError, RefusedError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.options import Seed, at_least_one, interval
+from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.scenes import SCENES
+
+QUANTITIES = {
+    "mass-matrix": "M",
+    "bias": "B",
+    "generalized-forces": "Q",
+    "constraint-jacobian": "a",
+    "constraint-drift": "γ",
+    "engine-acceleration": "q̈",
+    "engine-multipliers": "λ",
+}
+"""Claims that ask engines -> what they ask for."""
+
+REFERENCE = "au"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity of an engine at all states of a kind of scenes.
+
+    `relative` is the largest difference from the scene's own, divided by its largest entry, and
+    `share` the largest observed / allowed; None where nothing was decided. `gives_way` says that
+    constraints are compliant: the difference is then one of model.
+    """
+
+    engine: str
+    version: str
+    scene: str
+    claim: str
+    states: int
+    failed: int
+    relative: float | None
+    share: float | None
+    gives_way: bool
+
+
+def cells(
+    *,
+    engine: Annotated[list[str] | None, "Engine; repeat for more. Default all."] = None,
+    links: Annotated[str, "Number of links of the random scenes, N or N..M."] = "1..12",
+    states: Annotated[int, "Random scenes of a kind, each in one state."] = 50,
+    seed: Seed = 0,
+) -> Iterator[Settings]:
+    """Yield a cell for each engine and each kind of scene that it represents.
+
+    Raises:
+        InputError, UnknownNameError: no such engine, no such numbers of links, or no states.
+    """
+    at_least_one(states=states)
+    numbers = interval(links)
+    for key in ENGINES if engine is None else engine:
+        kind = engine_of(key)
+        for scene in SCENES.values():
+            if kind.represents(scene.example()):
+                where = {"engine": key, "scene": scene.key}
+                yield where | {"links": numbers, "states": states, "seed": seed}
+
+
+def _compare(settings: Settings) -> Record:
+    """Look at all states of one kind of scene."""
+    key, kind = settings["engine"], SCENES[settings["scene"]]
+    try:
+        version = engine_of(key).version()
+    except EngineError as missing:
+        return Record(STUDY.key, settings, "refused", str(missing))
+    selection = Selection.of([REFERENCE], [key], list(QUANTITIES), scenes=[kind])
+    run, differences = Run(), dict[str, float]()
+    for scene, state in scene_cases(kind, *(settings[x] for x in ("links", "states", "seed"))):
+        engine = engine_of(key)(scene)
+        run.look_at(scene, state, selection)
+        for claim, relative in _differences(engine, scene, state):
+            differences[claim] = max(relative, differences.get(claim, 0.0))
+    rows = []
+    for claim in CLAIMS:
+        mine = [one for one in run.findings if one.claim == claim]
+        if claim in differences:
+            ratios = [one.ratio for one in mine if one.verdict in DECIDED]
+            failures = sum(one.verdict == "failed" for one in mine)
+            share, gives_way = max(ratios, default=None), not ratios
+            who = key, version, kind.key, claim, settings["states"]
+            rows.append(Compared(*who, failures, differences[claim], share, gives_way))
+    return record_of_rows(STUDY.key, settings, rows)
+
+
+def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[str, float]]:
+    """Yield, by claim, the largest difference as in `Compared.relative`."""
+    at, answers = Evaluation(scene, *state), Answers(engine)
+    turned = [Evaluation(scene, at.q, at.v * sign, at.t) for sign in 1 - 2 * np.eye(scene.n)]
+    sizes = {
+        "bias": max(largest(one.terms.B) for one in turned),
+        "constraint-drift": max(_size(one.terms.gamma) for one in turned),
+        "engine-acceleration": largest(np.linalg.solve(at.terms.M, at.F)),
+    }
+    terms, here = at.terms, (at.q, at.v, at.t)
+    pairs: dict[str, tuple[Array | None, Array | None]] = {
+        "mass-matrix": (terms.M, answers.mass_matrix(at.q, at.t)),
+        "bias": (terms.B, answers.bias(*here)),
+    }
+    others = {
+        "generalized-forces": ("forces", terms.Q),
+        "constraint-jacobian": ("constraint_jacobian", terms.a),
+        "constraint-drift": ("constraint_drift", terms.gamma),
+    }
+    for claim, (method, ours) in others.items():
+        if ours is not None and engine.offers(method):
+            pairs[claim] = ours, getattr(answers, method)(*here)
+    if engine.offers("acceleration"):
+        Q = np.zeros(scene.n) if terms.Q is None else terms.Q
+        with suppress(RefusedError):
+            ours = at.acceleration(FORMULATIONS[REFERENCE])
+            theirs = answers.acceleration(at.q, at.v, Q, terms.a, terms.gamma, at.t)
+            pairs["engine-acceleration"] = ours.vdot, theirs.vdot
+            pairs["engine-multipliers"] = ours.multipliers, theirs.multipliers
+    for claim, (ours, theirs) in pairs.items():
+        if ours is not None and theirs is not None:
+            scale = max(largest(ours), sizes.get(claim, 0.0))
+            if scale > 0:
+                yield claim, largest(ours - theirs) / scale
+
+
+def _size(x: Array | None) -> float:
+    return 0.0 if x is None else largest(x)
+
+
+# ---- What it comes to ----------------------------------------------------------------------------
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield what each engine can say, how far it is from ours, and the same by scenes."""
+    rows = rows_of(found, Compared)
+    engines = dict.fromkeys(one.engine for one in rows)
+    says, by_scene = [], []
+    for key in engines:
+        mine = [one for one in rows if one.engine == key]
+        of_scenes = {one.scene: one.states for one in mine}
+        cells = (_cell([one for one in mine if one.claim == claim]) for claim in QUANTITIES)
+        failures = str(sum(one.failed for one in mine))
+        states = str(sum(of_scenes.values()))
+        says.append((Cell(mine[0].version, "name"), str(len(of_scenes)), states, failures, *cells))
+        for scene in of_scenes:
+            here = [one for one in mine if one.scene == scene]
+            cells = (_cell([one for one in here if one.claim == claim]) for claim in QUANTITIES)
+            by_scene.append((Cell(key, "name"), scene, *cells))
+    columns = ("engine", "scenes", "states", "failures", *QUANTITIES.values())
+    yield Sheet("engines", "Largest relative difference from the scene's own", columns, says)
+    columns = ("engine", "scene", *QUANTITIES.values())
+    yield Sheet("engines-by-scene", "The same, scene by scene", columns, by_scene)
+
+
+def _cell(rows: Sequence[Compared]) -> Cell:
+    known = [one.relative for one in rows if one.relative is not None]
+    if not known:
+        return Cell("-", "none")
+    if any(one.failed for one in rows):
+        return Cell(f"{max(known):.0e} FAIL", "failed")
+    soft = [one.relative for one in rows if one.relative is not None and one.gives_way]
+    hard = [x for x in known if x not in soft]
+    parts = [f"{max(hard):.0e}"] if hard else []
+    return Cell(", ".join([*parts, *([f"{max(soft):.0e} soft"] if soft else [])]))
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield what was not installed, and how much of what rounding allows was used."""
+    missing = {record.reason: None for record in found if record.status == "refused"}
+    yield from missing
+    yield from unfinished([record for record in found if record.status != "refused"])
+    rows = rows_of(found, Compared)
+    shares = [one.share for one in rows if one.share is not None]
+    if shares:
+        yield (
+            f"Largest error: {max(shares):.1%} of what rounding allows. `soft`: constraints give "
+            "way, so that the difference is one of model and not judged."
+        )
+
+
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether an engine and a scene differ by more than rounding."""
+    return failed(found) or any(one.failed for one in rows_of(found, Compared))
+
+
+STUDY = Study(
+    key="engines",
+    cells=cells,
+    worker=lambda known: _compare,
+    sheets=sheets,
+    said=said,
+    label="comparing",
+    alarm=alarm,
+    reading="A dash: the engine does not say it, or no scene of the kind has it.",
+    small=True,
+    spread_by=("engine", "scene"),
+)
