@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eomcheck import velocity
+from eomcheck.claims.run import Selection
 from eomcheck.claims.trial import inertia_size, mass_size
-from eomcheck.engines import ENGINES, Answers, engine_of
+from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.errors import EngineError, UnknownNameError
 from eomcheck.evaluation.doubles import Evaluation
@@ -87,6 +90,21 @@ def test_an_engine_names_its_library_and_version(key):
     name, version = ENGINES[key].version().split()
     assert name == key
     assert version[0].isdigit()
+
+
+def test_every_engine_that_is_not_required_has_an_extra_and_is_in_the_extra_of_all():
+    project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+    wanted = {engine.extra for engine in ENGINES.values() if engine.extra}
+    assert [one for key in extras if key in wanted for one in extras[key]] == extras["engines"]
+    assert wanted <= set(extras)
+    required = " ".join(project["project"]["dependencies"])
+    assert not any(extra in required for extra in wanted)
+
+
+def test_engines_that_an_extra_installs_take_part_only_when_named():
+    assert {kind.key for kind in Selection.of().engines} == set(ALWAYS) == {"pinocchio", "casadi"}
+    assert [kind.key for kind in Selection.of(engines=["mujoco"]).engines] == ["mujoco"]
 
 
 # ---- What an engine can represent ----------------------------------------------------------------

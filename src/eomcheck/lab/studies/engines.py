@@ -37,6 +37,8 @@ QUANTITIES = {
     "engine-multipliers": "λ",
 }
 """Claims that ask engines -> what they ask for."""
+SHOWN = ("mass-matrix", "bias", "engine-acceleration", "engine-multipliers")
+"""Those whose differences the tables show; the others cancel in many poses, and are judged only."""
 
 REFERENCE = "au"
 
@@ -115,7 +117,6 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
     turned = [Evaluation(scene, at.q, at.v * sign, at.t) for sign in 1 - 2 * np.eye(scene.n)]
     sizes = {
         "bias": max(largest(one.terms.B) for one in turned),
-        "constraint-drift": max(_size(one.terms.gamma) for one in turned),
         "engine-acceleration": largest(np.linalg.solve(at.terms.M, at.F)),
     }
     terms, here = at.terms, (at.q, at.v, at.t)
@@ -145,10 +146,6 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
                 yield claim, largest(ours - theirs) / scale
 
 
-def _size(x: Array | None) -> float:
-    return 0.0 if x is None else largest(x)
-
-
 # ---- What it comes to ----------------------------------------------------------------------------
 
 
@@ -160,17 +157,22 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     for key in engines:
         mine = [one for one in rows if one.engine == key]
         of_scenes = {one.scene: one.states for one in mine}
-        cells = (_cell([one for one in mine if one.claim == claim]) for claim in QUANTITIES)
+        cells = (_cell([one for one in mine if one.claim == claim]) for claim in SHOWN)
+        others = [name for claim, name in QUANTITIES.items() if claim not in SHOWN]
+        told = [QUANTITIES[claim] for claim in dict.fromkeys(one.claim for one in mine)]
         failures = str(sum(one.failed for one in mine))
         states = str(sum(of_scenes.values()))
-        says.append((Cell(mine[0].version, "name"), str(len(of_scenes)), states, failures, *cells))
+        also = ", ".join(name for name in others if name in told) or "-"
+        name = Cell(mine[0].version, "name")
+        says.append((name, str(len(of_scenes)), states, failures, *cells, also))
         for scene in of_scenes:
             here = [one for one in mine if one.scene == scene]
-            cells = (_cell([one for one in here if one.claim == claim]) for claim in QUANTITIES)
+            cells = (_cell([one for one in here if one.claim == claim]) for claim in SHOWN)
             by_scene.append((Cell(key, "name"), scene, *cells))
-    columns = ("engine", "scenes", "states", "failures", *QUANTITIES.values())
+    shown = [QUANTITIES[claim] for claim in SHOWN]
+    columns = ("engine", "scenes", "states", "failures", *shown, "also says")
     yield Sheet("engines", "Largest relative difference from the scene's own", columns, says)
-    columns = ("engine", "scene", *QUANTITIES.values())
+    columns = ("engine", "scene", *shown)
     yield Sheet("engines-by-scene", "The same, scene by scene", columns, by_scene)
 
 
