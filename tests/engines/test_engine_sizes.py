@@ -15,7 +15,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.scenes import SCENES, Sleigh
 
-ENGINES_ALL = [*ENGINES.values(), planar()]
+ENGINES_ALL = {**ENGINES, "planar": planar()}
 
 
 class InBody(Engine):
@@ -75,22 +75,23 @@ def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():
     assert finding.verdict == "failed"
 
 
-@pytest.mark.parametrize("key", SCENES)
+@pytest.mark.parametrize("key", ENGINES_ALL)
 def test_right_engines_are_within_the_allowance_on_every_scene(key):
-    compared = 0
-    for scene, state in scene_cases(SCENES[key], (1, 12), 12, seed=5):
-        at = Evaluation(scene, *state)
-        B = np.zeros(scene.n) if at.terms.B is None else at.terms.B
-        for kind in ENGINES_ALL:
-            if represents(kind, scene):
-                answers = Answers(kind(scene))
-                error = largest(answers.bias(*state) - B)
-                assert error <= allowed_error(inertia_size(at) + 20 * largest(B))
-                S = answers.velocity_map(state.q, state.v).S
-                error = largest(answers.mass_matrix(state.q, state.t) - at.terms.M)
-                scale = mass_size(at, S) + 20 * largest(at.terms.M)
-                assert error <= allowed_error(scale)
-                compared += 1
+    kind, compared = ENGINES_ALL[key], 0
+    for scene_kind in SCENES.values():
+        for scene, state in scene_cases(scene_kind, (1, 12), 12, seed=5):
+            if not represents(kind, scene):
+                continue
+            at = Evaluation(scene, *state)
+            B = np.zeros(scene.n) if at.terms.B is None else at.terms.B
+            answers = Answers(kind(scene))
+            error = largest(answers.bias(*state) - B)
+            assert error <= allowed_error(inertia_size(at) + 20 * largest(B))
+            S = answers.velocity_map(state.q, state.v).S
+            error = largest(answers.mass_matrix(state.q, state.t) - at.terms.M)
+            scale = mass_size(at, S) + 20 * largest(at.terms.M)
+            assert error <= allowed_error(scale)
+            compared += 1
     assert compared >= 12
 
 

@@ -96,9 +96,11 @@ def _compare(settings: Settings) -> Record:
     run, differences = Run(), dict[str, float]()
     for scene, state in scene_cases(kind, *(settings[x] for x in ("links", "states", "seed"))):
         engine = engine_of(key)(scene)
-        run.look_at(scene, state, selection)
-        for claim, relative in _differences(engine, scene, state):
-            differences[claim] = max(relative, differences.get(claim, 0.0))
+        allowed = {one.claim: one.allowed for one in run.look_at(scene, state, selection)}
+        for claim, difference, size in _differences(engine, scene, state):
+            # What vanishes but for rounding has no size to be relative to.
+            if size > allowed.get(claim, 0.0):
+                differences[claim] = max(difference / size, differences.get(claim, 0.0))
     rows = []
     for claim in CLAIMS:
         mine = [one for one in run.findings if one.claim == claim]
@@ -111,8 +113,8 @@ def _compare(settings: Settings) -> Record:
     return record_of_rows(STUDY.key, settings, rows)
 
 
-def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[str, float]]:
-    """Yield, by claim, the largest difference as in `Compared.relative`."""
+def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[str, float, float]]:
+    """Yield claim, largest difference, and the size that it is relative to in `Compared`."""
     at, answers = Evaluation(scene, *state), Answers(engine)
     turned = [Evaluation(scene, at.q, at.v * sign, at.t) for sign in 1 - 2 * np.eye(scene.n)]
     sizes = {
@@ -141,9 +143,7 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
             pairs["engine-multipliers"] = ours.multipliers, theirs.multipliers
     for claim, (ours, theirs) in pairs.items():
         if ours is not None and theirs is not None:
-            scale = max(largest(ours), sizes.get(claim, 0.0))
-            if scale > 0:
-                yield claim, largest(ours - theirs) / scale
+            yield claim, largest(ours - theirs), max(largest(ours), sizes.get(claim, 0.0))
 
 
 # ---- What it comes to ----------------------------------------------------------------------------
