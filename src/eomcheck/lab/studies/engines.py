@@ -47,9 +47,10 @@ REFERENCE = "au"
 class Compared:
     """One quantity of an engine at all states of a kind of scenes.
 
-    `relative` is the largest difference from the scene's own, divided by its largest entry, and
-    `share` the largest observed / allowed; None where nothing was decided. `gives_way` says that
-    constraints are compliant: the difference is then one of model.
+    `relative` is the largest difference from the scene's own, divided by its largest entry, or by
+    that of what cancels in it: B with one velocity of the other sign, the unconstrained
+    acceleration. `share` is the largest observed / allowed. Either is None where there is none.
+    `gives_way` says that constraints are compliant: the difference is then one of model.
     """
 
     engine: str
@@ -104,12 +105,12 @@ def _compare(settings: Settings) -> Record:
     rows = []
     for claim in CLAIMS:
         mine = [one for one in run.findings if one.claim == claim]
-        if claim in differences:
-            ratios = [one.ratio for one in mine if one.verdict in DECIDED]
+        ratios = [one.ratio for one in mine if one.verdict in DECIDED]
+        if ratios or claim in differences:
             failures = sum(one.verdict == "failed" for one in mine)
             share, gives_way = max(ratios, default=None), not ratios
             who = key, version, kind.key, claim, settings["states"]
-            rows.append(Compared(*who, failures, differences[claim], share, gives_way))
+            rows.append(Compared(*who, failures, differences.get(claim), share, gives_way))
     return record_of_rows(STUDY.key, settings, rows)
 
 
