@@ -37,7 +37,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--links", "5..2"], "links = '5..2'"),
         (["validate", "--links", "many"], "links = 'many'"),
         (["validate", "--examples", "0"], "examples = 0"),
-        (["validate", "--engine", "mujoco"], "unknown engine 'mujoco'; known: pinocchio, casadi"),
+        (["validate", "--engine", "bullet"], "unknown engine 'bullet'; known: pinocchio, casadi"),
         (["validate", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["validate", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
         (["validate", "--executor", "local"], "the states of one scene are not spread"),

@@ -13,6 +13,7 @@ import numpy as np
 
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
+from eomcheck.files import write_text
 from eomcheck.numbers.contract import Array
 
 BASE = 7
@@ -37,7 +38,7 @@ class PybulletEngine(TreeEngine):
         weakref.finalize(self, library.disconnect, self._client)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "tree.urdf")
-            path.write_text(_urdf(links), encoding="utf-8")
+            write_text(path, _urdf(links))
             # Otherwise moments of inertia are guessed from the shape, and there is none.
             flags = library.URDF_USE_INERTIA_FROM_FILE
             self._body = library.loadURDF(
