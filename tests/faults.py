@@ -37,8 +37,14 @@ BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bic
 BRICARD = "scenes/bricard.py"
 COMPOSED = "mechanics/composed.py"
 GRAVITY, LINKAGE = "mechanics/gravity.py", "mechanics/linkage.py"
-SPACE = "mechanics/space.py"
-SHARED = {COMPOSED: ChainPendulum, GRAVITY: Bricard, LINKAGE: Andrews, SPACE: Bricard}
+SERIAL, SPACE = "mechanics/serial.py", "mechanics/space.py"
+SHARED = {
+    COMPOSED: ChainPendulum,
+    GRAVITY: Bricard,
+    LINKAGE: Andrews,
+    SERIAL: ChainPendulum,
+    SPACE: Bricard,
+}
 """File of functions that many scenes call -> one of the scenes."""
 PARTS = {
     **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
@@ -174,13 +180,7 @@ FAULTS = [
     Fault(SNAKE_SPEEDS, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
     Fault(SNAKE_SPEEDS, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
     # the second derivation
-    Fault(
-        SNAKE_ENERGIES,
-        "V[i, 1] = joint_y + length",
-        "V[i, 1] = joint_y - length",
-        "mass-matrix",
-        "[casadi]",
-    ),
+    Fault(SNAKE_ENERGIES, "v[0], v[1], v[2:]", "v[1], v[0], v[2:]", "mass-matrix", "[casadi]"),
     Fault(
         SNAKE_ENERGIES,
         "(x[k + 1] - x[k]) / 2",
@@ -337,7 +337,8 @@ FAULTS = [
     Fault(PENDULUM, "return -gravity[0]", "return gravity[0]", "generalized-forces", "sign"),
     Fault(PENDULUM, "[1] * cos\n", "[1]\n", "generalized-forces", "row θ_"),
     Fault(PENDULUM, "+ rise / 2, y + rise", "+ rise / 2, y - rise", "generalized-forces", "θ"),
-    Fault(PENDULUM, "half * v[i] * angles.cos", "half * v[i] * angles.sin", "mass-matrix", "θ_"),
+    Fault(SERIAL, "y + length[i] / 2", "y - length[i] / 2", "mass-matrix", "[casadi]"),
+    Fault(SERIAL, "2 * omega[i] * angles.cos", "2 * omega[i] * angles.sin", "mass-matrix", "θ_"),
     # The sleigh.
     Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),
     Fault(SLEIGH, " + moment * offset", "", "mass-matrix", "entry (θ, θ)"),

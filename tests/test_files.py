@@ -112,10 +112,7 @@ WRITING = {"write_text", "write_bytes", "savefig", "touch"}
 
 
 def test_every_writer_writes_beside():
-    """Methods that write are called on what `replacing` yields, or in `eomcheck.files`.
-
-    Proofs alone are appended to a file as they come, which is read again after an interruption.
-    """
+    """Methods that write are called on what `replacing` yields, or in `eomcheck.files`."""
     found = set()
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -129,5 +126,4 @@ def test_every_writer_writes_beside():
             given = [ast.unparse(x) for x in (on, *node.args)]
             if (name in WRITING or opens) and "beside" not in given:
                 found.add((path.relative_to(PACKAGE).as_posix(), name))
-    assert {file for file, _ in found} == {"files.py", "lab/proofs.py"}
-    assert {name for file, name in found if file == "lab/proofs.py"} == {"open"}
+    assert {file for file, _ in found} == {"files.py"}

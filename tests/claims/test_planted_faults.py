@@ -17,7 +17,7 @@ from tests.samples import random_scene, random_state
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding, speeds
-from eomcheck.claims.run import Selection, _case
+from eomcheck.claims.run import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
@@ -69,7 +69,7 @@ def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
         # The state is right even where the fault is in a.
         state = random_state(right, random)
         made = scene(**{name: getattr(right, name) for name in scene.ranges(1)})
-        case = _case(made, state, selection)
+        case = case_at(made, state, selection)
         for claim in selection.claims if case.finite else ("finite-terms",):
             for finding in case.look(CLAIMS[claim]):
                 if finding.verdict == "failed":

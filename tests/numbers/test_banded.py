@@ -16,7 +16,7 @@ from tests.machine_code import MachineCode, in_machine_code
 from eomcheck import acceleration, enclose, simulate, velocity
 from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation import sensitivity
+from eomcheck.evaluation import perturbed
 from eomcheck.evaluation.certified import true_error
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity
@@ -281,7 +281,7 @@ def test_the_bound_is_above_the_error_whatever_the_noise_is(monkeypatch):
     for first in range(0, 100 * SAMPLES, SAMPLES):
         with monkeypatch.context() as patch:
             seeded = partial(lambda first, seed, *step: Noise(first + seed, *step), first)
-            patch.setattr(sensitivity, "Noise", seeded)
+            patch.setattr(perturbed, "Noise", seeded)
             at = Evaluation(scene, q, v)
             bounds.add(allowed_error(acceleration_sensitivity(at, banded)))
     assert len(bounds) > 90, "noise matters"

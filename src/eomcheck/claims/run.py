@@ -236,9 +236,7 @@ def smallest_failure(
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
-        for finding in _case(_asked(drawn[0], selection), drawn[1], selection).look(
-            CLAIMS[failed.claim]
-        ):
+        for finding in case_at(*drawn, selection).look(CLAIMS[failed.claim]):
             if finding.verdict == "failed":
                 raise _Falsified(finding)
 
@@ -284,6 +282,11 @@ def _case(asked: _Asked, state: State, selection: Selection) -> Case:
     formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
     evaluation = Evaluation(asked.scene, *state)
     return Case(evaluation, formulations, asked.engines, broken=asked.broken)
+
+
+def case_at(scene: Scene, state: State, selection: Selection) -> Case:
+    """Return what claims look at in a state; engines are made for it."""
+    return _case(_asked(scene, selection), state, selection)
 
 
 def check(

@@ -91,9 +91,7 @@ def represented(
         InputError: there is none, or an engine cannot say so.
     """
     found = tuple(
-        kind
-        for kind in scenes
-        if any(represents_some(engine, kind) for engine in engines)
+        kind for kind in scenes if any(represents_some(engine, kind) for engine in engines)
     )
     if not found:
         who, what = (", ".join(one.key for one in x) for x in (engines, scenes))

@@ -15,9 +15,10 @@ import numpy as np
 
 from eomcheck.errors import whole_number
 from eomcheck.mechanics.gravity import height_energy
-from eomcheck.mechanics.linkage import halved, passed_on, pinned_jacobians, rods, serial_tree
+from eomcheck.mechanics.linkage import halved, pinned_jacobians, rods
 from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
 from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.serial import passed_on, serial_tree
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,

@@ -20,7 +20,6 @@ import numpy as np
 
 from eomcheck.errors import RefusedError, whole_number
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.linkage import serial_tree
 from eomcheck.mechanics.parameters import (
     OfLinks,
     of_joints,
@@ -29,6 +28,7 @@ from eomcheck.mechanics.parameters import (
     stretched,
 )
 from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.serial import serial_tree
 from eomcheck.mechanics.sketch import (
     Body,
     Center,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.mechanics.linkage import passed_on
+from eomcheck.mechanics.serial import passed_on
 
 
 def velocities(parameters, angles, q, v):
