@@ -1,6 +1,7 @@
 """hypothesis profiles: `ci` by default, `--hypothesis-profile fuzz` for long runs by hand."""
 
 import os
+from collections import Counter
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -23,11 +24,34 @@ settings.register_profile("fuzz", max_examples=1000, deadline=None, suppress_hea
 settings.load_profile("ci")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--all`."""
+    parser.addoption("--all", action="store_true", help="all cases of tests marked `sampled`")
+
+
+@pytest.hookimpl(trylast=True)  # whatever else chooses has chosen
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep every n-th case of a test marked `sampled(n)`; the others are for the night."""
+    if config.getoption("--all"):
+        return
+    seen: Counter[str] = Counter()
+    left: list[pytest.Item] = []
+    for item in items:
+        marker, test = item.get_closest_marker("sampled"), item.nodeid.partition("[")[0]
+        if marker is not None and seen[test] % marker.args[0]:
+            left.append(item)
+        seen[test] += 1
+    config.hook.pytest_deselected(items=left)
+    chosen = set(left)
+    items[:] = [item for item in items if item not in chosen]
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Draw the same cases whatever the sources say: they hold numbers that hypothesis is fond of.
 
     Otherwise what is drawn would depend on every edit, and on the modules imported before.
     """
+    config.addinivalue_line("markers", "sampled(n): every n-th case, all of them with --all")
     if config.getoption("--hypothesis-profile", None) in (None, "ci"):
         assert hasattr(providers, "is_local_module_file")
         providers.is_local_module_file = lambda path: False

@@ -89,6 +89,7 @@ def error(vdot: Array, truth) -> float:
     return largest(true_error(vdot, truth)) / largest(truth.doubles())
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("links", SIZES)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_banded_keeps_12_digits_in_machine_code_or_not(family: str, links: int):
@@ -206,6 +207,7 @@ def moved(name: str, tolerance: float, with_v: bool, project: bool) -> tuple[flo
     return error, max(sideways), found.nfev
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_quasi_velocities_need_no_projection(name: str, tolerance: float):

@@ -89,6 +89,7 @@ def test_links_motion_springs_dampers_and_wheels_are_strata_of_snakes():
 # ---- Cases, measured on what was drawn -----------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @every_kind
 def test_default_draws_have_every_pair_of_strata_and_hardly_rest(kind):
     for seed in range(3 if kind is Snake else 1):
@@ -173,6 +174,7 @@ def assert_whole_range(values, one: Range, name: str) -> None:
         assert signs <= set(np.sign(entry)), name
 
 
+@pytest.mark.sampled(3)
 @every_kind
 def test_no_number_of_a_case_is_constant(kind):
     # Closed positions take long to find.

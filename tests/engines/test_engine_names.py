@@ -142,7 +142,9 @@ def test_an_entry_point_is_found_by_its_name(tmp_path, monkeypatch, own_path):
         engine_of("lost")
     with pytest.raises(UnknownNameError, match=r"known: pinocchio, casadi.*flat, lost"):
         engine_of("bullet")
-    found = command("--engine", "flat", "--scene", "sleigh", "--examples", "2", cwd=tmp_path)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    found = command("--engine", "flat", "--scene", "sleigh", "--examples", "2", cwd=elsewhere)
     assert found.returncode == 2, "another process does not have the path"
     assert "unknown engine 'flat'" in found.stderr
 

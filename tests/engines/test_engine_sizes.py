@@ -75,6 +75,7 @@ def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():
     assert finding.verdict == "failed"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ENGINES_ALL)
 def test_right_engines_are_within_the_allowance_on_every_scene(key):
     kind, compared = ENGINES_ALL[key], 0

@@ -347,6 +347,7 @@ def loops(program: Program) -> int:
     return sum(item[0] == "loop" for item in program.items)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("links", [MANY_LINKS + i for i in range(1, SHORTER[1] + 1)])
 @pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.linear])
 def test_the_program_of_a_long_chain_continues_those_of_short_ones(key, links):
@@ -395,6 +396,7 @@ def compiled(
     return kernel, lambda t, y: kernel(block, t, y)["rates"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("width", [1, 4])
 @every_formulation
 def test_code_with_loops_has_the_bits_of_straight_code(key, width):
@@ -432,6 +434,7 @@ def hostile_band(size: int) -> tuple[Array, Array]:
     return bands * units[:, None], b * units
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [*range(65, 73), 120])
 def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(size, monkeypatch):
     bands, b = hostile_band(size)
@@ -468,6 +471,7 @@ def assert_lanes_are_single_runs(scene: Scene, key: str, at: Evaluation, width: 
         assert np.isfinite(alone).all() == (width == 2 or lane < width - 1)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("links", range(1, 13))
 @every_formulation
 def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):
@@ -476,6 +480,7 @@ def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):
     assert_lanes_are_single_runs(scene, key, Evaluation(scene, *state(scene)), width)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_lanes_of_every_scene_have_the_bits_of_single_runs(kind):
     scene, (q, v, t) = ordinary(kind)
@@ -625,6 +630,7 @@ MACHINES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.skipif(not X86, reason="machines of this kind are x86-64")
 @pytest.mark.parametrize("width", [1, 8])
 @pytest.mark.parametrize("name", MACHINES)

@@ -123,6 +123,7 @@ def test_the_bicycle_is_drawn_rolling_on_the_ground_at_its_speed():
 # ---- How it is drawn -----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dark", [False, True])
 @each_kind
 def test_labels_cover_no_other_label_and_stay_on_the_page(kind, dark):
@@ -169,6 +170,7 @@ def run(monkeypatch, *arguments) -> int:
     return int(end.value.code or 0)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("key", SCENES)
 def test_the_command_writes_every_scene_small_and_the_same_every_time(key, tmp_path, monkeypatch):
     links = ["--links", 2] if SCENES[key].has_links else []

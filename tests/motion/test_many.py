@@ -50,6 +50,7 @@ def assert_agrees(found: eomcheck.Trajectory, alone: eomcheck.Trajectory):
         assert difference.max() <= 100 * TOLERANCE
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("links", [2, 3])
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_each_motion_is_that_of_simulate(key: str, links: int):
@@ -63,6 +64,7 @@ def test_each_motion_is_that_of_simulate(key: str, links: int):
         assert abs(found.steps[i] - alone.steps) <= 1
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "snake"])
 def test_kane_moves_every_other_scene_as_simulate_does(name: str):
     scene = SCENES[name].example()

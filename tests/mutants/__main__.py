@@ -57,7 +57,7 @@ def command_of(catcher: str) -> list[str]:
     first, *rest = shlex.split(catcher)
     if first == "python":
         return [sys.executable, *rest]
-    pytest = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    pytest = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "--all"]
     return [*pytest, "--tb", "short", first, *rest]
 
 

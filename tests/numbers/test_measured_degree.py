@@ -74,6 +74,7 @@ def degrees(scene: Scene) -> list[tuple[Key, int, int]]:
     return [(key, m, bound) for (key, bound), m in zip(stated, measured, strict=True)]
 
 
+@pytest.mark.sampled(4)
 @scenes
 def test_no_measured_degree_exceeds_the_bound(scene: Scene):
     found = degrees(scene)
@@ -106,6 +107,7 @@ def test_the_bounds_of_single_terms_are_the_degrees_themselves(scene: Scene):
     assert all(bound - measured <= slack for measured, bound in single.values()), single
 
 
+@pytest.mark.sampled(3)
 @scenes
 @pytest.mark.parametrize("formulation", ALL, ids=lambda f: f.key)
 def test_bounds_of_accelerations_are_safe_and_not_far_from_the_degrees(scene: Scene, formulation):

@@ -46,6 +46,7 @@ def test_one_link_is_proved_too(kind: type[Scene]):
             assert [str(f) for f in findings if f.verdict == "failed"] == []
 
 
+@pytest.mark.sampled(3)
 @kinds
 @settings(max_examples=5)
 @given(data=strategies.st.data())
