@@ -65,11 +65,6 @@ def _interval(name: str, bounds: tuple[float, float], lowest: float) -> SearchSt
     return st.floats(low, high)
 
 
-def _symmetric(name: str, bound: float) -> SearchStrategy[float]:
-    _interval(name, (0.0, bound), 0.0)
-    return st.floats(-bound, bound).map(without_tiny)
-
-
 def without_tiny(x: float) -> float:
     """Return x, or 0 for what is negligible."""
     return x if abs(x) >= NEGLIGIBLE else 0.0
@@ -119,7 +114,7 @@ def snakes(
     _interval("inertia", inertia, 0.0)
     _interval("stiffness", stiffness, 0.0)
     _interval("damping", damping, 0.0)
-    _symmetric("wheel_angle", wheel_angle)
+    _interval("wheel_angle", (0.0, wheel_angle), 0.0)
     bounds = {
         "mass": mass,
         "length": length,

@@ -172,6 +172,13 @@ def test_copies_side_by_side_are_given_the_pivots_of_the_original():
         assert sign * 2.0**log == pytest.approx(np.linalg.det(A))
 
 
+def change_of_entries(v: np.ndarray, seed: int) -> np.ndarray:
+    """Return by how much the copy of this seed changes v, entry by entry."""
+    noise = Noise(seed)
+    with noise.stream("state"):
+        return noise.entries(v) - v
+
+
 def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
     """Turning about its wheel a link has v = 0 there, which has no rounding; a v + b has."""
     snake = Snake([1.0], [1.0], [0.1], None, [0.0])
@@ -181,8 +188,8 @@ def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
     at = Evaluation(snake, at.q, velocity(snake, at.q, [1.0, 0.5]))
     size = np.abs(row) @ np.abs(at.v)
     slips = np.array([row @ (copy.v - at.v) for copy in perturbed_copies(at)]) / (STEP * size)
-    still = [Noise(seed).entries(at.v) - at.v for seed in range(SAMPLES)]
-    by_entries = np.array([row @ change for change in still]) / (STEP * size)
+    by_entries = np.array([row @ change_of_entries(at.v, seed) for seed in range(SAMPLES)])
+    by_entries /= STEP * size
     assert np.abs(slips[:-1] - by_entries).max() > 0.4
 
 
