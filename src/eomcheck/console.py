@@ -125,7 +125,8 @@ def stoppable() -> Iterator[None]:
         raise KeyboardInterrupt
 
     def swallowed(said) -> None:
-        if said.exc_type is not KeyboardInterrupt:
+        # What was stopped while it was deleted may be deleted again, and fail at that.
+        if said.exc_type is not KeyboardInterrupt and not _stopped.is_set():
             hook(said)
 
     hook, sys.unraisablehook = sys.unraisablehook, swallowed
