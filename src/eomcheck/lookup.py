@@ -54,6 +54,8 @@ def looked_up(kind: Kind[T], name: object) -> type[T]:
     if colon and of.isidentifier():
         module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
         return _class_in(module, of, kind, home)
+    if isinstance(name, str) and name.endswith(".py"):
+        raise InputError(f"{kind.word} = {name!r}, expected {name}:Class")
     announced = {point.name: point for point in entry_points(group=kind.group)}
     if name not in announced:
         raise UnknownNameError(kind.word, name, (*kind.registry, *announced))
@@ -74,6 +76,8 @@ def _class_in(module: ModuleType, name: str, kind: Kind[T], home: str) -> type[T
     found = getattr(module, name, None)
     if isinstance(found, type) and issubclass(found, kind.base):
         return found
+    if isinstance(found, type):
+        raise InputError(f"{name} in {home!r} does not derive from eomcheck's {kind.base.__name__}")
     own = [
         key
         for key, value in vars(module).items()

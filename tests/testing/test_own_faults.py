@@ -322,7 +322,7 @@ UNTOLD: dict[str, tuple[dict[str, Any], str]] = {
             "gravity": lambda q: CART.gravity(q) * 9.80665 / CART.g,
             **dict.fromkeys(("U", "qdd", "R")),
         },
-        "a gravity that is too strong or too weak: U, qdd or against would tell",
+        "a gravity that is too strong, too weak or upside down: U, qdd or against would tell",
     ),
     "half bias": (
         {"bias": lambda q, v: CART.bias(q, v) / 2, **dict.fromkeys(("M", "T", "qdd", "R"))},

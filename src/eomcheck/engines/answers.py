@@ -206,9 +206,16 @@ class Answers:
 
 def _raised(error: Exception) -> str:
     """Return what an engine raised, and in which line."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
+    through = traceback.extract_tb(error.__traceback__)
+    theirs = [x for x in through if not _is_library(Path(x.filename))]
+    last = (theirs or through)[-1]
     said = " ".join(str(error).split())
     return f"raised {type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
+
+
+def _is_library(path: Path) -> bool:
+    """Return whether a file is ours, or of an installed package."""
+    return path.parent == Path(__file__).parent or "site-packages" in path.parts
 
 
 def _kind(value: Any) -> str:

@@ -20,7 +20,7 @@ The contract, numbered, so that a message or a note can point at a rule.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -79,6 +79,14 @@ class Engine(ABC):
 
     extra: ClassVar[str | None] = None
     """The extra of eomcheck that installs its library; None if that is installed anyway."""
+
+    scene: Scene
+
+    def __new__(cls, scene: Scene, *arguments: Any, **options: Any) -> Self:
+        """Set `scene`, so that an `__init__` of one's own need not call this class's."""
+        made = super().__new__(cls)
+        made.scene = scene
+        return made
 
     def __init__(self, scene: Scene):
         self.scene = scene

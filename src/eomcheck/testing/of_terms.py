@@ -13,7 +13,9 @@ from eomcheck.testing.measured import Measured, contract, exact, zero
 from eomcheck.testing.point import Point
 from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
-UNKNOWN = "constraints may be built into M, which then does not tell B: holonomic=True says not"
+UNKNOWN = (
+    "constraints may be built into M, which then does not tell B: if none are, say holonomic=True"
+)
 
 
 def rows(at: Point) -> tuple[str, ...]:
@@ -224,7 +226,11 @@ def gravity_potential(at: Point) -> Iterator[Sides]:
     "gravity",
     ("gravity", "U"),
     blind=(
-        Blind("gravity", "a gravity that is too strong or too weak", ("U", "qdd", "against")),
+        Blind(
+            "gravity",
+            "a gravity that is too strong, too weak or upside down",
+            ("U", "qdd", "against"),
+        ),
         Blind(
             "U", "a potential energy that is too large or too small", ("gravity", "qdd", "against")
         ),
