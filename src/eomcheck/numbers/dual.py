@@ -140,9 +140,18 @@ def value(x: Any) -> Any:
 
 def _solve(A: Array, b: Array, name: str) -> Array:
     """Solve A x = b for x and, from A x′ = b′ - A′ x, for its derivative."""
-    values = each(value, A)
-    x = solve(values, each(value, b), name)
-    return duals(x, solve(values, rate(b) - rate(A) @ x, name))
+    values = _doubles(each(value, A))
+    x = solve(values, _doubles(each(value, b)), name)
+    return duals(x, solve(values, _doubles(rate(b) - rate(A) @ x), name))
+
+
+def _doubles(x: Array) -> Array:
+    """Return objects that are doubles as such: they are solved with pivots, others exactly."""
+    kinds = {type(entry) for entry in x.flat}
+    return x.astype(np.float64) if kinds & {float, np.float64} and kinds <= PLAIN else x
+
+
+PLAIN = {float, np.float64, int}
 
 
 SOLVERS[Dual] = _solve
