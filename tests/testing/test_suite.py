@@ -534,6 +534,7 @@ import time
 from hypothesis import given, settings, strategies as st
 from eomcheck import testing
 
+settings.load_profile("default")  # which has a deadline, as that of CI has not
 taken = iter([0.5])
 
 @testing.settings
