@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -25,27 +25,22 @@ from eomcheck.numbers.entries import each, objects
 from eomcheck.numbers.noise import SAMPLES, STEP
 
 
-@lru_cache
-def _power_along(energies: Callable) -> Callable:
-    """Return the function of (parameters, prepared, q, v, v̇) that is the share of v in Ṫ + U̇."""
-
-    def power(*here: Any) -> Any:
-        *still, v, vdot = here
-        T, U = energies(*still, duals(v, vdot))
-        return rate(T if U is None else T + U)
-
-    return power
+def _rate_of_energy(energies: Callable, *state: Any) -> Any:
+    """Return the rate of T + U, W, for a state in dual numbers."""
+    T, U = energies(*state)
+    return rate(T if U is None else T + U)
 
 
-@lru_cache
-def _rates_along(velocities: Callable) -> Callable:
-    """Return the function of (parameters, prepared, q, v, v̇) that is the share of v in [V̇, ω̇]."""
+def _power_along(energies: Callable, *here: Any) -> Any:
+    """Return the share of v in Ṫ + U̇ of (parameters, prepared, q, v, v̇)."""
+    *still, v, vdot = here
+    return _rate_of_energy(energies, *still, duals(v, vdot))
 
-    def rates(*here: Any) -> Any:
-        *still, v, vdot = here
-        return rate(np.concatenate(velocities(*still, duals(v, vdot)), axis=1))
 
-    return rates
+def _rates_along(velocities: Callable, *here: Any) -> Any:
+    """Return the share of v in [V̇, ω̇] of (parameters, prepared, q, v, v̇)."""
+    *still, v, vdot = here
+    return rate(np.concatenate(velocities(*still, duals(v, vdot)), axis=1))
 
 
 class _Rates:
@@ -57,13 +52,13 @@ class _Rates:
     def __init__(self, e: Quantities):
         self._e = e
 
-    def _along_v(self, function: Callable, vdot: Array) -> Any:
+    def _along_v(self, function: Callable, of: Callable, vdot: Array) -> Any:
         e = self._e
         here = e.parameters, e.prepared, e.q, e.v, vdot
         if isinstance(e, Evaluation):
             with suppress(TypeError):
-                return MOVES.unmoved(function, *here)
-        return function(*objects(here))
+                return MOVES.unmoved(function, of, *here)
+        return function(of, *objects(here))
 
     @cached_property
     def _while_q_changes(self) -> tuple[Any, ...]:
@@ -72,12 +67,11 @@ class _Rates:
 
     @cached_property
     def _power_of_q(self) -> Any:
-        T, U = self._e.scene.energies(*self._while_q_changes)
-        return rate(T if U is None else T + U)
+        return _rate_of_energy(self._e.scene.energies, *self._while_q_changes)
 
     def power(self, vdot: Array) -> tuple[Any, Any]:
         """Return the shares of q and of v in d(T+U)/dt, W."""
-        return self._power_of_q, self._along_v(_power_along(self._e.scene.energies), vdot)
+        return self._power_of_q, self._along_v(_power_along, self._e.scene.energies, vdot)
 
     @cached_property
     def _velocities_of_q(self) -> tuple[Array, Array]:
@@ -86,7 +80,7 @@ class _Rates:
 
     def bodies(self, vdot: Array) -> Array:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
-        along_v = self._along_v(_rates_along(self._e.scene.velocities), vdot)
+        along_v = self._along_v(_rates_along, self._e.scene.velocities, vdot)
         return np.array([*self._velocities_of_q, along_v], dtype=np.float64)
 
 
