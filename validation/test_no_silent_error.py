@@ -484,6 +484,45 @@ def with_a_derivative_that_cancels() -> tuple[Snake, State]:
     return scene, State(np.full(5, 1.3563596874543427), np.array(v))
 
 
+def with_an_embedding_that_rounding_makes_singular() -> tuple[Snake, State]:
+    """Return a state whose M_Em is refused, and would not be if its entries were not rounded."""
+    scene = Snake(
+        [8.755269488862986e-06, 1.0, 62799.60590495484, 1.0, 1.0],
+        [1.1047143616086097, 138407.50298145064, 1.0, 18.542880640109406, 21.875221557887965],
+        [120.52127889056811, 0.0, 0.001383483088497058, 1.0, 1213.0929078130134],
+        None,
+        [1.5707963267948966, -0.0, 9.736836466823496e-208, -1.5707963267948928, 0.0],
+        damping=[8.733148952889642e-06, 0.0, 0.0, 1.0],
+    )
+    q = [-865430675.9884602, -4.3919994973715265e-264, 2.7176697752033884e-105]
+    q += [-5.960464477539063e-08, 1.2759368638768766e-249, -2.3180640743787574e-229, 999999999.0]
+    v = [3.968756949601365e112, 1.2962945764615905e129, -1.1734207541790773e129]
+    v += [2.64277063398128e117, -3.657792846210272e122, -6.141356407733568e128]
+    return scene, State(np.array(q), np.array([*v, 9.495661385221777e128]))
+
+
+def overflowing_in_registers() -> tuple[Snake, State]:
+    """Return a state whose acceleration is near overflow, a moment of a long link beyond it."""
+    scene = Snake(
+        [8117568.736323892, 5.1857370946297986e-05, 2183303.344782607],
+        [0.016409717741155194, 272039.0460689601, 100.0023026116027],
+        [5934.828009352184, 0.08891370387210511, 1.0],
+        None,
+        [-0.0, -0.0, -1.5707963267948966],
+        damping=[141757928.9085889, 1.0000002744895709],
+    )
+    q = [
+        -1000000000.0,
+        38547949.50117695,
+        723769791.2295511,
+        141323745.54538274,
+        -793122946.3377041,
+    ]
+    v = [1.4391252092763593e147, -1.519586066356355e147, 9.997809648527408e148]
+    v += [-1.3960694342137523e142, -7.619945176755177e134]
+    return scene, State(np.array(q), np.array(v))
+
+
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 
@@ -515,6 +554,8 @@ def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples
         with_an_entry_of_nothing_but_rounding,
         with_an_embedding_rounded_by_elimination,
         with_a_derivative_that_cancels,
+        with_an_embedding_that_rounding_makes_singular,
+        overflowing_in_registers,
         with_both_wheels_nearly_across,
         with_two_wheels_nearly_across,
     ):

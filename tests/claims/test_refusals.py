@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, Finding, State
+from eomcheck.claims import CLAIMS, Case, Finding, State, refusals
 from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers.pivots import EPS
 
 AU = FORMULATIONS["au"]
 
@@ -43,6 +44,14 @@ def test_a_refusal_of_what_is_well_conditioned_is_in_vain():
 @pytest.mark.parametrize(("times", "verdict"), [(0.1, "failed"), (10.0, "passed")])
 def test_a_refusal_above_its_threshold_is_in_vain(times: float, verdict: str):
     assert judged(0.0, times * independent()).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("rcond", "verdict"), [(1.0, "passed"), (31.0, "inconclusive"), (34.0, "failed")]
+)
+def test_what_rounding_decides_is_inconclusive(rcond: float, verdict: str):
+    refusal = RefusedError("M_Au", 0.0, EPS, "no")
+    assert refusals.judged(refusal, rcond * EPS)[0] == verdict
 
 
 def test_an_overflow_of_ordinary_numbers_is_in_vain():

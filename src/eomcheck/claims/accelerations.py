@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache, partial
@@ -30,7 +31,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import sensitivity_of
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, can_overflow, largest
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
@@ -253,6 +254,11 @@ def machine_code(case: Case) -> Iterator[Finding]:
             yield case.finding("all", *outcome)
             return
         except RefusedError:  # another velocity that is refused
+            continue
+        if can_overflow(at.v, at.F, at.terms.M) and not np.isfinite(found).all():
+            # Solves in registers scale no columns: their products are larger.
+            outcome = math.inf, 0.0, "inconclusive", "property-tested"
+            yield case.finding(formulation.key, *outcome, "overflows in machine code: NaN")
             continue
         # Velocities that differ by rounding have the same sensitivity.
         sensitivity = 2 * case.vdot_sensitivity(formulation)

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 
 C = 32.0
@@ -40,6 +41,11 @@ UNDERFLOW = 2.0**-900
 def allowed_error(sensitivity: float) -> float:
     """Return C · ε · sensitivity, where sensitivity = κ · scale."""
     return C * EPS * sensitivity
+
+
+def can_overflow(*inputs: Array) -> bool:
+    """Return whether inputs are so large that products on the way to a result may overflow."""
+    return max(map(largest, inputs)) > HUGE
 
 
 def largest(x) -> float:
