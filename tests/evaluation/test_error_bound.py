@@ -21,7 +21,7 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers import linear
+from eomcheck.numbers import factors, linear
 from eomcheck.scenes import Snake
 
 
@@ -56,14 +56,14 @@ def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constrai
 # ---- What elimination does to each right-hand side -----------------------------------------------
 
 
-class NoFactors(linear.Factors):
+class NoFactors(factors.Factors):
     def times(self, x):
         return np.zeros_like(x)
 
 
 def without_factors(*arguments, solve=linear._moved_solve):
     """Solve with A, b and x moved alone; condition numbers are as they are."""
-    with patch.object(linear, "Factors", NoFactors):
+    with patch.object(linear, "Factors", NoFactors), patch.object(factors, "Factors", NoFactors):
         return solve(*arguments)
 
 
@@ -88,7 +88,7 @@ def test_factors_of_copies_bound_no_error_of_what_is_eliminated_by_an_entry_of_r
     scene, (q, v, _) = with_an_entry_of_nothing_but_rounding()
     truth = eomcheck.enclose(scene, "ml", q, v=v, digits=20)
     at = Evaluation(scene, q, v)
-    nothing = patch.object(linear.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
+    nothing = patch.object(factors.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
     assert bound(at, "ml", nothing) < error(at, "ml", truth) < bound(at, "ml")
 
 

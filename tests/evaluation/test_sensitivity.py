@@ -18,7 +18,8 @@ from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
 from eomcheck.numbers.entries import map_record
-from eomcheck.numbers.linear import _factored, determinant, solve, watching
+from eomcheck.numbers.factors import determinant
+from eomcheck.numbers.linear import _factored, solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.scenes import SCENES, ChainPendulum, Snake
 

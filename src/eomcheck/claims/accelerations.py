@@ -36,8 +36,8 @@ from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.factors import column_scale
 from eomcheck.numbers.generic import NotRationalError
-from eomcheck.numbers.linear import column_scale
 
 
 def _row_sum(matrix: Any) -> float:

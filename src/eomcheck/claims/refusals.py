@@ -20,7 +20,7 @@ from eomcheck.formulations.gw import MOBILITY
 from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.linear import column_scale
+from eomcheck.numbers.factors import column_scale
 from eomcheck.numbers.pivots import EPS
 
 

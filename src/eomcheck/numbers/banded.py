@@ -23,12 +23,10 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.factors import ROUNDS, column_scale, determinant
 from eomcheck.numbers.linear import (
-    ROUNDS,
     SOLVERS,
     Solve,
-    column_scale,
-    determinant,
     noise_present,
     one_by_one,
     record,
@@ -221,7 +219,7 @@ class _Factored:
     def reciprocal_condition(self):
         """Return 1 / ρ(|A⁻¹||A|) as LAPACK estimates it; 0 where A is singular.
 
-        As `eomcheck.numbers.linear.reciprocal_condition`, with |A| for |L||U|: refinement leaves
+        As `eomcheck.numbers.factors.reciprocal_condition`, with |A| for |L||U|: refinement leaves
         no larger backward error (Skeel 1980). With units w of the unknowns, and rows in units of
         |A| w, the matrix has the norm 1, and its inverse the largest row of |A⁻¹||A| w / w. The
         best w are found as there, |A⁻¹| by random signs: everything is O(m).
