@@ -48,7 +48,7 @@ def test_a_verdict_follows_from_observed_allowed_and_size(observed, spread, scal
         (lambda x: -x, "sign"),
         (lambda x: 0 * x, "missing"),
         (lambda x: 2 * x, "2 times too large"),
-        (lambda x: x / 2, "0.5 times too large"),
+        (lambda x: x / 2, "half of it"),
         (lambda x: x.T, "transposed"),
         (lambda x: 1.1 * x, "4.4, expected 4"),
     ],

@@ -26,9 +26,12 @@ def solved(q, v, forces):
     return np.linalg.solve(CART.M(q), forces)
 
 
+def friction(v):
+    return np.array([0.0, 0.0, 0.0, DRIVE.k * v[3], DRIVE.k * v[4], 0.0, 0.0])
+
+
 def driven(q, v, Q=None, gamma=None):
-    A = DRIVE.a(q)
-    damping = np.array([0.0, 0.0, 0.0, DRIVE.k * v[3], DRIVE.k * v[4], 0.0, 0.0])
+    A, damping = DRIVE.a(q), friction(v)
     full = np.block([[DRIVE.M(q), -A.T], [A, np.zeros((5, 5))]])
     force = (DRIVE.Q(q, v) if Q is None else Q) - DRIVE.bias(q, v) - damping
     drift = DRIVE.gamma(q, v) if gamma is None else gamma
@@ -156,19 +159,54 @@ FAULTS: dict[str, Fault] = {
         "cart",
         {"gravity": added(CART.gravity, (1,), lambda q: 0.3 * np.cos(q[2]))},
         "gravity-potential",
-        "entry",
+        "row q[2] changes by 0 per q[1], and row q[1] by",
+    ),
+    "sign of one entry of M": Fault(
+        "cart",
+        {"M": lambda q: CART.M(q) * np.array([[1, -1, 1], [1, 1, 1], [1, 1, 1]])},
+        "mass-matrix-symmetric",
+        ": opposite sign in one of them",
+    ),
+    "another entry across the diagonal": Fault(
+        "cart",
+        {"M": lambda q: CART.M(q) + 0.5 * np.outer(np.eye(3)[0], np.eye(3)[2])},
+        "mass-matrix-symmetric",
+        ", and entry (q[",
+    ),
+    "sign of one row of gravity that has two": Fault(
+        "cart",
+        {
+            "gravity": lambda q: (
+                CART.gravity(q) + np.array([0.0, np.sin(q[2]), -q[1] * np.cos(q[2])])
+            ),
+            "U": None,
+        },
+        "gravity-potential",
+        ": opposite sign in one of them",
+    ),
+    "gravity among the loads and as U": Fault(
+        "cart",
+        {"Q": lambda q, v: -CART.gravity(q), "gravity": None},
+        "motion",
+        "off by Q: it is not in q̈, or it is in two of the other functions",
+    ),
+    "damping twice in q̈": Fault(
+        "cart",
+        {"qdd": lambda q, v: CART.qdd(q, v) - solved(q, v, np.array([CART.d * v[0], 0, 0]))},
+        "motion",
+        "off by damping: it is twice in q̈",
     ),
     "damping missing": Fault(
         "cart",
         {"qdd": lambda q, v: solved(q, v, -CART.bias(q, v) - CART.gravity(q))},
         "motion",
-        "row q[0]",
+        "off by damping: it is not in q̈, or it is in two",
     ),
     "sign of damping": Fault(
         "cart",
         {"R": lambda q, v: -CART.R(q, v)},
         "motion",
-        "row q[0]",
+        "off by damping: its sign is another one in q̈",
     ),
     "float32 mass matrix": Fault("cart", {"M": in_single(CART.M)}, "double-precision", "M, "),
     "float32 sines": Fault(
@@ -222,12 +260,18 @@ FAULTS: dict[str, Fault] = {
         "kinetic-energy",
         "on the diagonal 2, 0, 0 too large",
     ),
+    "inertia of the tip forgotten": Fault(
+        "cart",
+        {"M": lambda q: CART.M(q) - np.diag([0.0, 0.0, 0.02])},
+        "kinetic-energy",
+        "on the diagonal 0, 0, 0.02 too small, nothing elsewhere",
+    ),
     "sign of U": Fault("cart", {"U": lambda q: -CART.U(q)}, "gravity-of-potential", "sign"),
     "acceleration without gravity": Fault(
         "cart",
         {"qdd": lambda q, v: CART.qdd(q, v) + solved(q, v, CART.gravity(q))},
         "motion",
-        "row",
+        "off by gravity: it is not in q̈",
     ),
     "stale gravity": Fault("cart", stale(), "same-answer", "gravity, row q["),
     "a wheel that is too small": Fault(
@@ -270,7 +314,94 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"M": added(DRIVE.M, (5, 5), lambda q: -DRIVE.J_caster / 2)},
         "kinetic-energy",
-        "entry (q[5], q[5]): 0.5 times too large",
+        "entry (q[5], q[5]): half of it",
+    ),
+    "half of a wheel's inertia in T": Fault(
+        "drive",
+        {"T": lambda q, v: DRIVE.T(q, v) - 0.25 * DRIVE.J_wheel * v[3] ** 2},
+        "kinetic-energy",
+        "entry (q[3], q[3]): 2 times too large",
+    ),
+    "the caster does not turn with the body in M": Fault(
+        "drive",
+        {"M": added(DRIVE.M, (2, 5), lambda q: -DRIVE.J_caster)},
+        "mass-matrix-symmetric",
+        "0, and entry (q[5], q[2]) is 0.001",
+    ),
+    "the mass ahead in M, sign of the sine": Fault(
+        "drive",
+        {"M": lambda q: DRIVE.M(np.array([q[0], q[1], -q[2], *q[3:]]))},
+        "bias-of-mass-matrix",
+        "bias, row q[",
+    ),
+    "sign of the bias": Fault(
+        "drive",
+        {"bias": lambda q, v: -DRIVE.bias(q, v)},
+        "bias-of-mass-matrix",
+        "sign, in every row",
+    ),
+    "bias without the square": Fault(
+        "drive",
+        {"bias": lambda q, v: DRIVE.bias(q, v) / v[2]},
+        "bias-quadratic",
+        "bias, row q[",
+    ),
+    "cosine for sine in the bias": Fault(
+        "drive",
+        {"bias": lambda q, v: DRIVE.bias(q, v)[[1, 0, 2, 3, 4, 5, 6]]},
+        "bias-of-mass-matrix",
+        "bias, row q[",
+    ),
+    "a wheel on the wrong side": Fault(
+        "drive",
+        {"a": added(DRIVE.a, (1, 2), lambda q: -2 * DRIVE.half)},
+        "constraint-jacobian",
+        "entry (constraint 1, q[2]): sign",
+    ),
+    "the trail forgotten in a": Fault(
+        "drive",
+        {"a": added(DRIVE.a, (3, 5), lambda q: DRIVE.trail)},
+        "constraint-jacobian",
+        "entry (constraint 3, q[5]): missing",
+    ),
+    "diameter for radius in c": Fault(
+        "drive",
+        {"c": lambda q, v: DRIVE.c(q, v) - np.array([0, DRIVE.radius * v[3], 0, 0, 0])},
+        "constraint-jacobian",
+        "entry (constraint 1, q[3]): half of it",
+    ),
+    "rows of gamma exchanged": Fault(
+        "drive",
+        {"gamma": lambda q, v: DRIVE.gamma(q, v)[[1, 0, 2, 3, 4]]},
+        "constraint-drift",
+        "row constraint",
+    ),
+    "friction twice in q̈": Fault(
+        "drive",
+        {"qdd": lambda q, v: driven(q, v, Q=DRIVE.Q(q, v) - friction(v))},
+        "motion",
+        "off by damping: it is twice in q̈",
+    ),
+    "friction that drives": Fault(
+        "drive",
+        {"R": lambda q, v: -DRIVE.R(q, v)},
+        "motion",
+        "off by damping: its sign is another one in q̈",
+    ),
+    "no torques in q̈": Fault(
+        "drive",
+        {"qdd": lambda q, v: driven(q, v, Q=np.zeros(7))},
+        "motion",
+        "off by Q: it is not in q̈",
+    ),
+    "float32 gamma": Fault(
+        "drive", {"gamma": in_single(DRIVE.gamma)}, "double-precision", "gamma, "
+    ),
+    "a degree for a radian": Fault(
+        "drive",
+        {"a": lambda q: DRIVE.a(np.deg2rad(q))},
+        "constraint-jacobian",
+        "constraint Jacobian, entry (constraint",
     ),
     "centre of mass on the axle in T": Fault(
         "drive",
@@ -297,6 +428,11 @@ def test_right_functions_pass(own: str, seed: int):
     found = findings_of(own, more, states=8, seed=seed * 100)
     other = [x for x in found if x.verdict != "passed"]
     assert [x.claim for x in other] == ["reference"], "\n".join(map(str, other))
+
+
+@pytest.mark.parametrize("own", ["cart", "drive"])
+def test_there_are_twenty_faults_in_each_file_of_the_guide(own: str):
+    assert sum(fault.own == own for fault in FAULTS.values()) >= 20
 
 
 @pytest.mark.parametrize("name", FAULTS)

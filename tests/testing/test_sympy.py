@@ -178,6 +178,12 @@ def test_equations_by_lagranges_method_pass(rod: bool, damping: float):
     assert expected <= passed
 
 
+def test_names_stand_for_symbols_without_assumptions():
+    by_name = from_lagrange(pendulum(False), {"m": 1.3, "r": 0.4, "g": 9.81})
+    q = np.array([0.3, -0.8])
+    assert np.array_equal(by_name.M(q), from_lagrange(pendulum(False), NUMBERS).M(q))
+
+
 def test_sympy_can_be_what_functions_are_compared_with():
     functions = from_lagrange(pendulum(False), NUMBERS)
     doubled = {"M": lambda q: 2 * functions.M(q)}
@@ -194,6 +200,28 @@ def test_sympy_can_be_what_functions_are_compared_with():
         (
             lambda: from_lagrange(pendulum(False), {}),
             "parameters of lagrange have no number for g, m, r",
+        ),
+        (
+            lambda: from_kane(disc(), {**NUMBERS, sm.Symbol("d"): 1.0, sm.Symbol("k"): 2.0}),
+            "parameters of kane have a number for d, k, which it has not",
+        ),
+        (
+            lambda: from_kane(disc(), {**NUMBERS, sm.Symbol("g", positive=True): 9.81}),
+            "parameters of kane have a number for g, which it has not",
+        ),
+        (
+            lambda: from_lagrange(
+                pendulum(False), {m: 1.3, r: 0.4, sm.Symbol("g", positive=True): 9.81}
+            ),
+            "parameters of lagrange have g of other assumptions than its equations",
+        ),
+        (
+            lambda: from_kane(disc(), NUMBERS, U=abs),
+            "U = <built-in function abs> beside from_kane, which has it from the equations: all",
+        ),
+        (
+            lambda: from_lagrange(pendulum(False), NUMBERS, M=abs),
+            "M = <built-in function abs> beside from_lagrange",
         ),
         (
             lambda: from_lagrange(LagrangesMethod(dynamicsymbols("q1"), dynamicsymbols("q1:2"))),

@@ -102,10 +102,10 @@ class Finding:
         if self.state is None:
             text = f"{self.claim} [{self.subject}] {self.evidence} on {self.scene.structure}"
             return f"{text} ({self.detail})" if self.detail else text
-        text = (
-            f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}: observed "
-            f"{self.observed:.3g}, allowed {self.allowed:.3g}"
-        )
+        text = f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}"
+        if self.verdict == "not looked at":
+            return f"{text}: {self.detail}"  # there are no numbers
+        text = f"{text}: observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{text} ({self.detail})" if self.detail else text
 
     def because(self, why: str) -> Finding:
@@ -211,11 +211,11 @@ def looks_like(
         return "missing"
     if same(y, 0):
         return "should vanish"
-    for factor in (2, 4):
+    for factor, part in ((2, "half of it"), (4, "a quarter of it")):
         if same(x, factor * y):
             return f"{factor} times too large"
         if same(factor * x, y):
-            return f"{1 / factor:g} times too large"
+            return part
     return ""
 
 

@@ -102,7 +102,7 @@ def fresh_answer(at: Point) -> Iterator[Sides | Told]:
 def _again(at: Point, name: str, again: Array, first: Measured) -> Sides:
     """Return the sides of an answer being the same as at first, to rounding at most."""
 
-    def say(found: Array, expected: Array, allowed: float) -> str:
+    def say(*_: object) -> str:
         return "another one after other calls: something is kept from an earlier call"
 
     error = np.where(again == first.value, 0.0, first.error)

@@ -31,13 +31,16 @@ def energy_quadratic(at: Point) -> Iterator[Sides]:
 def kinetic_energy(at: Point) -> Iterator[Sides]:
     """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry."""
 
-    def say(found: Array, expected: Array, allowed: float) -> str:
+    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         more = found - expected
         if np.abs(more - np.diag(np.diagonal(more))).max(initial=0.0) <= allowed:
             extra = np.diagonal(np.where(np.abs(more) <= allowed, 0.0, more))
-            said = ", ".join(f"{x:.6g}" for x in extra)
-            return f"on the diagonal {said} too large, nothing elsewhere: armature?"
-        return proportional(found, expected, allowed)
+            size = "too small" if (extra <= 0.0).all() else "too large"
+            least = size == "too small"
+            said = ", ".join(f"{abs(x) if least else x + 0.0:.6g}" for x in extra)
+            armature = ": armature?" if (extra >= 0.0).all() else ""
+            return f"on the diagonal {said} {size}, nothing elsewhere{armature}"
+        return proportional(found, expected, allowed, worst)
 
     yield Sides("M ~ ∂²T/∂v²", at.of("M"), second_differences(at), (rows(at), rows(at)), say)
 

@@ -28,13 +28,20 @@ def mass_matrix_symmetric(at: Point) -> Iterator[Sides]:
     """The mass matrix is symmetric."""
     M = at.of("M")
 
-    def say(found: Array, expected: Array, allowed: float) -> str:
+    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for part, name in ((np.tril(found, -1), "lower"), (np.triu(found, 1), "upper")):
             if not part.any():
                 return f"the {name} triangle is empty"
-        return ""
+        other = ", ".join(rows(at)[k] for k in reversed(worst))
+        x, y = found[worst], expected[worst]
+        return f"{x:.6g}, and entry ({other}) is {y:.6g}{opposite(x, y, allowed)}"
 
     yield Sides("M", M, M.T, (rows(at), rows(at)), say)
+
+
+def opposite(x: float, y: float, allowed: float) -> str:
+    """Say of two numbers that should be the same that one has the other sign, if that is so."""
+    return ": opposite sign in one of them" if abs(x + y) <= allowed else ""
 
 
 @claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
@@ -74,10 +81,10 @@ def bias_at_rest(at: Point) -> Iterator[Sides]:
             yield Sides("bias at rest ~ ∂U/∂q", rest.of("bias"), g, (rows(at),))
         return
 
-    def say(found: Array, expected: Array, allowed: float) -> str:
+    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         known = at.gravity() if at.has("gravity") or at.has("U") else None
         for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
-            if known is not None and _same(found, sign * known.value, allowed + C * known.error):
+            if known is not None and same(found, sign * known.value, allowed + C * known.error):
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
         potential = at.functions.qdot is None and _symmetric(_by_q(rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
@@ -89,12 +96,13 @@ def _by_q(rest: Point) -> Measured:
     return rest.by_q(rest.raw("bias"))
 
 
-def _same(found: Array, expected: Array, allowed: Array) -> bool:
+def same(found: Array, expected: Array, allowed: Array) -> bool:
+    """Return whether two arrays are the same, each entry to what is allowed of it."""
     return bool((np.abs(found - expected) <= allowed).all())
 
 
 def _symmetric(jacobian: Measured) -> bool:
-    return _same(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
+    return same(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
 
 
 @claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
@@ -158,13 +166,13 @@ def bias_of(at: Point) -> Measured | None:
     return S.T @ (b + M @ Su)
 
 
-def proportional(found: Array, expected: Array, allowed: float) -> str:
+def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
     """Say by which factor all rows are too large, if by one."""
     size = float(np.abs(expected).max(initial=0.0))
     if size == 0.0 or found.size < 1:
         return ""
     factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
-    known = {-1.0: "sign", 0.5: "half of it", 0.0: "missing"}
+    known = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
     if not (np.abs(found - factor * expected) <= np.maximum(allowed, 1e-10 * size)).all():
         return ""
     for value, name in known.items():
@@ -217,7 +225,14 @@ def gravity_potential(at: Point) -> Iterator[Sides]:
     given = at.functions.gravity is not None
     rest = at.moved(np.zeros(len(at.v)))
     jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
-    yield Sides("gravity", jacobian, jacobian.T, (rows(at), rows(at)))
+
+    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+        k, i = (rows(at)[entry] for entry in worst)
+        x, y = found[worst], expected[worst]
+        each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
+        return each + opposite(x, y, allowed)
+
+    yield Sides("gravity", jacobian, jacobian.T, (rows(at), rows(at)), say)
 
 
 @claim(

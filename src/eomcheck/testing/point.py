@@ -164,14 +164,18 @@ class Point:
 
     def forces(self) -> Measured:
         """Return Q - gravity - ∂R/∂v (p,), of what there is."""
-        total = exact(np.zeros(len(self.v)))
+        return sum(self.parts().values(), exact(np.zeros(len(self.v))))
+
+    def parts(self) -> dict[str, Measured]:
+        """Return what forces are summed from, by name."""
+        found: dict[str, Measured] = {}
         if self.has("Q"):
-            total = total + self.of("Q")
+            found["Q"] = self.of("Q")
         if self.has("gravity") or self.has("U"):
-            total = total - self.gravity()
+            found["gravity"] = -self.gravity()
         if self.has("R"):
-            total = total - self.R_v()
-        return total
+            found["damping"] = -self.R_v()
+        return found
 
     def natural(self) -> bool:
         """Return whether T, where it is given, is quadratic in v and nothing else."""

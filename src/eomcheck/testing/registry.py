@@ -21,15 +21,15 @@ class Sides(NamedTuple):
         found: theirs.
         expected: what it should be, same shape.
         names: names along each axis.
-        say: says what `found` looks like beside `expected`, "" where that is nothing it knows;
-            None for what is said of any two arrays.
+        say: says what `found` looks like beside `expected`, of what is allowed and the worst entry,
+            "" where that is nothing it knows; None for what is said of any two arrays.
     """
 
     subject: str
     found: Measured
     expected: Measured
     names: Names
-    say: Callable[[Array, Array, float], str] | None = None
+    say: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
 
 
 class Told(NamedTuple):
@@ -70,6 +70,7 @@ class FunctionClaim:
         needs: names of quantities without which it is not looked at; "T|M" is either.
         without: names of inputs with which it does not hold.
         natural: whether it holds only where T is quadratic in v, see `Point.natural`.
+        consistent: whether it is looked at where the constraints hold, see `Point.consistent`.
         blind: what cannot be told where what it needs is missing.
         look: function of a `Point`.
     """
@@ -80,6 +81,7 @@ class FunctionClaim:
     needs: tuple[str, ...]
     without: tuple[str, ...]
     natural: bool
+    consistent: bool
     blind: tuple[Blind, ...]
     look: Callable[[Point], Iterator[Outcome]] = field(repr=False)
 
@@ -101,13 +103,14 @@ def claim(
     *,
     without: tuple[str, ...] = (),
     natural: bool = False,
+    consistent: bool = False,
     blind: tuple[Blind, ...] = (),
 ) -> Callable:
     """Register the decorated function of a `Point`, which yields `Outcome`s."""
 
     def register(look: Callable[[Any], Iterator[Outcome]]) -> Callable:
         FUNCTION_CLAIMS[id] = FunctionClaim(
-            id, statement, term, needs, without, natural, blind, look
+            id, statement, term, needs, without, natural, consistent, blind, look
         )
         return look
 

@@ -182,7 +182,11 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
             if claim.natural and not at.natural():
                 yield Skipped(claim.term, "T has terms that are not quadratic in v")
                 return
-            yield from claim.look(at)
+            here = at.consistent() if claim.consistent else at
+            if here is None:
+                yield Skipped(claim.term, "no state is found nearby that keeps the constraints")
+                return
+            yield from claim.look(here)
     except BrokenError as broken:
         if claim.id != "answers":
             # Told by `answers` where it breaks at the state itself.
@@ -230,7 +234,7 @@ def blamed(claim: FunctionClaim, sides: Sides, index: tuple[int, ...], allowed: 
     only[index] = 1.0
     term = claim.term or words(sides.subject)
     where = worst_entry(only, sides.names) if found.ndim else "value"
-    said = sides.say(found, expected, allowed) if sides.say is not None else ""
+    said = sides.say(found, expected, allowed, index) if sides.say is not None else ""
     return f"{term}, {where}: {said or diagnose(found, expected, allowed, index)}"
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from eomcheck.errors import InputError, required
 from eomcheck.numbers.contract import Array
-from eomcheck.testing.subject import Functions
+from eomcheck.testing.subject import INPUTS, Functions
 
 
 class _Numbers:
@@ -29,22 +29,40 @@ class _Numbers:
         # Rates before the coordinates that they are rates of.
         self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
         self._arguments = symbols
-        self._parameters = dict(parameters or {})
+        self._parameters = {self._sympy.sympify(x): y for x, y in (parameters or {}).items()}
 
     def plain(self, expression: Any) -> Any:
         """Return an expression as a matrix in symbols for q and v alone."""
+        return self._named(expression).subs(self._parameters)
+
+    def _named(self, expression: Any) -> Any:
         sp, mechanics = self._sympy, required("sympy.physics.mechanics")
         matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
-        return mechanics.msubs(matrix, self._names).subs(self._parameters)
+        return mechanics.msubs(matrix, self._names)
 
-    def check(self, *expressions: Any) -> None:
-        """Raise InputError if symbols are left in an expression that have no number."""
-        mechanics, left = required("sympy.physics.mechanics"), set()
-        for plain in map(self.plain, expressions):
-            left |= plain.free_symbols | mechanics.find_dynamicsymbols(plain)
-        if left := left - set(self._arguments):
-            names = ", ".join(sorted(map(str, left)))
-            raise InputError(f"parameters of {self.what} have no number for {names}")
+    def check(self, *expressions: Any, others: Iterable[Any] = ()) -> None:
+        """Raise InputError if a symbol has no number, or a number no symbol.
+
+        Args:
+            expressions: every symbol of theirs needs a number.
+            others: what else the model was made of, which may cancel.
+        """
+        left = _symbols(map(self.plain, expressions)) - set(self._arguments)
+        used = _symbols(map(self._named, (*expressions, *others)))
+        unused = [one for one in self._parameters if not _symbols([one]) <= used]
+        names = sorted(map(str, left))
+        if alike := sorted({*names} & {*map(str, unused)}):
+            raise InputError(
+                f"parameters of {self.what} have {', '.join(alike)} of other assumptions than its "
+                "equations, such as positive=True: in SymPy these are other symbols"
+            )
+        if left:
+            raise InputError(f"parameters of {self.what} have no number for {', '.join(names)}")
+        if unused:
+            listed = ", ".join(sorted(map(str, unused)))
+            raise InputError(
+                f"parameters of {self.what} have a number for {listed}, which it has not"
+            )
 
     def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
         """Return the function (q, v) -> array (rows, columns) of an expression."""
@@ -55,6 +73,23 @@ class _Numbers:
             return np.asarray(function(*q, *v), np.float64)
 
         return numbers
+
+
+def _symbols(expressions: Iterable[Any]) -> set[Any]:
+    """Return symbols and functions of time in expressions."""
+    mechanics, found = required("sympy.physics.mechanics"), set()
+    for one in expressions:
+        found |= one.free_symbols | mechanics.find_dynamicsymbols(one)
+    return found - {mechanics.dynamicsymbols._t}
+
+
+def _only_options(maker: str, options: Mapping[str, Any]) -> None:
+    """Raise InputError if a function is handed over beside those that are made."""
+    for name in filter(INPUTS.__contains__, options):
+        raise InputError(
+            f"{name} = {options[name]!r} beside {maker}, which has it from the equations: all "
+            "loads are in Q, gravity too, and what is given twice counts twice"
+        )
 
 
 def from_kane(
@@ -73,11 +108,13 @@ def from_kane(
         options: `ranges` and others, see `eomcheck.testing.Functions`.
 
     Raises:
-        InputError: it is no such thing, its equations are not formed, a symbol has no number, or
-            its velocity constraints are not homogeneous in u.
+        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
+            number no symbol, its velocity constraints are not homogeneous in u, or a function is
+            among the options.
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics")
+    _only_options("from_kane", options)
     if not isinstance(kane, mechanics.KanesMethod):
         raise InputError(f"kane = {kane!r}, expected a sympy.physics.mechanics.KanesMethod")
     try:
@@ -94,7 +131,9 @@ def from_kane(
     energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
     speeds = required("sympy").Matrix([rates[q.diff()] for q in kane.q])
     expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
-    numbers.check(*expressions)
+    inertias = (body.central_inertia.args for body in kane.bodies if hasattr(body, "inertia"))
+    others = [body.mass for body in kane.bodies] + [x[0] for one in inertias for x in one]
+    numbers.check(*expressions, others=[*others, kane._f_h])
     K, f, loads, qdot, T = map(numbers, expressions)
     o = len(kane.u)
 
@@ -149,10 +188,12 @@ def from_lagrange(
         options: `ranges` and others, see `eomcheck.testing.Functions`.
 
     Raises:
-        InputError: it is no such thing, its equations are not formed, or a symbol has no number.
+        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
+            number no symbol, or a function is among the options.
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics")
+    _only_options("from_lagrange", options)
     if not isinstance(lagrange, mechanics.LagrangesMethod):
         raise InputError(
             f"lagrange = {lagrange!r}, expected a sympy.physics.mechanics.LagrangesMethod"
@@ -162,7 +203,8 @@ def from_lagrange(
         raise InputError(f"lagrange has no equations yet, {said}")
     q, n, r = lagrange.q, len(lagrange.q), len(lagrange.coneqs)
     numbers = _Numbers("lagrange", q, q.diff(mechanics.dynamicsymbols._t), parameters)
-    numbers.check(lagrange.mass_matrix, lagrange.forcing_full, lagrange._term4, lagrange._L)
+    formed = lagrange.mass_matrix, lagrange.forcing_full, lagrange._term4, lagrange._L
+    numbers.check(*formed, others=[lagrange._hol_coneqs])
     M, f = numbers(lagrange.mass_matrix[:, :n]), numbers(lagrange.forcing)
     loads, L = numbers(lagrange._term4), numbers(lagrange._L)
     full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)
