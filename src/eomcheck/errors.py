@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable, Mapping
 from numbers import Integral
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
+    from traceback import FrameSummary
+
     import numpy as np
 
 
@@ -37,6 +40,13 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         self.kind, self.name = kind, name
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known)}")
+
+
+def raised(error: BaseException, at: FrameSummary) -> str:
+    """Return what was raised, and in which line: "raised KeyError: 'x' (own.py, line 3)"."""
+    text = " ".join(str(error).split())
+    what = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return f"raised {what} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def named(kind: str, name: object, registry: Mapping[str, T]) -> T:

@@ -53,7 +53,7 @@ MODEL = {
     "transposed_rotation": (ROTATION, f"{ROTATION}).T + 0 * (0", "mass-matrix", "sign"),
     "wrong_parent": ("placed[parent]", "placed[max(parent - 1, -1)]", "mass-matrix", "(y, θ_1)"),
     "centrifugal_sign": ("rest - (spin @ w) ** 2", "rest + (spin @ w) ** 2", "bias", "sign"),
-    "centrifugal_half": ("rest - (spin", "rest - 0.5 * (spin", "bias", "0.5 times"),
+    "centrifugal_half": ("rest - (spin", "rest - 0.5 * (spin", "bias", "half of it"),
     "centrifugal_in_degrees": ("rest - (spin", "rest - 57.3**2 * (spin", "bias", "found"),
     "armature": (MASS, f"{MASS} + 0.01 * np.eye(len(q))", "mass-matrix", "found"),
     "no_inertia": (" + i * np.outer(spin, spin)", "", "mass-matrix", "(θ_3, θ_3): found"),

@@ -202,8 +202,14 @@ def test_an_engine_that_is_wrong_is_exit_code_1_and_named(tmp_path):
     ("arguments", "says"),
     [
         (["--engine", "none.py:Planar"], "'none.py' is not a file"),
-        (["--engine", "pinocchio", "--scene", "rolling-disk"], "represents none of these scenes"),
-        (["--engine", f"{PLANAR}:Planar", "--scene", "bicycle"], "represents none of these"),
+        (
+            ["--engine", "pinocchio", "--scene", "rolling-disk"],
+            "represents none of the scenes rolling-disk",
+        ),
+        (
+            ["--engine", f"{PLANAR}:Planar", "--scene", "bicycle"],
+            "represents none of the scenes bicycle",
+        ),
         (["--engine", f"{PLANAR}:Round"], "has no engine 'Round'; it has: Planar"),
     ],
 )

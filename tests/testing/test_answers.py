@@ -208,7 +208,14 @@ def test_the_code_says_which_functions_are_to_be_put_in():
         ({"ranges": (0.0, np.inf)}, "ranges = "),
         ({"speeds": 1}, "speeds = 1 without qdot(q, u)"),
         ({"bias_has_gravity": True}, "bias_has_gravity = True, but no bias is given"),
-        ({"against": 3}, "against = 3, expected a scene, an engine made for one, or"),
+        (
+            {"against": 3},
+            "against = 3, expected a scene, an engine made for one, (engine, scene), ",
+        ),
+        (
+            {"against": {}},
+            "against = {}, expected a scene, an engine made for one, (engine, scene), ",
+        ),
         ({"against": Snake.coil(3)}, "against has 5 coordinates, expected 2 as the functions have"),
         ({"seed": 0.5}, "seed = 0.5, expected a whole number"),
     ],
@@ -266,3 +273,88 @@ def test_an_engine_that_does_not_represent_the_scene_is_refused():
     own = testing.from_scene(scene)
     with pytest.raises(InputError, match="pinocchio, which does not represent bicycle"):
         check_functions(own.n, M=own.M, against=("pinocchio", scene))
+
+
+def test_functions_in_a_dict_are_no_reference_and_it_is_said_what_is():
+    with pytest.raises(InputError, match=r"Functions; of functions make Functions\(n, M=M, ...\)"):
+        check_functions(2, M=lambda q: np.eye(2), against={"M": np.eye})
+
+
+class Reference(eomcheck.Engine):
+    """A reference that says what `answer` does: right, if that is a double."""
+
+    version = classmethod(lambda cls: "reference 1")
+    represents = classmethod(lambda cls, scene: True)
+    made, answer = None, 1.0
+
+    def __init__(self, scene):
+        super().__init__(scene)
+        if self.made is not None:
+            raise self.made
+
+    def mass_matrix(self, q, t=0.0):
+        found = self.answer(q) if callable(self.answer) else self.answer
+        return found * testing.from_scene(self.scene).M(q)
+
+    def bias(self, q, v, t=0.0):
+        return testing.from_scene(self.scene).bias(q, v)
+
+
+def referred(engine: type[eomcheck.Engine], **options):
+    scene, own = pendulum()
+    functions = {"M": own.M, "bias": own.bias}
+    more = {"states": 4, "claims": ["reference"]} | options
+    return check_functions(own.n, **functions, against=(engine, scene), **more)
+
+
+def no_answer(q):
+    raise ValueError("no\nlicence")
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (np.nan, "mass_matrix returned nan in entry [0, 0]"),
+        (np.ones((2, 1, 1)), "mass_matrix returned an array of shape (2, 3, 3), expected an array"),
+        (1j, "mass_matrix returned an array of complex128, expected real numbers"),
+        (no_answer, "mass_matrix raised ValueError: no licence (test_answers.py, line "),
+    ],
+)
+def test_a_reference_that_never_answers_is_refused(answer, says):
+    engine = type(
+        "Silent", (Reference,), {"answer": staticmethod(answer) if callable(answer) else answer}
+    )
+    with pytest.raises(InputError) as caught:
+        referred(engine)
+    start = "against = silent of chain-pendulum[3]: it does not answer in any state: M: "
+    assert str(caught.value).startswith(start + says)
+
+
+def test_a_reference_that_breaks_in_some_states_is_looked_at_in_the_others():
+    def at_times(q):
+        return np.nan if q[0] > 0.5 else 1.0
+
+    engine = type("Moody", (Reference,), {"answer": staticmethod(at_times)})
+    v = np.array([0.5, -0.7, 0.9])
+    breaks, works = ((np.array([x, 0.3, -0.2]), v) for x in (0.6, 0.4))
+    for states in ([breaks, works], [works, breaks]):
+        found = {x.subject.split()[0]: x for x in referred(engine, states=states)}
+        assert {x.verdict for x in found.values()} == {"passed"}
+        assert found["M"].state is not None and found["M"].state.q[0] == 0.4
+
+
+def test_a_reference_that_cannot_be_made_is_refused():
+    engine = type("Unmade", (Reference,), {"made": RuntimeError("no wheels")})
+    with pytest.raises(
+        InputError, match=r"against = unmade: Unmade\(scene\) raised RuntimeError: no w"
+    ):
+        referred(engine)
+
+
+def test_whether_constraints_are_built_into_the_mass_matrix_can_be_said_to_check():
+    functions = Functions(**given("cart"))
+    for holonomic, verdict in ((None, "passed"), (True, "passed"), (False, "not looked at")):
+        (found,) = testing.check(
+            functions, states=1, claims=["bias-of-mass-matrix"], holonomic=holonomic
+        )
+        assert found.verdict == verdict

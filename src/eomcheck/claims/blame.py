@@ -7,6 +7,7 @@ import traceback
 from pathlib import Path
 
 import eomcheck
+from eomcheck.errors import raised
 from eomcheck.mechanics.scene import FUNCTIONS, Scene
 
 HERE = Path(eomcheck.__file__).parent
@@ -18,9 +19,7 @@ def raised_in(scene: Scene, error: BaseException) -> str:
     through = [x for x in traceback.extract_tb(error.__traceback__) if x.filename in files]
     if not through:
         return ""
-    last, said = through[-1], " ".join(str(error).split())
-    where = f"{Path(last.filename).name}, line {last.lineno}"
-    return f"{type(scene).__name__}.{last.name} raised {type(error).__name__}: {said} ({where})"
+    return f"{type(scene).__name__}.{through[-1].name} {raised(error, through[-1])}"
 
 
 def _files(kind: type[Scene]) -> set[str]:

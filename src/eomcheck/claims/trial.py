@@ -95,7 +95,7 @@ def represented(
     )
     if not found:
         who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
-        raise InputError(f"engine {who} represents none of these scenes: {what}")
+        raise InputError(f"engine {who} represents none of the scenes {what}")
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from inspect import getattr_static
 
 from eomcheck.engines.answers import Answers, EngineFault, made, represents
 from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
@@ -50,6 +51,8 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
         UnknownNameError: there is none.
         InputError: no such file, no such engine in it, or the class does not keep the contract.
     """
+    if isinstance(name, Engine):
+        raise InputError(f"engine = {name!r}, expected its class {type(name).__name__}")
     if isinstance(name, type):
         if not issubclass(name, Engine):
             raise InputError(f"engine = {name.__name__}, expected a class that derives from Engine")
@@ -74,12 +77,15 @@ def checked(kind: type[Engine]) -> type[Engine]:
     """Return an engine whose class says all that the contract asks of it.
 
     Raises:
-        InputError: a method that is required is missing; the key is no name, or that of something
-            else; it accelerates, and does not say like which formulation.
+        InputError: a method that is required is missing, or no class method; the key is no name, or
+            that of something else; it accelerates, and does not say like which formulation.
     """
     whose = f"engine {kind.__name__}"
     if missing := sorted(getattr(kind, "__abstractmethods__", ())):
         raise InputError(f"{whose} has no {', '.join(missing)}")
+    for method in ("version", "represents"):
+        if not isinstance(getattr_static(kind, method), classmethod | staticmethod):
+            raise InputError(f"{whose}: {method} is no class method, write @classmethod above it")
     if not kind.key.isidentifier():
         raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
     if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:

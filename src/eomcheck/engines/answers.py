@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
-from eomcheck.errors import EngineError, InputError
+from eomcheck.errors import EngineError, InputError, raised
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
@@ -208,9 +208,7 @@ def _raised(error: Exception) -> str:
     """Return what an engine raised, and in which line."""
     through = traceback.extract_tb(error.__traceback__)
     theirs = [x for x in through if not _is_library(Path(x.filename))]
-    last = (theirs or through)[-1]
-    said = " ".join(str(error).split())
-    return f"raised {type(error).__name__}: {said} ({Path(last.filename).name}, line {last.lineno})"
+    return raised(error, (theirs or through)[-1])
 
 
 def _is_library(path: Path) -> bool:

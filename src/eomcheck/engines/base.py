@@ -89,7 +89,7 @@ class Engine(ABC):
         return made
 
     def __init__(self, scene: Scene):
-        self.scene = scene
+        super().__init__()  # `scene` is there
 
     def __init_subclass__(cls, **options: Any):
         """Give the engine its `key`."""

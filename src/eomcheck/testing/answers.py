@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.engines import EngineFault
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.subject import INPUTS, MAY_READ_MORE, Functions
 
@@ -60,10 +61,14 @@ class Answers:
         arguments = [(arrays | {"t": t})[letter] for letter in self.reads(name)]
         try:
             answer = function(*arguments)
+        except EngineFault as fault:
+            raise BrokenError(name, fault.what) from fault
         except Exception as error:
             text = " ".join(str(error).split())
-            what = type(error).__name__
-            raise BrokenError(name, f"{what}: {text}" if text else what) from error
+            what = f"{type(error).__name__}: {text}" if text else type(error).__name__
+            # As PyTorch says of an array of NumPy.
+            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
+            raise BrokenError(name, what + hint) from error
         if handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes():
             self.changed.add(name)
         return self._checked(name, answer)
@@ -72,7 +77,7 @@ class Answers:
         if answer is None:
             raise BrokenError(name, "answers None, expected an array of numbers")
         try:
-            raw = np.asarray(answer.detach() if hasattr(answer, "detach") else answer)
+            raw = np.asarray(_plain(answer))
             if raw.dtype.kind not in "fiuO":
                 raise TypeError
             array = np.array(raw, np.float64)
@@ -99,6 +104,15 @@ class Answers:
         if array.shape != shape:
             raise BrokenError(name, f"answers an array of shape {array.shape}, expected {shape}")
         return array
+
+
+def _plain(answer: Any) -> Any:
+    """Return an answer without what NumPy cannot read: gradients, another device."""
+    if isinstance(answer, list | tuple):
+        return [_plain(one) for one in answer]
+    for method in ("detach", "cpu"):
+        answer = getattr(answer, method, lambda answer=answer: answer)()
+    return answer
 
 
 def _arguments(function: Any) -> int:

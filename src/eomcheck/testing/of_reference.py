@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from eomcheck.errors import InputError
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.measured import Measured
 from eomcheck.testing.of_answers import axes
@@ -32,6 +33,34 @@ def _has(at: Point, name: str) -> bool:
     return at.has(name)
 
 
+def _reference_at(at: Point) -> Point:
+    """Return the reference at the same state."""
+    assert at.reference is not None
+    return Point(Answers(at.reference), at.q, at.v, at.seed)
+
+
+def check_reference(points: list[Point]) -> None:
+    """Raise InputError if the reference has no answer to what is compared in any of the states.
+
+    Where it breaks in some states only, these are told as not looked at.
+    """
+    for name, (_, of) in QUANTITIES.items():
+        broken: BrokenError | None = None
+        for at in points:
+            theirs = _reference_at(at)
+            if not _has(at, name) or not _has(theirs, name):
+                break
+            try:
+                of(theirs)
+            except BrokenError as error:
+                broken = error
+            else:
+                break
+        else:
+            what = f"against = {theirs.functions.name}: it does not answer in any state"
+            raise InputError(f"{what}: {broken}")
+
+
 @claim(
     "reference",
     "each quantity is that of the reference",
@@ -44,10 +73,8 @@ def _has(at: Point, name: str) -> bool:
 def reference(at: Point) -> Iterator[Sides | Skipped]:
     """Each quantity is what the scene or the engine says."""
     assert at.reference is not None
-    other = Answers(at.reference)
     for name, (shaped, of) in QUANTITIES.items():
-        theirs = Point(other, at.q, at.v, at.seed)
-        here = at
+        here, theirs = at, _reference_at(at)
         if not _has(at, name) or not _has(theirs, name):
             continue
         if name == "qdd":
@@ -57,7 +84,8 @@ def reference(at: Point) -> Iterator[Sides | Skipped]:
                     f"{name} ~ {at.reference.name}", "no consistent state is found nearby"
                 )
                 continue
-            here, theirs = consistent, Point(other, consistent.q, consistent.v, at.seed)
+            here = consistent
+            theirs = Point(theirs.answers, here.q, here.v, at.seed)
         try:
             expected = of(theirs)
         except BrokenError as broken:

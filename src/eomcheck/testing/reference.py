@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from eomcheck.engines import Answers, Engine, engine_of
+from eomcheck.engines import Answers, Engine, EngineFault, engine_of, made, represents
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
@@ -102,7 +103,7 @@ def reference_of(against: Any) -> Functions:
     """Return what functions are compared with.
 
     Args:
-        against: a scene, an engine made for one, (engine or its key, scene), or `Functions`.
+        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
 
     Raises:
         InputError: none of these, or the engine does not represent the scene.
@@ -115,13 +116,17 @@ def reference_of(against: Any) -> Functions:
         case Scene():
             return from_scene(against)
         case (engine, Scene() as scene):
-            kind = engine_of(engine) if isinstance(engine, str) else engine
-            if isinstance(kind, type) and hasattr(kind, "represents"):
-                if not kind.represents(scene):
-                    raise InputError(f"against = {kind.key}, which does not represent {scene.name}")
-                return from_engine(kind(scene))
+            kind = engine_of(engine)
+            if not represents(kind, scene):
+                raise InputError(f"against = {kind.key}, which does not represent {scene.name}")
+            try:
+                return from_engine(made(kind, scene))
+            except EngineFault as fault:
+                raise InputError(f"against = {kind.key}: {fault.what}") from fault
     if hasattr(against, "mass_matrix") and hasattr(against, "scene"):
         return from_engine(against)
+    hint = "; of functions make Functions(n, M=M, ...)" if isinstance(against, Mapping) else ""
     raise InputError(
-        f"against = {against!r}, expected a scene, an engine made for one, or (engine, scene)"
+        f"against = {against!r}, expected a scene, an engine made for one, (engine, scene), or "
+        f"Functions{hint}"
     )

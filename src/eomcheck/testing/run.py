@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,12 +78,12 @@ def check_functions(
         gamma: gamma(q, v) -> ȧ v + ḃ (r,).
         qdot: qdot(q, u) -> q̇ (n,), where all functions read generalized speeds u for v.
         against: what every quantity is compared with that both have: a scene, an engine made for
-            one, or (engine or its key, scene).
+            one, (engine or its name, scene), or other `Functions`.
         states: number of random states, or a list of (q (n,), v (n,)).
         seed: of the draws.
         claims: ids of the claims to look at, keys of `FUNCTION_CLAIMS`; all by default.
-        options: `bias_has_gravity`, `ranges`, `speeds`, `name`, `factory`, `array`, see
-            `eomcheck.testing.Functions`.
+        options: `bias_has_gravity`, `holonomic`, `ranges`, `speeds`, `name`, `factory`, `array`,
+            see `eomcheck.testing.Functions`.
 
     Returns:
         One Finding per claim and subject, that of the state where it is worst: the largest error
@@ -107,8 +108,15 @@ def check(
     seed: int = 0,
     against: Any = None,
     claims: Iterable[str] | None = None,
+    holonomic: bool | None = None,
 ) -> list[Finding]:
-    """Return the Findings of `functions`; see `check_functions`."""
+    """Return the Findings of `functions`; see `check_functions`.
+
+    Args:
+        functions: the functions.
+        states, seed, against, claims: see `check_functions`.
+        holonomic: in place of what `functions` say of themselves, see `Functions.holonomic`.
+    """
     ids = tuple(FUNCTION_CLAIMS if claims is None else distinct("claims", claims))
     selected = [named("claim", one, FUNCTION_CLAIMS) for one in ids]
     given = (
@@ -125,11 +133,15 @@ def check(
             f"against has {reference.n} coordinates, expected {functions.n} as the functions have"
         )
     whole_number("seed", seed, 0)
+    if holonomic is not None:
+        functions = replace(functions, holonomic=holonomic)
     where = drawn(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
     answers = Answers(functions)
     points = [
         Point(answers, state.q, state.v, seed + k, reference) for k, state in enumerate(where)
     ]
+    if reference is not None:
+        of_reference.check_reference(points)
     found: list[Finding] = []
     for claim in selected:
         found += worst(functions, claim, points)

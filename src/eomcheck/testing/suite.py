@@ -98,6 +98,12 @@ def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[Trial]:
         return [FunctionsTrial(subject, against)]
     if against is not None:
         raise InputError(f"against = {against!r}, but only functions are compared with something")
+    if callable(subject) and not isinstance(subject, type):
+        name = getattr(subject, "__name__", repr(subject))
+        raise InputError(
+            f"@parametrize_with_claims above {name} without parentheses: expected "
+            "@parametrize_with_claims(engine) or (functions) or (scenes=[...])"
+        )
     if subject is None and scenes is None:
         raise InputError("subject = None, expected an engine, functions, or else scenes")
     return [*scene_trials(None if subject is None else engine_of(subject), scenes)]

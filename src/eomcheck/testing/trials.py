@@ -259,9 +259,10 @@ def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sce
             raise InputError(f"scenes: two of them are called {name!r}; {hint}")
         trials[name] = SceneTrial(name, scene, engine)
     if not any(trial.represented for trial in trials.values()):
-        said = ", ".join(trials) or "none"
-        who = "nothing" if engine is None else engine.key
-        raise InputError(f"scenes = {said}: {who} represents none of them")
+        if engine is None or (scenes is not None and not trials):
+            raise InputError(f"scenes = {scenes!r}, expected at least one scene")
+        which = f"none of the scenes {', '.join(trials)}" if trials else "no scene of eomcheck's"
+        raise InputError(f"engine {engine.key} represents {which}")
     return list(trials.values())
 
 
