@@ -186,7 +186,7 @@ FAULTS = [
         "(x[k + 1] - x[k]) / 2",
         "(x[k + 1] - x[k])",
         "generalized-forces",
-        "0.5 times",
+        "half of it",
     ),
     # not a number, and nothing at all
     Fault(SNAKE_TERMS, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),

@@ -9,6 +9,7 @@ import pytest
 
 import eomcheck
 from eomcheck.claims import CLAIMS
+from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.scenes.named import kinds_of
 
@@ -64,3 +65,48 @@ def test_a_mistake_in_the_pendulum_is_found_and_named(tmp_path, old, new, claim)
     failed = [finding for finding in checked(path) if finding.verdict == "failed"]
     first = min(failed, key=lambda finding: list(CLAIMS).index(finding.claim))
     assert first.claim == claim, str(first)
+
+
+def changed(tmp_path: Path, name: str, *changes: tuple[str, str]) -> type:
+    """Return the pendulum with texts of its file replaced."""
+    source = PENDULUM.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert source.count(old) == 1
+        source = source.replace(old, new)
+    path = tmp_path / f"pendulum_{name}.py"
+    path.write_text(source, encoding="utf-8")
+    (kind,) = kinds_of(f"{path}:Pendulum")
+    return kind
+
+
+def test_speeds_may_share_single_numbers_which_are_not_rational_if_they_are_floats(tmp_path):
+    kind = changed(
+        tmp_path,
+        "of_floats",
+        ("Turning(q, u)", "Turning((float(q[0]), float(q[1])), float(u[0]))"),
+        ("turning.q, turning.u[0]", "turning.q, turning.u"),
+        ("turning.q.dtype), np.array(rest, turning.q.dtype)", "float), np.array(rest, float)"),
+    )
+    found = eomcheck.check(kind(), Q, V, consistent=False)
+    assert {x.verdict for x in found} == {"passed", "not looked at"}
+    unseen = {x.claim for x in found if x.verdict == "not looked at"}
+    assert unseen <= {"speeds-remainder", "machine-code", "enclosures", "true-error"}
+    assert "null-space-speeds" in {x.claim for x in found if x.verdict == "passed"}
+
+
+@pytest.mark.parametrize(
+    ("shared", "what"), [("list(q)", "list"), ("{'q': q}", "dict"), ("'q'", "str")]
+)
+def test_what_cannot_be_shared_is_refused_in_a_sentence(tmp_path, shared, what):
+    kind = changed(tmp_path, f"of_{what}", ("Turning(q, u)", f"Turning({shared}, u)"))
+    said = f"Pendulum.kinematics: a {what}, expected an array, a number, or a NamedTuple of these"
+    with pytest.raises(InputError, match=said):
+        eomcheck.check(kind(), Q, V, consistent=False)
+
+
+def test_speeds_that_cannot_read_what_is_shared_fail_in_a_sentence_each(tmp_path):
+    kind = changed(tmp_path, "of_three", ("Turning(q, u)", "(q, u, u)"))
+    found = eomcheck.validate(kind(), examples=2)
+    failed = [x for x in found if x.verdict == "failed"]
+    assert failed
+    assert all("Pendulum.speeds raised AttributeError: 'tuple' object" in x.detail for x in failed)

@@ -118,7 +118,7 @@ class Run:
             self.seconds[one] += time.perf_counter() - start
         self.findings += new
         self.ends.append(len(self.findings))
-        self.refused = case.refused if broken is None and case.finite else ()
+        self.refused = _refused(case) if broken is None and case.finite else ()
         return new
 
     def _is_new(self, finding: Finding) -> bool:
@@ -264,6 +264,19 @@ class _Asked(NamedTuple):
     scene: Scene
     engines: tuple[Engine, ...]
     broken: dict[type[Engine], str]
+
+
+def _refused(case: Case) -> tuple[str, ...]:
+    """Return the keys of the formulations that refuse the state.
+
+    None where a function of the scene's own raises: that is one of the Findings.
+    """
+    try:
+        return case.refused
+    except Exception as error:
+        if not raised_in(case.at.scene, error):
+            raise
+        return ()
 
 
 def _asked(scene: Scene, selection: Selection) -> _Asked:

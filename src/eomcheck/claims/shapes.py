@@ -6,6 +6,9 @@ Numbers of wrong shape would end in an error deep inside a formulation, or be br
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from numbers import Number
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from eomcheck.claims.blame import raised_in
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
 
 Shape = tuple[int, ...]
@@ -44,14 +48,27 @@ def check_shapes(scene: Scene) -> None:
 
 
 def _compare_shapes(scene: Scene) -> None:
+    at = _somewhere(scene)
     with np.errstate(all="ignore"):
-        for function, name, found, shape in returned(scene, _somewhere(scene)):
+        if scene.natural_speeds:
+            with suppress(RefusedError):
+                map_record(partial(_check_shared, scene), at.kinematics)
+        for function, name, found, shape in returned(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
             if isinstance(found, list | tuple):
                 kind = type(found).__name__
                 raise InputError(f"{whose} is a {kind}, expected an array of shape {shape}")
             if found is not None and np.shape(found) != shape:
                 raise InputError(f"{whose} has shape {np.shape(found)}, expected {shape}")
+
+
+def _check_shared(scene: Scene, part: Any) -> None:
+    """Raise InputError if a part of what speeds and bodies share cannot be looked into."""
+    if not isinstance(part, np.ndarray | Number):
+        raise InputError(
+            f"{type(scene).__name__}.kinematics: a {type(part).__name__}, expected an array, a "
+            "number, or a NamedTuple of these"
+        )
 
 
 def _somewhere(scene: Scene) -> Quantities:
@@ -95,7 +112,7 @@ def returned(scene: Scene, at: Quantities) -> Iterator[Returned]:
     try:
         yield from _fields("speeds", at.speeds, ((n, p), (n,), (n,)))
         # Components that vanish may be left out here.
-        d, e = (np.shape(partial)[1] for partial in at.bodies[:2])
+        d, e = (np.shape(velocity)[1] for velocity in at.bodies[:2])
         shapes = (bodies, d, p), (bodies, e, p), (bodies, d), (bodies, e)
         shapes = *shapes, (bodies,), (bodies, e, e), (bodies, e), (p,)
         yield from _fields("bodies", at.bodies, shapes)

@@ -190,12 +190,14 @@ class Together(_Moved):
             )
 
     def _stacked(self, records: Sequence[Any]) -> Any:
-        """Return the records of all copies as one; what are no arrays are the same in all."""
+        """Return the records of all copies as one; what are no doubles are the same in all."""
         first = records[0]
         if isinstance(first, tuple):
             parts = [self._stacked(each) for each in zip(*records, strict=True)]
             return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-        if isinstance(first, np.ndarray) and first.dtype == np.float64:
+        if isinstance(first, float) or (
+            isinstance(first, np.ndarray) and first.dtype == np.float64
+        ):
             stack = np.stack([np.asarray(x) for x in records])
             return self.noise.array(stack) if isinstance(first, MovedArray) else stack
         return first
