@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -179,7 +180,10 @@ def test_a_failing_claim_is_exit_code_1_with_a_minimal_state_that_can_be_pasted(
     assert run("validate", "--links", "1..6", "--examples", "30", monkeypatch=monkeypatch) == 1
     printed = capsys.readouterr().out
     assert "constraint-acceleration [au] failed" in printed
-    code = printed[printed.index("import eomcheck") :]
+    code, *failed = re.split(r"\n(?=[a-z-]+ \[)", printed[printed.index("import eomcheck") :])
+    assert failed[0].startswith("constraint-acceleration [au] failed on snake"), "last of all"
+    count = failed[-1].splitlines()[-1]
+    assert re.fullmatch(r"\d+ of \d+ findings failed\.", count)
     scene = code[code.index("scene = Snake(") :].splitlines()[0]
     assert scene.count("1.0") and "mass=[1.0]" in scene, "hypothesis shrinks to one link"
     exec(code, {})

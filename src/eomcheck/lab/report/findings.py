@@ -166,13 +166,15 @@ def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
         sheet = scene_sheet(claims, runs).without("statement", "evidence")
         print_sheets([sheet, Sheet("runs", "What was looked at", ("", *runs), _totals(runs))])
     print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
-    print_failures(claims)
     print_unseen(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
         console.print("\nThe smallest failing state found, to paste into Python:\n")
         say(finding.as_python())
-    if not any(one.failed for one in claims):
+    print_failures(claims)  # last of all, where a terminal shows it
+    if failed := sum(row.verdict == "failed" for row in rows):
+        say(f"{failed} of {len(rows)} findings failed.", "bold red")
+    else:
         whole = Judged(tuple(rows))
         passed, unseen = len(rows) - whole.open, len(whole.unseen)
         others = f", {unseen} not looked at" if unseen else ""
@@ -203,10 +205,12 @@ def _smallest(run: Run) -> Any:
 
 
 def print_failures(claims: Iterable[Judged]) -> None:
-    """Print what fails."""
+    """Print what fails: of each claim the worst Finding on a scene, and how many else there are."""
     for one in claims:
-        for row in one.failed:
-            say(f"{row.claim} {row}", "red")
+        for failed in group(one.failed, lambda row: row.scene).values():
+            row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
+            more = f" (and {others} more of this claim)" if others else ""
+            say(f"{row.claim} {row}{more}", "red")
 
 
 def print_unseen(claims: Iterable[Judged]) -> None:

@@ -90,8 +90,10 @@ class Kept:
 
     def __str__(self) -> str:
         """Return what was found, without the claim that it is about."""
-        sizes = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
-        about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): {sizes}"
+        about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): "
+        if self.verdict == "not looked at":
+            return about + self.detail  # there are no numbers
+        about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{about}; {self.detail}" if self.detail else about
 
 
