@@ -7,10 +7,10 @@ import importlib.util
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from eomcheck.errors import EomcheckError, InputError, UnknownNameError
 
@@ -56,11 +56,17 @@ def looked_up(kind: Kind[T], name: object) -> type[T]:
         return _class_in(module, of, kind, home)
     if isinstance(name, str) and name.endswith(".py"):
         raise InputError(f"{kind.word} = {name!r}, expected {name}:Class")
-    announced = {point.name: point for point in entry_points(group=kind.group)}
-    if name not in announced:
-        raise UnknownNameError(kind.word, name, (*kind.registry, *announced))
-    value = announced[str(name)].value
+    known = announced(kind)
+    if name not in known:
+        raise UnknownNameError(kind.word, name, (*kind.registry, *known))
+    value = known[str(name)].value
     return _class_in(_installed(value.partition(":")[0]), value.partition(":")[2], kind, value)
+
+
+def announced(kind: Kind[Any]) -> dict[str, EntryPoint]:
+    """Return name -> entry point of those that installed packages announce, ours left out."""
+    points = {point.name: point for point in entry_points(group=kind.group)}
+    return {name: point for name, point in points.items() if name not in kind.registry}
 
 
 def in_file(path: str, name: str) -> type:

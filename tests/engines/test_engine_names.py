@@ -14,6 +14,7 @@ import eomcheck
 from eomcheck.engines import ENGINES, Engine, EngineFault, engine_of, engines_among
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.lab.report.registries import registry_sheet
 from eomcheck.scenes import SCENES, Sleigh
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()", "validate"]
@@ -142,11 +143,34 @@ def test_an_entry_point_is_found_by_its_name(tmp_path, monkeypatch, own_path):
         engine_of("lost")
     with pytest.raises(UnknownNameError, match=r"known: pinocchio, casadi.*flat, lost"):
         engine_of("bullet")
+    rows = {row[0]: row[1:] for row in registry_sheet("engines").rows}
+    package = "none: package announced"
+    assert rows["flat"] == (
+        planar().version(),
+        package,
+        "no",
+        "Bodies on a tree of joints, one after another from the ground outwards.",
+    )
+    assert rows["lost"][:2] == ("cannot be loaded", package)
+    assert rows["lost"][3] == "'announced_engine:Lost' has no engine 'Lost'; it has: Planar"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     found = command("--engine", "flat", "--scene", "sleigh", "--examples", "2", cwd=elsewhere)
     assert found.returncode == 2, "another process does not have the path"
     assert "unknown engine 'flat'" in found.stderr
+
+
+@pytest.mark.parametrize("method", ["version", "represents"])
+def test_a_class_method_without_its_decorator_is_named(method):
+    kind = type("Wrong", (planar(),), {method: lambda self, *scene: "wrong 1"})
+    said = f"engine Wrong: {method} is no class method, write @classmethod above it"
+    with pytest.raises(InputError, match=said):
+        engine_of(kind)
+
+
+def test_an_engine_that_is_made_is_not_its_class():
+    with pytest.raises(InputError, match=r"^engine = <.*>, expected its class Planar$"):
+        engine_of(planar()(Sleigh()))  # type: ignore[arg-type]
 
 
 # ---- What it represents --------------------------------------------------------------------------

@@ -44,6 +44,7 @@ def check_reference(points: list[Point]) -> None:
 
     Where it breaks in some states only, these are told as not looked at.
     """
+    theirs = _reference_at(points[0])
     for name, (_, of) in QUANTITIES.items():
         broken: BrokenError | None = None
         for at in points:

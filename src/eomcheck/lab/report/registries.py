@@ -95,8 +95,9 @@ def _invariants(scene: Scene) -> str:
 
 
 def _engines() -> Sheet:
-    from eomcheck.engines import ENGINES
+    from eomcheck.engines import ENGINE, ENGINES, engine_of
     from eomcheck.errors import EngineError
+    from eomcheck.lookup import announced
 
     rows = []
     for engine in ENGINES.values():
@@ -107,6 +108,15 @@ def _engines() -> Sheet:
         own = yes(engine.offers("constraint_jacobian"))
         extra = engine.extra or "none needed"
         rows.append((Cell(engine.key, "name"), library, extra, own, _first_line(engine)))
+    for name, point in announced(ENGINE).items():
+        package = "" if point.dist is None else f"none: package {point.dist.name}"
+        try:
+            engine = engine_of(name)
+            told = engine.version(), package, yes(engine.offers("constraint_jacobian"))
+            row = (*told, _first_line(engine))
+        except Exception as error:  # whatever somebody else's does, the others are listed
+            row = "cannot be loaded", package, "", " ".join(str(error).split())
+        rows.append((Cell(name, "name"), *row))
     columns = ("key", "library", "installed by the extra", "own constraints", "what it is")
     return Sheet("engines", "", columns, rows)
 
@@ -119,7 +129,7 @@ def _claims() -> Sheet:
 
 
 def _first_line(thing: type) -> str:
-    return (thing.__doc__ or "").strip().splitlines()[0]
+    return next(iter((thing.__doc__ or "").strip().splitlines()), "")
 
 
 _SHEETS = {
