@@ -12,11 +12,12 @@ from sphinx.errors import ConfigError
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
 from eomcheck.lab.references import reference_sheet
-from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
+from eomcheck.lab.report.registries import in_paper, parameter_sheet, registry_sheet, yes
 from eomcheck.lab.show.sheet import escaped as cell
 from eomcheck.lab.show.sheet import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.stored import load_reference
+from eomcheck.scenes import SCENES
 from eomcheck.testing import FUNCTION_CLAIMS
 
 DOCS = Path(__file__).parent
@@ -155,6 +156,11 @@ def write(name: str, text: str) -> None:
         path.write_text(text, encoding="utf-8")
 
 
+def parameters_file(key: str) -> str:
+    """Return where the table of the parameters of a scene is written."""
+    return f"parameters/{key}.md"
+
+
 def write_tables(app: Sphinx) -> None:
     write("claims.md", registry_sheet("claims").markdown())
     write("formulations.md", formulations_table())
@@ -163,6 +169,8 @@ def write_tables(app: Sphinx) -> None:
     write("references.md", references_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
+    for kind in SCENES.values():
+        write(parameters_file(kind.key), parameter_sheet(kind).markdown())
     for name, text in operations_tables().items():
         write(name, text)
 
@@ -176,6 +184,10 @@ def check_complete(app: Sphinx) -> None:
     if missing:
         pages = ", ".join(f"docs/theory/{key}.md" for key in missing)
         raise ConfigError(f"formulations without a theory page: {pages} not found")
+    for key in SCENES:
+        page, include = f"scenes/{key}.md", f"{{include}} ../_generated/{parameters_file(key)}"
+        if include not in (DOCS / page).read_text(encoding="utf-8"):
+            raise ConfigError(f"docs/{page} has no ```{include}")
     api = (DOCS / "api.md").read_text(encoding="utf-8")
     absent = [name for name in eomcheck.__all__ if f"eomcheck.{name}\n" not in api]
     if absent:

@@ -14,11 +14,11 @@ from tests import reports
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.report.findings import evidence_sheet, party_sheet, proof_sheet, scene_sheet
 from eomcheck.lab.report.judged import by_claim
-from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.report.registries import parameter_sheet, registry_sheet
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.findings import Kept, kept_in, kept_of_runs
 from eomcheck.lab.store.records import Records
-from eomcheck.scenes import SCENES
+from eomcheck.scenes import SCENES, Andrews, ChainPendulum
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
 
@@ -91,3 +91,14 @@ def test_csv_reads_back():
     sheet = Sheet("x", "", ["key", "text"], rows)
     assert list(csv.reader(io.StringIO(sheet.csv()))) == [["key", "text"], *rows]
     assert sheet.without("text").csv() == "key\na\nb\n"
+
+
+def test_the_parameters_of_a_scene_are_listed_with_units_defaults_and_ranges():
+    rows = {row[0]: tuple(row[1:]) for row in parameter_sheet(ChainPendulum).rows}
+    kilograms = "m", "of links, (3,) if N = 3", "kg", "> 0", "must be given", "0.1 to 10"
+    assert rows["mass"] == kilograms
+    assert rows["gravity"][3:] == (">= 0 or None", "9.81", "0 to 20")
+    assert rows["pose"][4:] == ("follows", "")
+    rows = {row[0]: tuple(row[1:]) for row in parameter_sheet(Andrews).rows}
+    assert rows["center"][1] == "(7, 2)" and rows["center"][4] == "Andrews().center"
+    assert all(len(parameter_sheet(kind).rows) == len(kind.declared) for kind in SCENES.values())
