@@ -28,6 +28,34 @@ def test_a_python_block_runs(page: Path, number: int, block: str, monkeypatch):
     exec(compile(block, f"{page.name}, block {number}", "exec"), {"__name__": "block"})
 
 
+SHOWN = [
+    (page, file, block)
+    for page in PAGES
+    for file, block in re.findall(
+        r"^<!-- (\S+\.py) -->\n\n```py\n(.*?)^```$", page.read_text(encoding="utf-8"), re.S | re.M
+    )
+]
+"""Files that pages show: whoever reads a page without building it sees them too."""
+
+
+@pytest.mark.parametrize(
+    ("page", "file", "block"), SHOWN, ids=[f"{page.name}-{file}" for page, file, _ in SHOWN]
+)
+def test_a_file_that_a_page_shows_is_the_file_that_tests_run(page: Path, file: str, block: str):
+    source = (page.parent / file).read_text(encoding="utf-8")
+    # All of it, or what comes last of it.
+    assert source.endswith(block)
+    assert source == block or f"\n\n\n{block}" in source
+
+
+def test_no_guide_hides_its_code_from_who_reads_it_unbuilt():
+    guides = [page for page in PAGES if page.parent.name == "guides"]
+    assert not [page.name for page in guides if "{literalinclude}" in page.read_text("utf-8")]
+    assert {"cart.py", "planar.py", "ci/by_hand.py", "trailer.py"} <= {file for _, file, _ in SHOWN}
+    tagged = sum(len(re.findall(r"^```py$", page.read_text("utf-8"), re.M)) for page in PAGES)
+    assert tagged == len(SHOWN)
+
+
 def test_there_are_blocks():
     assert {"README.md", "andrews.md", "in-your-ci.md"} <= {page.name for page, *_ in BLOCKS}
 
