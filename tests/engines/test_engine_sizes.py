@@ -18,6 +18,39 @@ from eomcheck.scenes import SCENES, Sleigh
 ENGINES_ALL = {**ENGINES, "planar": planar()}
 
 
+def error_at(key: str, speed: float) -> float:
+    """Return the largest relative error of B of a sleigh that travels along itself, 20 headings."""
+    scene, worst = Sleigh(mass=1.3, offset=0.7), 0.0
+    engine = Answers(ENGINES[key](scene))
+    for heading in np.linspace(0.1, 6.1, 20):
+        q = np.array([0.3, 0.2, heading])
+        v = np.array([speed * np.cos(heading), speed * np.sin(heading), 0.8])
+        B = Evaluation(scene, q, v).terms.B
+        assert B is not None
+        worst = max(worst, largest(engine.bias(q, v) - B) / largest(B))
+    return worst
+
+
+@pytest.mark.parametrize("key", ENGINES)
+def test_a_fast_sleigh_shows_which_engines_sum_terms_of_its_bias_that_cancel(key):
+    assert error_at(key, 1.0) < 1e-14
+    if key in ("drake", "pybullet"):
+        assert error_at(key, 1e6) < 1e-14
+    else:
+        assert error_at(key, 1e6) > 1e-12
+    # With its speed, and for MuJoCo with the square of that.
+    assert (error_at(key, 1e6) > 1e-6) == (key == "mujoco")
+
+
+@pytest.mark.parametrize(
+    ("key", "speed", "verdict"), [("mujoco", 1e2, "passed"), ("mujoco", 1e3, "failed")]
+)
+def test_the_bias_of_mujoco_fails_at_a_thousand_metres_a_second(key, speed, verdict):
+    q, v = [0.3, 0.2, 0.7], [speed * np.cos(0.7), speed * np.sin(0.7), 0.8]
+    (found,) = eomcheck.check(Sleigh(mass=1.3, offset=0.7), q, v, engines=[key], claims=["bias"])
+    assert found.verdict == verdict
+
+
 class InBody(Engine):
     """A sleigh whose inertia forces m ω × V are formed along it, where they do not cancel."""
 
