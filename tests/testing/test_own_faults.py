@@ -443,6 +443,7 @@ def test_a_fault_is_named_by_the_claim_that_is_closest(name: str):
     assert failed
     assert failed[0].claim == fault.claim, "\n".join(map(str, failed))
     assert fault.detail in failed[0].detail
+    assert ("opposite sign" in failed[0].detail) == ("opposite sign" in fault.detail)
 
 
 UNTOLD: dict[str, tuple[dict[str, Any], str]] = {
