@@ -93,9 +93,32 @@ def test_functions_of_another_library_get_its_arrays():
             return self.x
 
     found = check_functions(
-        1, M=lambda q: Wrapped(np.eye(1)), U=lambda q: Wrapped(q.x @ q.x), array=Wrapped, states=2
+        1,
+        M=lambda q: Wrapped(np.eye(1)),
+        U=lambda q: Wrapped(q.x @ q.x),
+        gravity=lambda q: [Wrapped(2 * x) for x in q.x],
+        array=Wrapped,
+        states=2,
     )
     assert not [x for x in found if x.verdict == "failed"]
+    assert "gravity-of-potential" in {x.claim for x in found if x.verdict == "passed"}
+
+
+def test_functions_that_want_tensors_say_what_to_give():
+    def wants(q):
+        raise TypeError("cos(): argument 'input' (position 1) must be Tensor, not numpy.float64")
+
+    (found,) = failed({"gravity": wants}, claims=["answers"], states=1)
+    assert found.detail.endswith("not numpy.float64; say array=torch.as_tensor")
+    (found,) = failed({"gravity": wants}, claims=["answers"], states=1, array=np.asarray)
+    assert found.detail.endswith("not numpy.float64")
+
+
+def test_what_is_not_looked_at_is_told_without_numbers():
+    found = check_functions(1, M=lambda q: np.eye(1), states=1)
+    lines = [str(x) for x in found if x.verdict == "not looked at"]
+    assert any(line.startswith("kinetic-energy [M] not looked at") for line in lines)
+    assert not any("observed" in line or "allowed" in line for line in lines)
 
 
 def test_single_precision_is_named_as_such():
