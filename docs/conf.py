@@ -18,7 +18,6 @@ from eomcheck.lab.show.sheet import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.stored import load_reference
 from eomcheck.scenes import SCENES
-from eomcheck.testing import FUNCTION_CLAIMS
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
@@ -124,19 +123,6 @@ def operations_tables() -> dict[str, str]:
     }
 
 
-def function_claims_table() -> str:
-    """Return what is claimed of somebody's functions, and which of them a claim needs."""
-    rows = [
-        (
-            f"`{cell(claim.id)}`",
-            cell(claim.statement),
-            ", ".join(f"`{' or '.join(x.split('|'))}`" for x in claim.needs) or "any",
-        )
-        for claim in FUNCTION_CLAIMS.values()
-    ]
-    return table(("claim", "statement", "needs"), rows)
-
-
 def references_table() -> str:
     """Return the motions of the stored reference solutions, and how well each is known."""
     files = sorted((DOCS.parent / "validation" / "references").glob("*.json"))
@@ -164,7 +150,6 @@ def parameters_file(key: str) -> str:
 def write_tables(app: Sphinx) -> None:
     write("claims.md", registry_sheet("claims").markdown())
     write("formulations.md", formulations_table())
-    write("function-claims.md", function_claims_table())
     write("studies.md", studies_table())
     write("references.md", references_table())
     for f in FORMULATIONS.values():

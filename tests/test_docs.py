@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from eomcheck.lab.report.registries import function_claims_sheet
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted([*DOCS.glob("*.md"), *DOCS.glob("[!_]*/*.md")])]
@@ -54,6 +56,11 @@ def test_no_guide_hides_its_code_from_who_reads_it_unbuilt():
     assert {"cart.py", "planar.py", "ci/by_hand.py", "trailer.py"} <= {file for _, file, _ in SHOWN}
     tagged = sum(len(re.findall(r"^```py$", page.read_text("utf-8"), re.M)) for page in PAGES)
     assert tagged == len(SHOWN)
+
+
+def test_the_table_of_claims_about_functions_is_that_of_the_registry():
+    page = (DOCS / "guides" / "check-your-own.md").read_text(encoding="utf-8")
+    assert f"\n\n{function_claims_sheet().markdown().strip()}\n\n" in page
 
 
 def test_there_are_blocks():

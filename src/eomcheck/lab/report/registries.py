@@ -75,6 +75,21 @@ def _scenes() -> Sheet:
     return Sheet("scenes", "", columns, rows, (15, 24, 18, 12, 12, 11, 24))
 
 
+def function_claims_sheet() -> Sheet:
+    """Return what is claimed of somebody's functions, and which of them a claim needs."""
+    from eomcheck.testing import FUNCTION_CLAIMS
+
+    rows = [
+        (
+            Cell(one.id, "name"),
+            one.statement,
+            ", ".join(name.replace("|", " or ") for name in one.needs) or "any",
+        )
+        for one in FUNCTION_CLAIMS.values()
+    ]
+    return Sheet("function-claims", "", ("claim", "statement", "needs"), rows)
+
+
 def parameter_sheet(kind: type[Parametric]) -> Sheet:
     """Return what a scene of this kind is made of, and what random ones are drawn from."""
     rows = []
