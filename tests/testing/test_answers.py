@@ -323,9 +323,9 @@ class Reference(eomcheck.Engine):
         return testing.from_scene(self.scene).bias(q, v)
 
 
-def referred(engine: type[eomcheck.Engine], **options):
+def referred(engine: type[eomcheck.Engine], alone: bool = False, **options):
     scene, own = pendulum()
-    functions = {"M": own.M, "bias": own.bias}
+    functions = {"M": own.M} if alone else {"M": own.M, "bias": own.bias}
     more = {"states": 4, "claims": ["reference"]} | options
     return check_functions(own.n, **functions, against=(engine, scene), **more)
 
@@ -343,12 +343,17 @@ def no_answer(q):
         (no_answer, "mass_matrix raised ValueError: no licence (test_answers.py, line "),
     ],
 )
-def test_a_reference_that_never_answers_is_refused(answer, says):
+def test_a_reference_that_never_answers_is_refused_if_nothing_else_is_compared(answer, says):
     engine = type(
         "Silent", (Reference,), {"answer": staticmethod(answer) if callable(answer) else answer}
     )
+    found = {x.subject.split()[0]: x for x in referred(engine)}
+    assert found["bias"].verdict == "passed", "which it does answer"
+    assert found["M"].verdict == "not looked at"
+    assert found["M"].detail.startswith("the reference breaks: M: ")
+    assert says in found["M"].detail
     with pytest.raises(InputError) as caught:
-        referred(engine)
+        referred(engine, alone=True)
     start = "against = silent of chain-pendulum[3]: it does not answer in any state: M: "
     assert str(caught.value).startswith(start + says)
 

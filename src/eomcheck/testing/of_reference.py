@@ -40,26 +40,27 @@ def _reference_at(at: Point) -> Point:
 
 
 def check_reference(points: list[Point]) -> None:
-    """Raise InputError if the reference has no answer to what is compared in any of the states.
+    """Raise InputError if the reference has no answer at all to what is compared.
 
-    Where it breaks in some states only, these are told as not looked at.
+    What it answers in some states, or of some quantities, is compared; the rest is told as not
+    looked at. But nothing compared is no pass.
     """
-    theirs = _reference_at(points[0])
-    for name, (_, of) in QUANTITIES.items():
-        broken: BrokenError | None = None
-        for at in points:
-            theirs = _reference_at(at)
+    broken: BrokenError | None = None
+    for at in points:
+        theirs = _reference_at(at)
+        for name, (_, of) in QUANTITIES.items():
             if not _has(at, name) or not _has(theirs, name):
-                break
+                continue
             try:
                 of(theirs)
             except BrokenError as error:
-                broken = error
+                broken = broken or error
             else:
-                break
-        else:
-            what = f"against = {theirs.functions.name}: it does not answer in any state"
-            raise InputError(f"{what}: {broken}")
+                return
+    if broken is not None:
+        assert points[0].reference is not None
+        what = f"against = {points[0].reference.name}: it does not answer in any state"
+        raise InputError(f"{what}: {broken}")
 
 
 @claim(
