@@ -38,8 +38,18 @@ class UnknownNameError(InputError):
     """A name that is not in a registry."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]):
-        self.kind, self.name = kind, name
-        super().__init__(f"unknown {kind} {name!r}; known: {', '.join(known)}")
+        self.kind, self.name, self.known = kind, name, tuple(known)
+        hint = did_you_mean(name, self.known)
+        super().__init__(f"unknown {kind} {name!r}{hint}; known: {', '.join(self.known)}")
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return a hint at the name that looks most like one that is not known, "" if none does."""
+    from difflib import get_close_matches
+
+    lower = {one.lower(): one for one in known}
+    near = get_close_matches(str(name).lower(), lower, 1)
+    return f" (did you mean {lower[near[0]]!r}?)" if near else ""
 
 
 def raised(error: BaseException, at: FrameSummary) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from eomcheck.errors import EomcheckError, InputError, UnknownNameError
+from eomcheck.errors import EomcheckError, InputError, UnknownNameError, did_you_mean
 
 T = TypeVar("T")
 
@@ -91,7 +91,8 @@ def _class_in(module: ModuleType, name: str, kind: Kind[T], home: str) -> type[T
         if issubclass(value, kind.base)
     ]
     has = ", ".join(own) or "none"
-    raise InputError(f"{home!r} has no {kind.word} {name!r}; it has: {has}")
+    hint = did_you_mean(name, own)
+    raise InputError(f"{home!r} has no {kind.word} {name!r}{hint}; it has: {has}")
 
 
 def _installed(name: str) -> ModuleType:

@@ -15,7 +15,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketches_of_motion
+from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketched, sketches_of_motion
 from eomcheck.lab.show.labels import symbol
 from eomcheck.lab.show.mechanism import DARK, LIGHT, plt, scene_figure
 from eomcheck.lab.structures import structure_of
@@ -40,7 +40,7 @@ def links_of(kind: type[Scene]) -> int | None:
 @each_kind
 def test_every_coordinate_and_every_row_of_the_constraints_is_named_once(kind):
     scene, _ = kind.sketched(links_of(kind))
-    sketch, names = posed(kind, links_of(kind))
+    sketch, names = posed(*sketched(kind, links_of(kind)))
     assert names == scene.coordinate_names
     named = [p.name for p in sketch.parts if isinstance(p, s.Angle | s.Distance)]
     assert [named.count(name) for name in names] == [1] * scene.n
@@ -61,7 +61,7 @@ def test_the_pose_that_is_drawn_is_closed(kind):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kind, "sketch", watched)
-        posed(kind)
+        posed(*sketched(kind))
     (q,) = found
     at = Evaluation(scene, q, np.zeros(scene.n))
     gap, allowed = closing_error(at)
@@ -113,7 +113,7 @@ def test_angles_of_the_disk_and_the_bicycle_turn_as_their_coordinates_do():
 
 
 def test_the_bicycle_is_drawn_rolling_on_the_ground_at_its_speed():
-    sketches, _, _ = sketches_of_motion(Bicycle, None, "au", 0.5, 6)
+    sketches, _, _ = sketches_of_motion(Bicycle.example(), "au", 0.5, 6)
     contacts = np.array([[p.at for p in one.parts if isinstance(p, s.Trail)] for one in sketches])
     assert np.abs(contacts[..., 2]).max() < 1e-6
     way = np.linalg.norm(np.diff(contacts, axis=0), axis=2).sum(axis=0)
@@ -127,7 +127,7 @@ def test_the_bicycle_is_drawn_rolling_on_the_ground_at_its_speed():
 @pytest.mark.parametrize("dark", [False, True])
 @each_kind
 def test_labels_cover_no_other_label_and_stay_on_the_page(kind, dark):
-    figure, texts = scene_figure(*posed(kind, links_of(kind)), dark)
+    figure, texts = scene_figure(*posed(*sketched(kind, links_of(kind))), dark)
     renderer = figure.canvas.get_renderer()
     boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts]
     page = figure.bbox
@@ -226,14 +226,14 @@ def test_a_scene_without_a_sketch_is_named():
             return None
 
     with pytest.raises(InputError, match="plain does not say what it looks like"):
-        posed(Plain)
+        posed(*sketched(Plain))
 
 
 # ---- Matrices ------------------------------------------------------------------------------------
 
 
 def seven(key: str):
-    return structure_of(*moving_state(Snake, 7, FORMULATIONS[key]))
+    return structure_of(*moving_state(*sketched(Snake, 7), FORMULATIONS[key]))
 
 
 @pytest.mark.parametrize("key", FORMULATIONS)
@@ -250,7 +250,7 @@ def test_the_last_matrix_is_of_the_order_that_table_i_counts(key):
 
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_matrices_are_those_that_doubles_solve(key):
-    scene, f, q, v = moving_state(Snake, 7, FORMULATIONS[key])
+    scene, f, q, v = moving_state(*sketched(Snake, 7), FORMULATIONS[key])
     structure = structure_of(scene, f, q, v)
     at = Evaluation(scene, q, v)
     at.acceleration(f)
@@ -272,7 +272,7 @@ def test_blocks_are_named_by_what_they_are():
 
 
 def test_a_block_that_is_something_else_has_no_name(monkeypatch):
-    scene, f, q, v = moving_state(Snake, 7, FORMULATIONS["au"])
+    scene, f, q, v = moving_state(*sketched(Snake, 7), FORMULATIONS["au"])
 
     def wrong(M, F, a, gamma, v, partition):
         from eomcheck.formulations import au
@@ -288,7 +288,7 @@ def test_a_block_that_is_something_else_has_no_name(monkeypatch):
 
 
 def test_without_constraints_one_matrix_is_read_and_solved():
-    state = moving_state(SCENES["chain-pendulum"], 4, FORMULATIONS["em"])
+    state = moving_state(*sketched(SCENES["chain-pendulum"], 4), FORMULATIONS["em"])
     structure = structure_of(*state)
     assert [one.name for one in structure.read] == ["M"]
     assert structure.solved == ()

@@ -7,12 +7,20 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.options import Kind, check_figure
+from eomcheck.cli.complete import completing
+from eomcheck.cli.options import (
+    Formulation,
+    Given,
+    Links,
+    One,
+    check_figure,
+    check_used,
+    scene_asked,
+)
 from eomcheck.cli.study import draw
-from eomcheck.errors import InputError
 from eomcheck.files import check_writable
+from eomcheck.lab.options import no_more_than, parameters
 
-Links = Annotated[int | None, typer.Option(help="Number of links of scenes that have one.")]
 Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 
 
@@ -21,51 +29,61 @@ def draw_scene(
     path: Annotated[
         Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
     ],
-    scene: Kind = "snake",
+    scene: One = "snake",
     links: Links = None,
+    given: Given = None,
     dark: Dark = False,
-    end: Annotated[float, typer.Option(help="A .gif: time at which the motion ends, s.")] = 2.0,
-    frames: Annotated[int, typer.Option(help="A .gif: number of its pictures.")] = 40,
-    formulation: Annotated[str, typer.Option(help="A .gif: by which it moves.")] = "au",
+    end: Annotated[
+        float | None, typer.Option(help="A .gif: time at which the motion ends, s. [2]")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(help="A .gif: number of its pictures. [40]")] = None,
+    formulation: Annotated[
+        str | None,
+        typer.Option(
+            help="A .gif: by which it moves. [au]", autocompletion=completing("formulation")
+        ),
+    ] = None,
 ) -> None:
     """Draw a scene with its coordinates, axes and constraints named, or its motion."""
     moving = path.suffix == ".gif"
     if moving:
         check_writable(path)
+        check_used("in a .gif, which has a light ground", dark=dark)
     else:
         check_figure(path)
-    from eomcheck.lab.mechanisms import kind_to_draw, posed, sketches_of_motion
+        check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
+    known = parameters(given)
+    from eomcheck.lab.mechanisms import posed, scene_to_draw, sketches_of_motion
     from eomcheck.lab.show import mechanism
 
-    kind = kind_to_draw(scene)
-    if moving and dark:
-        raise InputError("--dark: a .gif has a light ground")
     if moving:
-        sketches, times, every = sketches_of_motion(kind, links, formulation, end, frames)
+        one = scene_asked(scene, links, given)
+        until, count = 2.0 if end is None else end, 40 if frames is None else frames
+        sketches, times, every = sketches_of_motion(one, formulation or "au", until, count)
         mechanism.draw_motion(sketches, times.tolist(), path, every)
     else:
-        mechanism.draw_scene(*posed(kind, links), path, dark)
+        mechanism.draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
     print(f"written: {path}")
 
 
 @draw.command("structure")
 def draw_structure(
     path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
-    formulation: Annotated[str, typer.Option(help="Formulation.")] = "au",
-    scene: Kind = "snake",
+    formulation: Formulation = "au",
+    scene: One = "snake",
     links: Links = None,
+    given: Given = None,
     dark: Dark = False,
 ) -> None:
     """Draw which entries of a formulation's matrices are not zero, with their blocks named."""
     check_figure(path)
-    from eomcheck.errors import named
-    from eomcheck.formulations import FORMULATIONS
-    from eomcheck.lab.mechanisms import kind_to_draw, moving_state
+    known = parameters(given)
+    from eomcheck.formulations import formulation_of
+    from eomcheck.lab.mechanisms import moving_state, scene_to_draw
     from eomcheck.lab.show import structure
     from eomcheck.lab.structures import structure_of
 
-    one = named("formulation", formulation, FORMULATIONS)
-    structure.draw_structure(
-        structure_of(*moving_state(kind_to_draw(scene), links, one)), path, dark
-    )
+    one = formulation_of(formulation)
+    state = moving_state(*scene_to_draw(scene, no_more_than(links), known), one)
+    structure.draw_structure(structure_of(*state), path, dark)
     print(f"written: {path}")

@@ -1,45 +1,58 @@
-"""`eomcheck simulate` and `acceleration`: what the formulations say of one snake."""
+"""`eomcheck simulate` and `acceleration`: what the formulations say of one scene."""
 
 from __future__ import annotations
 
 from contextlib import nullcontext
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import Formulations, Seed, check_figure
-from eomcheck.errors import InputError, whole_number
-from eomcheck.lab.options import MOST_LINKS, at_least_one
+from eomcheck.cli.complete import completing
+from eomcheck.cli.options import (
+    ONE,
+    Formulations,
+    Given,
+    Links,
+    OneOrNot,
+    check_figure,
+    check_used,
+    scene_asked,
+)
+from eomcheck.errors import InputError
+from eomcheck.lab.options import at_least_one, numbers
 
 if TYPE_CHECKING:
-    from eomcheck.scenes import Snake
+    from eomcheck.mechanics.scene import Scene
+
+Speeds = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own."
+    ),
+]
 
 
-class Robot(StrEnum):
-    """The snakes that the command line knows by name."""
+def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
+    """Return p generalized speeds, None where none were given.
 
-    PAPER = "paper"
-    COIL = "coil"
-    PATTERN = "pattern"
-
-
-def _snake(robot: Robot, links: int) -> Snake:
-    from eomcheck.scenes import Snake
-
-    if whole_number("links", links) > MOST_LINKS:
-        raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
-    makers = {Robot.COIL: Snake.coil, Robot.PATTERN: Snake.pattern}
-    return Snake.paper() if robot is Robot.PAPER else makers[robot](links)
+    Raises:
+        InputError: these are no numbers, or not p.
+    """
+    if not texts:
+        return None
+    found = numbers("speeds", texts)
+    if len(found) != scene.p:
+        raise InputError(f"speeds = {found}: {scene.name} has {scene.p}, expected so many numbers")
+    return found
 
 
 def _many(
-    scene: Snake,
+    scene: Scene,
     key: str,
     t_end: float,
-    speeds: tuple[float, float],
+    speeds: list[float] | None,
     options: dict,
     *,
     draws: int,
@@ -52,6 +65,7 @@ def _many(
     import numpy as np
 
     import eomcheck
+    from eomcheck.evaluation.dynamics import closed_position
     from eomcheck.lab.report.motions import chart_of_many, print_many
     from eomcheck.lab.store import workers as spread
 
@@ -61,9 +75,12 @@ def _many(
     if plot is not None:
         check_figure(plot)
     random = np.random.default_rng(seed)
-    q, _ = scene.initial_state()
+    q, v = scene.initial_state()
+    u = eomcheck.speeds_of(scene, q, v) if speeds is None and v.any() else speeds or scene.p * [0.0]
     q0 = q + scale * random.standard_normal((draws, scene.n))
-    u0 = speeds + scale * random.standard_normal((draws, scene.p))
+    u0 = u + scale * random.standard_normal((draws, scene.p))
+    if scene.position_residual is not None:
+        q0 = np.array([closed_position(scene, one) for one in q0])
     there = nullcontext() if executor is None else spread.executor(executor)
     with there as pool:
         found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
@@ -77,20 +94,34 @@ def _many(
     return not finished.all()
 
 
+def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, float]:
+    """Return the scene that is named, and when a motion ends."""
+    *names, end = words
+    if len(names) > 1:
+        raise InputError(f"{' '.join(words)!r}, expected one scene and the time of the end")
+    try:
+        t_end = float(end)
+    except ValueError:
+        raise InputError(f"END = {end!r}, expected a time in s as the last word") from None
+    if names and scene is not None:
+        raise InputError(f"two scenes are named, {names[0]!r} and {scene!r}")
+    return (names[0] if names else scene), t_end
+
+
 @app.command()
 def simulate(
-    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
-    t_end: Annotated[float, typer.Argument(help="End, s.")],
-    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
-    speeds: Annotated[
-        tuple[float, float], typer.Option(help="Generalized speeds at the start, m/s and rad/s.")
-    ] = (0.0, 0.0),
-    stiffness: Annotated[
-        float | None, typer.Option(help="Stiffness of every joint, N m/rad.")
-    ] = None,
-    damping: Annotated[
-        float | None, typer.Option(help="Damping of every joint, N m s/rad. Default none.")
-    ] = None,
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[SCENE] END",
+            help="Scene, as --scene names it, and the end, s.",
+            autocompletion=completing("robot", "scene"),
+        ),
+    ],
+    scene: OneOrNot = None,
+    links: Links = None,
+    given: Given = None,
+    speeds: Speeds = None,
     formulation: Formulations = None,
     integrator: Annotated[str, typer.Option(help="Integrator.")] = "DOP853",
     tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
@@ -105,9 +136,10 @@ def simulate(
         int | None, typer.Option(help="Integrate so many motions near this one instead.")
     ] = None,
     scale: Annotated[
-        float, typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s.")
-    ] = 0.01,
-    seed: Seed = 0,
+        float | None,
+        typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s. [0.01]"),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of --draws. [0]")] = None,
     executor: Annotated[str | None, typer.Option(help="Where to compute --draws.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
 ) -> None:
@@ -118,16 +150,16 @@ def simulate(
     and generalized speed at the start, and printed is how far their ends are apart. Exit code 1 if
     a motion does not reach its end.
     """
-    from dataclasses import replace
+    name, t_end = _scene_and_end(words, scene)
+    if draws is None:
+        check_used("without --draws", scale=scale, seed=seed, executor=executor, plot=plot)
 
     import eomcheck
     from eomcheck.formulations import formulations_for
     from eomcheck.lab.report.motions import print_trajectories
 
-    scene = _snake(robot, links)
-    for name, value in (("stiffness", stiffness), ("damping", damping)):
-        if value is not None:
-            scene = replace(scene, **{name: [value] * (scene.links - 1)})
+    one = scene_asked(name or ONE, links, given)
+    u0 = _speeds(one, speeds)
     if draws is not None:
         if baumgarte is not None or projection is not None or integrator != "DOP853":
             raise InputError("draws are integrated by DOP853, without stabilization")
@@ -135,48 +167,57 @@ def simulate(
         if len(chosen) > 1:
             raise InputError(f"formulation = {chosen}, expected one for draws")
         options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
-        near = {"draws": draws, "scale": scale, "seed": seed, "executor": executor, "plot": plot}
-        if _many(scene, chosen[0], t_end, speeds, options, **near):
+        near = {"draws": draws, "scale": 0.01 if scale is None else scale, "seed": seed or 0}
+        if _many(one, chosen[0], t_end, u0, options, **near, executor=executor, plot=plot):
             raise typer.Exit(1)
         return
-    asked = formulations_for(scene, formulation)
+    asked = formulations_for(one, formulation)
     if formulation is None and (baumgarte is not None or projection is not None):
-        asked = tuple(one for one in asked if one.level == "acceleration")
+        asked = tuple(f for f in asked if f.level == "acceleration")
     found = [
         eomcheck.simulate(
-            scene,
-            one.key,
+            one,
+            f.key,
             t_end,
             rtol=tolerance,
             atol=tolerance,
             integrator=integrator,
-            u0=speeds,
+            u0=u0,
             max_steps=max_steps,
             baumgarte=baumgarte,
             projection=projection,
         )
-        for one in asked
+        for f in asked
     ]
     print_trajectories(found)
-    if any(one.status != "finished" for one in found):
+    if any(trajectory.status != "finished" for trajectory in found):
         raise typer.Exit(1)
 
 
 @app.command()
 def acceleration(
-    robot: Annotated[Robot, typer.Argument(help="The paper's snake, or one of any length.")],
-    links: Annotated[int, typer.Option(help="Number of links, of coil and pattern.")] = 7,
-    speeds: Annotated[
-        tuple[float, float], typer.Option(help="Generalized speeds, m/s and rad/s.")
-    ] = (0.0, 0.0),
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            help="Scene, as --scene names it. Default the paper's robot.",
+            autocompletion=completing("robot", "scene"),
+        ),
+    ] = None,
+    scene: OneOrNot = None,
+    links: Links = None,
+    given: Given = None,
+    speeds: Speeds = None,
     formulation: Formulations = None,
 ) -> None:
     """Print what each formulation says at the start, how far to trust it, or why it refuses.
 
     Exit code 1 if one refuses.
     """
+    if name is not None and scene is not None:
+        raise InputError(f"two scenes are named, {name!r} and {scene!r}")
     from eomcheck.lab.report.motions import print_accelerations
 
-    scene = _snake(robot, links)
-    if print_accelerations(scene, speeds, formulation):
+    one = scene_asked(name or scene or ONE, links, given)
+    if print_accelerations(one, _speeds(one, speeds), formulation):
         raise typer.Exit(1)

@@ -10,24 +10,53 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eomcheck.cli.complete import completing
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
+from eomcheck.lab.options import SCENE_HELP, SET_HELP, listed, no_more_than, parameters
 
 if TYPE_CHECKING:
     from eomcheck.lab.store.records import Records
+    from eomcheck.mechanics.scene import Scene
 
 SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
-Kind = Annotated[
-    str, typer.Option(help="Kind of scene, all of them, or one in a file: path/to/file.py:Class.")
+_SCENES = completing("scene", more=["all"])
+_ONE = "Scene: its key, your own, path/to/file.py:Class, or a snake: paper, coil, pattern."
+
+Kind = Annotated[str, typer.Option(help=SCENE_HELP, autocompletion=_SCENES)]
+ONE = "paper"
+"""The scene of commands that look at one, unless another is named."""
+One = Annotated[str, typer.Option(help=_ONE, autocompletion=completing("scene", "robot"))]
+OneOrNot = Annotated[
+    str | None, typer.Option(help=_ONE, autocompletion=completing("scene", "robot"))
+]
+Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
+Given = Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)]
+Formulation = Annotated[
+    str, typer.Option(help="Formulation.", autocompletion=completing("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
     str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
 ]
 Formulations = Annotated[
-    list[str] | None, typer.Option(help="Formulation; repeat for more. Default all.")
+    list[str] | None,
+    typer.Option(
+        help="Formulation, or several: a,b. Default all.",
+        callback=listed,
+        autocompletion=completing("formulation"),
+    ),
+]
+Engines = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Engine to compare with, several: a,b, or your own to check: path/to/file.py:Class. "
+        "Default those that no extra installs.",
+        callback=listed,
+        autocompletion=completing("engine"),
+    ),
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
 Measured = Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")]
@@ -37,6 +66,30 @@ Kept = Annotated[
     Path | None,
     typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
 ]
+
+
+def scene_asked(name: str, links: int | None, given: list[str] | None) -> Scene:
+    """Return the one scene that `--scene`, `--links` and `--set` stand for.
+
+    Raises:
+        InputError: there is none, see `eomcheck.scenes.named.scene_of`.
+    """
+    known = parameters(given)
+    from eomcheck.scenes.named import scene_of
+
+    return scene_of(name, no_more_than(links), known)
+
+
+def check_used(where: str, **options: object) -> None:
+    """Raise InputError if an option was given that says nothing here.
+
+    Args:
+        where: what it would need, such as "without --draws".
+        options: name -> value, None or False where it was not given.
+    """
+    for name, value in options.items():
+        if value is not None and value is not False:
+            raise InputError(f"--{name.replace('_', '-')} says nothing {where}")
 
 
 def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:

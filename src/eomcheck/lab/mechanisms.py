@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from scipy.linalg import null_space
 
@@ -9,24 +11,33 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
 from eomcheck.formulations import Formulation
+from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import Sketch
-from eomcheck.scenes.named import kinds_of
+from eomcheck.scenes.named import ROBOTS, kind_of, scene_of
 
 BETWEEN = 6
 """Points of a path from one frame to the next."""
 
 
-def kind_to_draw(name: str) -> type[Scene]:
-    """Return the kind of scene that is called `name`.
+def scene_to_draw(
+    name: str, links: int | None = None, given: Mapping[str, Sequence[float] | None] | None = None
+) -> tuple[Scene, np.ndarray]:
+    """Return the scene that is called `name`, and the pose q (n,) that pictures show.
+
+    Args:
+        name: its name.
+        links: number of links, for kinds that have one.
+        given: parameters that are other than usual.
 
     Raises:
-        UnknownNameError, InputError: there is none, or it is more than one.
+        UnknownNameError, InputError: see `eomcheck.scenes.named.scene_of`.
     """
-    kinds = kinds_of(name)
-    if len(kinds) != 1:
-        raise InputError(f"scene = {name!r}: a picture shows one scene")
-    return kinds[0]
+    if name in ROBOTS:
+        scene = scene_of(name, links, given)
+        return scene, scene.initial_state()[0]
+    scene, q = sketched(kind_of(name), links)
+    return with_parameters(scene, given or {}), q
 
 
 def sketch_of(scene: Scene, q: np.ndarray, t: float = 0.0) -> Sketch:
@@ -41,31 +52,33 @@ def sketch_of(scene: Scene, q: np.ndarray, t: float = 0.0) -> Sketch:
     return sketch
 
 
-def _sketched(kind: type[Scene], links: int | None) -> tuple[Scene, np.ndarray]:
+def sketched(kind: type[Scene], links: int | None = None) -> tuple[Scene, np.ndarray]:
+    """Return the scene of a kind and the pose q (n,) that pictures show.
+
+    Raises:
+        InputError: it has no such number of links.
+    """
     if links is not None:
         next(kind.structures(links))  # refuses a number of links that there cannot be
     return kind.sketched(links)
 
 
-def posed(kind: type[Scene], links: int | None = None) -> tuple[Sketch, tuple[str, ...]]:
-    """Return the sketch of a kind of scene and the names of its coordinates.
-
-    The pose is the closed one next to that which it wants.
+def posed(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
+    """Return the sketch of a scene in the closed pose next to q (n,), and its coordinates' names.
 
     Raises:
-        InputError: it has no such number of links, or does not say what it looks like.
+        InputError: it does not say what it looks like.
         RefusedError: there is no such pose.
     """
-    scene, q = _sketched(kind, links)
     return sketch_of(scene, closed_position(scene, q)), scene.coordinate_names
 
 
 def sketches_of_motion(
-    kind: type[Scene], links: int | None, formulation: str, end: float, frames: int
+    scene: Scene, formulation: str, end: float, frames: int
 ) -> tuple[list[Sketch], np.ndarray, int]:
     """Return sketches of a motion at equal times, these times, s, and how many make a frame.
 
-    It starts from the initial state of the example, or of the first structure with so many links.
+    It starts from the initial state.
 
     Raises:
         InputError: fewer than two frames, an end that is no positive time, no such formulation, or
@@ -76,7 +89,6 @@ def sketches_of_motion(
 
     if frames < 2:
         raise InputError(f"frames = {frames}, expected at least 2")
-    scene = kind.example() if links is None else next(kind.structures(links))
     times = np.linspace(0.0, end, BETWEEN * (frames - 1) + 1)
     found = simulate(scene, formulation, end, output_times=times)
     if found.status != "finished":
@@ -87,17 +99,13 @@ def sketches_of_motion(
 
 
 def moving_state(
-    kind: type[Scene], links: int | None, formulation: Formulation
+    scene: Scene, q: np.ndarray, formulation: Formulation
 ) -> tuple[Scene, Formulation, np.ndarray, np.ndarray]:
     """Return a scene in motion: it, the formulation, q (n,) and a consistent v (n,).
 
-    Of the pose that pictures show; the components of v along a basis of what the constraints allow
-    are 1, 1/2, 1/3 ..., so that no entry vanishes by chance of the state.
-
-    Raises:
-        InputError: it has no such number of links.
+    In the closed pose next to q (n,); the components of v along a basis of what the constraints
+    allow are 1, 1/2, 1/3 ..., so that no entry vanishes by chance of the state.
     """
-    scene, q = _sketched(kind, links)
     q = closed_position(scene, q)
     at = Evaluation(scene, q, np.zeros(scene.n))
     if at.terms.a is None:

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from collections.abc import Callable, Iterable
+from typing import Annotated, TypeVar
 
 from eomcheck.errors import InputError
 
+T = TypeVar("T")
+
 MOST_LINKS = 100_000
 
+SCENE_HELP = "Kind of scene, all of them, or your own: path/to/file.py:Class."
+SET_HELP = (
+    "Parameter that is other than usual, NAME=VALUE, NAME=1,0.5 or NAME=none; repeat for more."
+)
+
 Links = Annotated[str, "Number of links of the random snakes, N or N..M."]
-Kind = Annotated[str, "Kind of scene, all of them, or one in a file: path/to/file.py:Class."]
+Kind = Annotated[str, SCENE_HELP]
+Set = Annotated[list[str] | None, SET_HELP]
 Examples = Annotated[int, "Number of random snakes and states."]
 Repeats = Annotated[int, "Timed runs; the median counts."]
 Seed = Annotated[int, "Seed of the draws."]
@@ -44,6 +53,68 @@ def interval(text: str) -> tuple[int, int]:
     if high > MOST_LINKS:
         raise InputError(f"links = {text!r}, expected at most {MOST_LINKS}")
     return low, high
+
+
+def listed(texts: Iterable[str] | None) -> list[str] | None:
+    """Return what was given as "a,b" or repeated as one list; None of nothing given.
+
+    A name in a file (with a colon in it) is never taken apart.
+    """
+    if not texts:
+        return None
+    parts = (part for text in texts for part in ([text] if ":" in text else text.split(",")))
+    return [part.strip() for part in parts if part.strip()]
+
+
+def numbers(name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = float) -> list[T]:
+    """Return the numbers given as "1,0.5" or repeated, in order.
+
+    Args:
+        name: what they are called in an error.
+        texts: what was given.
+        kind: makes a number of its text.
+
+    Raises:
+        InputError: one of them is none.
+    """
+    found = []
+    for text in listed(texts) or []:
+        try:
+            found.append(kind(text))
+        except ValueError:
+            whole = "whole numbers" if kind is int else "numbers"
+            raise InputError(f"{name} = {text!r}, expected {whole} such as 1,2") from None
+    return found
+
+
+def parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
+    """Return the parameters that were given as "name=1,0.5", None of "name=none".
+
+    Raises:
+        InputError: none of these, or one name is given twice.
+    """
+    found: dict[str, list[float] | None] = {}
+    for text in texts or ():
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise InputError(f"set = {text!r}, expected NAME=VALUE such as mass=2 or mass=1,2,3")
+        if name in found:
+            raise InputError(f"set: {name} is given twice, expected {name}=1,2,3 for a list")
+        found[name] = None if value == "none" else numbers(name, [value])
+        if found[name] == []:
+            raise InputError(f"set = {text!r}, expected a number after {name}=")
+    return found
+
+
+def no_more_than(links: int | None) -> int | None:
+    """Return a number of links.
+
+    Raises:
+        InputError: it is more than is ever looked at.
+    """
+    if links is not None and links > MOST_LINKS:
+        raise InputError(f"links = {links}, expected at most {MOST_LINKS}")
+    return links
 
 
 def at_least_one(**numbers: int) -> None:

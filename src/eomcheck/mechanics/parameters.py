@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from inspect import cleandoc
 from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
 import numpy as np
 
-from eomcheck.errors import InputError, whole_number
+from eomcheck.errors import InputError, named, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.contract import Arithmetic
@@ -101,6 +101,46 @@ def of_joints(links: int) -> tuple[int, ...]:
 def stretched(scene: Any) -> np.ndarray:
     """Return the angles 0 of all links."""
     return np.zeros(scene.links)
+
+
+def settable(scene: Any) -> dict[str, Field]:
+    """Return the parameters of a scene that can be given, by name; none if it is no dataclass."""
+    return {one.name: one for one in fields(scene) if one.init} if is_dataclass(scene) else {}
+
+
+def with_parameters(scene: Any, given: Mapping[str, Sequence[float] | None]) -> Any:
+    """Return a scene with other parameters.
+
+    Args:
+        scene: the scene.
+        given: name -> its numbers in order, one that stands for all entries, or None where the
+            parameter is to be absent.
+
+    Raises:
+        UnknownNameError: the scene has no such parameter.
+        InputError: another count of numbers, or numbers that the scene refuses.
+    """
+    known = settable(scene)
+    values = {}
+    for name, numbers in given.items():
+        named(f"parameter of {scene.key}", name, known)
+        values[name] = numbers if numbers is None else _shaped(scene, name, numbers)
+    return replace(scene, **values) if values else scene
+
+
+def _shaped(scene: Any, name: str, numbers: Sequence[float]) -> np.ndarray:
+    """Return numbers in the shape of a parameter."""
+    declared = scene.declared.get(name) if isinstance(scene, Parametric) else None
+    shape = np.shape(getattr(scene, name))
+    if declared is not None:
+        shape = declared.shape_of(scene.links if scene.has_links else 0)
+    array, size = np.array(numbers, dtype=np.float64), int(np.prod(shape))
+    if array.size == 1:
+        return np.full(shape, array[0])
+    if array.size != size:
+        many = f"{size}, or one for all of them" if size > 1 else str(size)
+        raise InputError(f"{name} = {list(numbers)}: {array.size} numbers, expected {many}")
+    return array.reshape(shape)
 
 
 @cache

@@ -8,7 +8,7 @@ start is then checked as that of a single motion is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from eomcheck.errors import EomcheckError, InputError, named
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import initial
@@ -48,7 +49,7 @@ def starts_of(scene: Scene, q0, v0, u0, parameters: dict[str, Any]) -> list[Star
     """
     if v0 is not None and u0 is not None:
         raise InputError("v0 and u0 are both given, expected at most one of them")
-    known = {f.name: f for f in fields(scene) if f.init} if is_dataclass(scene) else {}
+    known = settable(scene)
     for name in parameters:
         named("parameter", name, known)
     given = {"q0": q0, "v0": v0, "u0": u0, **parameters}

@@ -1,14 +1,37 @@
-"""Scenes by name: those of the registry, of installed packages, and a user's own in a file."""
+"""Scenes by name: those of the registry, of installed packages, and a user's own in a file.
+
+What `--scene` says is understood here and in `eomcheck.lookup`, and nowhere else.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lookup import Kind, looked_up
+from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
+from eomcheck.scenes.snake import Snake
 
 ALL = "all"
 
 SCENE: Kind[Scene] = Kind("scene", Scene, SCENES)
+
+ROBOT_LINKS = 7
+
+ROBOTS: dict[str, Callable[[int | None], Snake]] = {
+    "paper": lambda links: _paper(links),
+    "coil": lambda links: Snake.coil(ROBOT_LINKS if links is None else links),
+    "pattern": lambda links: Snake.pattern(ROBOT_LINKS if links is None else links),
+}
+"""Names of single snakes, which stand for no kind -> the snake with so many links."""
+
+
+def _paper(links: int | None) -> Snake:
+    if links is not None:
+        raise InputError(f"links = {links}: the robot of the paper has {ROBOT_LINKS}; coil has any")
+    return Snake.paper()
 
 
 def kinds_of(name: str) -> tuple[type[Scene], ...]:
@@ -19,6 +42,47 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
 
     Raises:
         UnknownNameError: there is no such key.
-        InputError: no such file, or no such scene in it.
+        InputError: no such file, or no such scene in it; or one snake instead of a kind.
     """
+    if name in ROBOTS:
+        raise InputError(f"scene = {name!r} is a single snake, expected a kind such as 'snake'")
     return tuple(SCENES.values()) if name == ALL else (looked_up(SCENE, name),)
+
+
+def kind_of(name: str) -> type[Scene]:
+    """Return the kind of the one scene that `name` stands for.
+
+    Raises:
+        UnknownNameError: there is no such key.
+        InputError: there is none, or it is more than one.
+    """
+    if name in ROBOTS:
+        return Snake
+    if name == ALL:
+        raise InputError(f"scene = {name!r}: expected one scene")
+    try:
+        return looked_up(SCENE, name)
+    except UnknownNameError as error:
+        raise UnknownNameError("scene", name, (*error.known, *ROBOTS)) from None
+
+
+def scene_of(
+    name: str, links: int | None = None, given: Mapping[str, Sequence[float] | None] | None = None
+) -> Scene:
+    """Return the one scene that `name` stands for: of a kind, the scene that is looked at first.
+
+    Args:
+        name: as `kinds_of` understands it, or that of a single snake.
+        links: number of links, for kinds that have one.
+        given: parameters that are other than usual, see `with_parameters`.
+
+    Raises:
+        UnknownNameError: no such scene, or it has no such parameter.
+        InputError: see `kind_of`; it has no such number of links, or it refuses a parameter.
+    """
+    kind = kind_of(name)
+    if name in ROBOTS:
+        scene: Scene = ROBOTS[name](links)
+    else:
+        scene = kind.example() if links is None else next(kind.structures(links))
+    return with_parameters(scene, given or {})

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from eomcheck.errors import RefusedError, distinct
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import formulations_for
 from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
 from eomcheck.lab.show.sheet import Sheet, print_sheets, say
 from eomcheck.mechanics.scene import Scene
@@ -22,22 +22,23 @@ from eomcheck.numbers.contract import Array
 # ---- One state -----------------------------------------------------------------------------------
 
 
-def print_accelerations(scene: Scene, u, keys: Iterable[str] | None = None) -> int:
+def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None) -> int:
     """Print the accelerations in the pose of the scene, and return how many refused.
 
     Args:
         scene: the scene.
-        u: generalized speeds (p,); at rest they need not exist.
-        keys: formulations, all by default.
+        u: generalized speeds (p,), by default those that it starts with; at rest they need not
+            exist.
+        keys: formulations, by default all that apply.
 
     Raises:
-        InputError, UnknownNameError: bad speeds, no such formulation.
+        InputError, UnknownNameError: bad speeds, no such formulation, or one that does not apply.
         RefusedError: the scene has no such speeds here.
     """
-    chosen = [formulation_of(key).key for key in distinct("formulation", keys or FORMULATIONS)]
+    chosen = [one.key for one in formulations_for(scene, keys)]
     q, v = scene.initial_state()
-    if np.any(u):
-        v = velocity(scene, q, u)
+    if u is not None:
+        v = velocity(scene, q, u) if np.any(u) else np.zeros_like(v)
     rows, refusals = [], []
     for key in chosen:
         try:
