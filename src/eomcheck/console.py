@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread, current_thread, main_thread
 
 from rich.console import Console
@@ -20,18 +21,26 @@ from rich.progress import (
 )
 
 WIDTH = 140
-"""Width of tables where the output is no terminal."""
+"""Width of tables where the output is no terminal, and COLUMNS does not say it."""
 
 PERIOD = 6 * 3600.0
 """Seconds over which progress is averaged; rich's own 30 estimate no end of longer steps."""
 
+LEAST_WIDTH = 20
+"""No COLUMNS below that is believed."""
+
 console = Console()
-if not console.is_terminal:
+WIDTH_KNOWN = console.is_terminal or "COLUMNS" in os.environ
+"""Whether somebody looks at the output who has a width. Lines of tables always have one."""
+if not WIDTH_KNOWN or console.width < LEAST_WIDTH:
     console = Console(width=WIDTH)
 
 
 PATIENCE = 2.0
 """Seconds that something may take before `watched` shows how far it has come."""
+
+_now = ["starting"]
+"""What goes on, the innermost last: what `said_at_work` says."""
 
 _showing = Lock()
 """Held by the one bar that is shown: what takes place within it shows none."""
@@ -42,6 +51,7 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
     """Show a bar on standard error, a terminal; without a label, or within another, show none."""
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
+    _now.append(f"{label}, {total:g} in all" if label else _now[-1])
     try:
         with Progress(
             TextColumn(label),
@@ -56,8 +66,33 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
             bar.add_task(label, total=total)
             yield bar
     finally:
+        _now.pop()
         if shown:
             _showing.release()
+
+
+@contextmanager
+def said_at_work(what: str) -> Iterator[None]:
+    """Say what goes on, once, on standard error, if the block takes longer than `PATIENCE`.
+
+    Not where a bar is shown by then, which says more.
+
+    Args:
+        what: what goes on until some bar has a name for it.
+    """
+    over = Event()
+    _now[0] = what
+
+    def say() -> None:
+        if not over.wait(PATIENCE) and not _showing.locked():
+            with suppress(OSError, ValueError):  # nobody listens
+                print(f"eomcheck: {_now[-1]} ...", file=sys.stderr, flush=True)
+
+    Thread(target=say, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     lower = {one.lower(): one for one in known}
-    near = get_close_matches(str(name).lower(), lower, 1)
+    near = get_close_matches(str(name).lower(), lower, 1, 0.61)
     return f" (did you mean {lower[near[0]]!r}?)" if near else ""
 
 

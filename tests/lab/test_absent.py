@@ -56,7 +56,7 @@ def test_no_formulation_spends_an_operation_on_what_is_absent():
 
 
 def test_times_of_both_are_measured_on_request():
-    found = STUDY.run(scene="sleigh", links="1", formulation=["kane"], repeats=2)
+    found = STUDY.run(scene="sleigh", formulation=["kane"], repeats=2)
     (record,) = savings_in(found)
     assert record.seconds is not None
     assert min(record.seconds) > 0.0

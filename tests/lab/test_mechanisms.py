@@ -194,11 +194,11 @@ def test_a_moving_picture_has_its_frames_and_moves(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("scene", "x.svg", "--scene", "all"), "'all': a picture shows one scene"),
+        (("scene", "x.svg", "--scene", "all"), "'all': expected one scene"),
         (("scene", "x.svg", "--scene", "snak"), "snak"),
         (("scene", "x.svg", "--scene", "sleigh", "--links", 3), "links = 3"),
         (("scene", "x.txt"), "a figure is written as"),
-        (("scene", "x.gif", "--dark"), "a .gif has a light ground"),
+        (("scene", "x.gif", "--dark"), "a .gif, which has a light ground"),
         (("scene", "x.gif", "--frames", 1), "frames = 1"),
         (("scene", "x.gif", "--end", -1), "-1"),
         (

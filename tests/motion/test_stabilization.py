@@ -154,7 +154,7 @@ def test_the_command_line_simulates_with_either_and_says_where_it_does_not_apply
 
     good = said("--formulation", "au", "--baumgarte", "10", "--projection", "0.01")
     assert good.exit_code == 0 and "energy error" in good.stdout
-    damped = said("--formulation", "au", "--damping", "5", "--stiffness", "100")
+    damped = said("--formulation", "au", "--set", "damping=5", "--set", "stiffness=100")
     assert damped.exit_code == 0 and "dampers in the joints take it" in damped.stdout
     wrong = said("--formulation", "kane", "--baumgarte", "10")
     assert isinstance(wrong.exception, InputError)

@@ -189,6 +189,31 @@ class Run:
 
         self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed)
 
+    def look_at_scene(
+        self,
+        scene: Scene,
+        selection: Selection,
+        examples: int,
+        seed: int,
+        on_case: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Look at a scene as it begins, and in random states.
+
+        Args:
+            scene: the scene.
+            selection: what takes part.
+            examples: number of random states.
+            seed: of the draws.
+            on_case: called after each case.
+
+        Raises:
+            InputError: see `eomcheck.claims.strata.state_cases`.
+        """
+        drawn = state_cases(scene, examples, seed)
+        self.look_at(scene, State(*scene.initial_state()), selection)
+        on_case()
+        self.explore(drawn, selection, on_case, states_of, seed)
+
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
         if "coverage" in selection.claims and self.drawn:
@@ -380,7 +405,5 @@ def validate(
     """
     selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     run = Run()
-    run.look_at(scene, State(*scene.initial_state()), selection)
-    drawn = state_cases(scene, examples, seed)
-    run.explore(drawn, selection, smaller=states_of, seed=seed)
+    run.look_at_scene(scene, selection, examples, seed)
     return run.finish(selection)

@@ -1,8 +1,7 @@
 """The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
 
-Exit codes: 0 all claims hold, 1 some claim fails, 2 bad input, 130 interrupted by Ctrl-C or SIGTERM
-(what was found until then is saved and printed). Files are written before anything is printed, and
-what becomes of the printing changes no exit code, unless it is lost on its way to a reader (2).
+Exit codes are those of `eomcheck.cli.app.EXIT_CODES`. Files are written before anything is printed,
+and what becomes of the printing changes no exit code, unless it is lost on its way to a reader (2).
 Each command imports what it needs when it runs.
 """
 
@@ -12,8 +11,9 @@ import os
 import sys
 
 from eomcheck.cli import checking, drawing, motions
-from eomcheck.cli.app import app
+from eomcheck.cli.app import app, help_width
 from eomcheck.cli.study import bench, draw, study
+from eomcheck.console import said_at_work
 from eomcheck.errors import EomcheckError
 from eomcheck.output import unfailing
 
@@ -29,7 +29,8 @@ def main() -> None:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     with unfailing():
         try:
-            app()
+            with said_at_work(" ".join(["starting", *sys.argv[1:2]])):
+                app(terminal_width=help_width())
         except EomcheckError as error:
             print(f"eomcheck: {error}", file=sys.stderr)
             sys.exit(2)

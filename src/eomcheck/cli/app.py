@@ -2,18 +2,68 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from shutil import get_terminal_size
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from eomcheck import __version__
 
+EXIT_CODES = {
+    0: "all claims hold, or what was asked for is done",
+    1: "a claim fails, a motion does not reach its end, a formulation refuses",
+    2: "bad input, a missing library, or results that could not be written",
+    130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
+}
+
+DOORS = {
+    "functions of your own: M, bias, ...": "eomcheck.testing.check_functions(...)",
+    "an engine of your own": "eomcheck validate --engine FILE:CLASS",
+    "a scene: ours, yours, a URDF": "eomcheck validate --scene SCENE",
+}
+"""What somebody has -> what to type."""
+
+MOST = 80
+"""Help is no wider, however wide the terminal is."""
+
+
+class Group(TyperGroup):
+    """Commands, whose help says the first sentence of each, whole, in lines that fit."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write what each command does."""
+        rows = [(name, _first_sentence(self.get_command(ctx, name))) for name in self.names(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def names(self, ctx: Any) -> list[str]:
+        """Return the names of the commands that are shown."""
+        commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
+        return [name for name, command in commands if command and not command.hidden]
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the exit codes, below all commands."""
+        if ctx.parent is None:
+            with formatter.section("Exit codes"):
+                formatter.write_dl([(str(code), what) for code, what in EXIT_CODES.items()])
+
+
+def _first_sentence(command: Any) -> str:
+    return (command.help or "").split("\n\n")[0].replace("\n", " ").strip()
+
+
+def help_width() -> int:
+    """Return the width of help: that of the terminal, or COLUMNS, less a margin."""
+    return min(get_terminal_size().columns, MOST) - 2
+
+
 app = typer.Typer(
     name="eomcheck",
+    cls=Group,
     help="gradcheck for equations of motion: are they right, how accurate are they, what do they "
     "cost?",
-    no_args_is_help=True,
-    add_completion=False,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -25,11 +75,20 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _print_doors() -> None:
+    print(f"eomcheck {__version__}: are equations of\nmotion right, how exact, at what cost?\n")
+    for have, typed in DOORS.items():
+        print(f"{have}\n  {typed}")
+    print("\nall at once: eomcheck validate\nall commands: eomcheck --help")
+
+
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", callback=_print_version, is_eager=True, help="Print version."),
     ] = False,
 ) -> None:
-    pass
+    if context.invoked_subcommand is None:
+        _print_doors()

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from eomcheck.cli.app import app
+from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     REFERENCES,
     SUITE,
+    Engines,
+    Formulations,
+    Given,
     Json,
     Kept,
     Kind,
@@ -20,22 +23,17 @@ from eomcheck.cli.options import (
     Where,
     check_folder,
     check_output,
+    check_used,
     raise_unread,
     records_or_none,
     records_to_report,
 )
-from eomcheck.errors import InputError, WorkerError
+from eomcheck.errors import InputError, UnknownNameError, WorkerError
 from eomcheck.files import check_writable, write_text
-from eomcheck.lab.options import at_least_one, interval, whole_numbers
+from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, parameters, whole_numbers
 
-
-class Registry(StrEnum):
-    """What `eomcheck list` can list."""
-
-    FORMULATIONS = "formulations"
-    SCENES = "scenes"
-    ENGINES = "engines"
-    CLAIMS = "claims"
+REGISTRIES = ("formulations", "scenes", "engines", "claims")
+"""What `eomcheck list` can list."""
 
 
 @app.command()
@@ -43,29 +41,27 @@ def validate(
     scene: Annotated[
         str | None,
         typer.Option(
-            help="Kind of scene, all of them, or your own: path/to/file.py:Class. [snake; with an "
-            "engine of your own all that it represents]"
+            metavar="SCENE",
+            help=f"{SCENE_HELP} [snake; with an engine of your own all that it represents]",
+            autocompletion=completing("scene", "robot", more=["all"]),
         ),
     ] = None,
     links: Annotated[
-        str | None, typer.Option(help="Number of links of the random scenes, N or N..M. [1..12]")
-    ] = None,
-    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 120,
-    seed: Seed = 0,
-    engine: Annotated[
-        list[str] | None,
+        str | None,
         typer.Option(
-            help="Engine to compare with, or your own to check: path/to/file.py:Class; repeat for "
-            "more. Default those that no extra installs."
+            metavar="N..M", help="Number of links of the random scenes, N or N..M. [1..12]"
         ),
     ] = None,
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation to check; repeat for more. Default all.")
-    ] = None,
+    given: Given = None,
+    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 120,
+    seed: Seed = 0,
+    engine: Engines = None,
+    formulation: Formulations = None,
     executor: Annotated[
         str | None,
         typer.Option(
-            help="Where to compute all scenes: local, local:PROCESSES or dask:ADDRESS. [local]"
+            metavar="PLACE",
+            help="Where to compute all scenes: local, local:PROCESSES or dask:ADDRESS. [local]",
         ),
     ] = None,
     json: Json = None,
@@ -73,26 +69,39 @@ def validate(
     report: Annotated[
         Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
     ] = None,
+    wide: Annotated[
+        bool, typer.Option("--wide", help="Print every formulation, engine or scene by itself.")
+    ] = False,
 ) -> None:
-    """Check every claim on the example of a scene (the paper's robot) and on random ones."""
-    bounds = interval("1..12" if links is None else links)
+    """Check every claim on the example of a scene (the paper's robot) and on random ones.
+
+    With --set, or for one snake, on that scene alone, in random states.
+    """
+    bounds, known = interval("1..12" if links is None else links), parameters(given)
     at_least_one(examples=examples)
     check_writable(json)
     check_output(report, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
     from eomcheck.claims.run import Run, Selection
+    from eomcheck.claims.strata import links_of
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable
     from eomcheck.engines import engines_among
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import ALL, kinds_of
+    from eomcheck.scenes.named import ALL, ROBOTS, kinds_of, scene_of
 
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
-    kinds = kinds_of(scene or (ALL if tried else "snake"))
+    name, one = scene or (ALL if tried else "snake"), None
+    if known or name in ROBOTS:
+        if bounds[0] != bounds[1] and links is not None:
+            raise InputError(f"links = {links!r}, expected one number: one scene is looked at")
+        one = scene_of(name, None if links is None else bounds[0], known)
+        bounds = (links_of(one) or 1, links_of(one) or 1)
+    kinds = kinds_of(name) if one is None else (type(one),)
     if engine:
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
@@ -111,11 +120,11 @@ def validate(
     with (
         stoppable(),
         records_to_report(records, report) as kept,
-        progress("checking", (examples + 2) * len(kinds)) as advance,
+        progress("checking", (examples + (1 if one else 2)) * len(kinds)) as advance,
     ):
         try:
             if len(kinds) == 1:
-                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept)
+                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one)
             else:
                 look_at_kinds(runs, *how, advance, kept, executor)
         except KeyboardInterrupt:
@@ -128,7 +137,7 @@ def validate(
         if report is not None and kept is not None:
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
-    print_runs(runs, selection)
+    print_runs(runs, selection, wide)
     if json is not None:
         print(f"written: {json}")
     if interrupted:
@@ -146,16 +155,17 @@ def validate(
 def prove(
     links: Annotated[
         str | None,
-        typer.Option(help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]"),
+        typer.Option(
+            metavar="N..M",
+            help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]",
+        ),
     ] = None,
     points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
     seed: Annotated[
         int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
     ] = None,
     scene: Kind = "snake",
-    formulation: Annotated[
-        list[str] | None, typer.Option(help="Formulation to prove; repeat for more. Default all.")
-    ] = None,
+    formulation: Formulations = None,
     executor: Where = "local",
     json: Json = None,
     records: Kept = None,
@@ -196,13 +206,22 @@ def prove(
 
 @app.command("list")
 def list_registry(
-    registry: Annotated[Registry, typer.Argument(help="What to list.")],
+    registry: Annotated[
+        str,
+        typer.Argument(
+            metavar="[formulations|scenes|engines|claims]",
+            help="What to list.",
+            autocompletion=lambda incomplete: [x for x in REGISTRIES if x.startswith(incomplete)],
+        ),
+    ],
 ) -> None:
     """List formulations, scenes, engines or claims."""
+    if registry not in REGISTRIES:
+        raise UnknownNameError("list", registry, REGISTRIES)
     from eomcheck.lab.report.registries import registry_sheet
     from eomcheck.lab.show.sheet import print_sheets
 
-    print_sheets([registry_sheet(registry.value)])
+    print_sheets([registry_sheet(registry)])
 
 
 def _write_page(records: list[Path], path: Path) -> None:
@@ -227,13 +246,16 @@ def report(
         Path | None, typer.Option(help="Write the page of verified equivalences into this file.")
     ] = None,
     suite: Annotated[
-        Path, typer.Option(help="Folder of the validation suite, of which that page names tests.")
-    ] = SUITE,
+        Path | None,
+        typer.Option(help="Folder of the suite, of which that page names tests. [validation]"),
+    ] = None,
 ) -> None:
     """Report what was found: verdict, claims, failing states, and the studies there are.
 
     Exit code 1 if a claim fails.
     """
+    if equivalences is None:
+        check_used("without --equivalences", suite=suite)
     if html is markdown is junit is equivalences is None:
         html = Path("report.html")
     for path in (html, markdown, junit, equivalences):
@@ -252,7 +274,7 @@ def report(
         (html, write_page),
         (markdown, write_markdown),
         (junit, write_junit),
-        (equivalences, partial(write_equivalences, suite=suite)),
+        (equivalences, partial(write_equivalences, suite=suite or SUITE)),
     ):
         if path is not None:
             write(overview, path)

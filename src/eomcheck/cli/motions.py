@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 Speeds = Annotated[
     list[str] | None,
     typer.Option(
-        help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own."
+        metavar="U,U",
+        help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own.",
     ),
 ]
 

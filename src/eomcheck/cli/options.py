@@ -23,27 +23,32 @@ SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
 _SCENES = completing("scene", more=["all"])
-_ONE = "Scene: its key, your own, path/to/file.py:Class, or a snake: paper, coil, pattern."
+_ONE = "Scene: its key, your own, FILE.py:CLASS, or a snake: paper, coil, pattern."
 
-Kind = Annotated[str, typer.Option(help=SCENE_HELP, autocompletion=_SCENES)]
+Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
 ONE = "paper"
 """The scene of commands that look at one, unless another is named."""
-One = Annotated[str, typer.Option(help=_ONE, autocompletion=completing("scene", "robot"))]
+One = Annotated[
+    str, typer.Option(metavar="SCENE", help=_ONE, autocompletion=completing("scene", "robot"))
+]
 OneOrNot = Annotated[
-    str | None, typer.Option(help=_ONE, autocompletion=completing("scene", "robot"))
+    str | None,
+    typer.Option(metavar="SCENE", help=_ONE, autocompletion=completing("scene", "robot")),
 ]
 Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
-Given = Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)]
+Given = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
 Formulation = Annotated[
     str, typer.Option(help="Formulation.", autocompletion=completing("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
-    str, typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS.")
+    str,
+    typer.Option(metavar="PLACE", help="Where to compute: local, local:PROCESSES or dask:ADDRESS."),
 ]
 Formulations = Annotated[
     list[str] | None,
     typer.Option(
+        metavar="A,B",
         help="Formulation, or several: a,b. Default all.",
         callback=listed,
         autocompletion=completing("formulation"),
@@ -52,7 +57,8 @@ Formulations = Annotated[
 Engines = Annotated[
     list[str] | None,
     typer.Option(
-        help="Engine to compare with, several: a,b, or your own to check: path/to/file.py:Class. "
+        metavar="A,B",
+        help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
         "Default those that no extra installs.",
         callback=listed,
         autocompletion=completing("engine"),

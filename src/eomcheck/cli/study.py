@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
+from eomcheck.cli.app import Group
+from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     Fresh,
     Json,
@@ -17,7 +19,9 @@ from eomcheck.cli.options import (
     check_figure,
     check_folder,
 )
+from eomcheck.errors import UnknownNameError
 from eomcheck.files import check_writable
+from eomcheck.lab.options import listed, numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
@@ -30,7 +34,7 @@ Figures = Annotated[
 ]
 
 
-class _Studies(TyperGroup):
+class _Studies(Group):
     """The studies of a group; the command of one is made, its code imported, when it is run."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -42,6 +46,9 @@ class _Studies(TyperGroup):
         return super().get_command(ctx, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        known = self.list_commands(ctx)
+        if args[0] not in known:
+            raise UnknownNameError(f"command of {self.name}", args[0], known)
         name, command, rest = super().resolve_command(ctx, args)
         if name in GROUPS[self.name or ""]:
             command = command_of(str(name), drawn=self.name == "draw")
@@ -95,10 +102,32 @@ def command_of(key: str, drawn: bool = False) -> Any:
     return typer.main.get_command(alone)
 
 
+COMPLETED = {
+    "scene": completing("scene", more=["all"]),
+    "formulation": completing("formulation"),
+    "engine": completing("engine"),
+}
+"""Name of an option -> what completes its values."""
+SHAPES = {"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"}
+"""Name of an option -> what help writes for its value."""
+
+
 def _option(name: str, annotation: Any) -> Any:
-    """Return what typer reads of an option: its kind and help, a flag without its opposite."""
+    """Return what typer reads of an option: its kind and help, a flag without its opposite.
+
+    Lists are read as "1,0.5" and repeated; parameters of a scene have commas of their own.
+    """
     kind, said = get_args(annotation)
-    return Annotated[kind, typer.Option(*([f"--{name}"] if kind is bool else []), help=said)]
+    read = None
+    lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
+    if lists and name != "set":
+        (of,) = lists
+        read = listed if of is str else lambda texts: numbers(name, texts, of) or None
+        kind = list[str] | None
+    flag = [f"--{name}"] if kind is bool else []
+    shown = SHAPES.get(name, "A,B" if read else None)
+    how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
+    return Annotated[kind, typer.Option(*flag, help=said, **how)]
 
 
 def _run(

@@ -25,7 +25,7 @@ Work = Callable[[Settings], Record]
 Found = Sequence[Record]
 
 Quick = Annotated[bool, "A small part of it."]
-Formulations = Annotated[list[str] | None, "Formulation; repeat for more. Default all."]
+Formulations = Annotated[list[str] | None, "Formulation, or several: a,b. Default all."]
 References = Annotated[Path, "Folder of the reference solutions."]
 REFERENCES = Path("validation/references")
 

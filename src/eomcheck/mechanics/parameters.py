@@ -133,7 +133,7 @@ def _shaped(scene: Any, name: str, numbers: Sequence[float]) -> np.ndarray:
     declared = scene.declared.get(name) if isinstance(scene, Parametric) else None
     shape = np.shape(getattr(scene, name))
     if declared is not None:
-        shape = declared.shape_of(scene.links if scene.has_links else 0)
+        shape = declared.shape_of(getattr(scene, "links", 0))
     array, size = np.array(numbers, dtype=np.float64), int(np.prod(shape))
     if array.size == 1:
         return np.full(shape, array[0])

@@ -9,6 +9,7 @@ from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.run import Run, Selection
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
@@ -23,6 +24,11 @@ from eomcheck.lab.store.records import group
 CELLS = (
     "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
     "checked, ·: not concerned)."
+)
+WORST = (
+    "worst: largest error observed, in percent of the error allowed (?: nothing could be checked), "
+    "by whom and in which state (scene[links] #state); open: findings that say nothing. --wide "
+    "tells formulations, engines and scenes apart."
 )
 
 # ---- Tables --------------------------------------------------------------------------------------
@@ -49,6 +55,24 @@ def party_sheet(
         rows.append(cells + time)
     columns = ["claim", "all", *names, "evidence, findings"]
     return Sheet("claims", "", columns + ([] if seconds is None else ["time"]), rows, note=CELLS)
+
+
+def worst_sheet(claims: Iterable[Judged]) -> Sheet:
+    """Return what is worst of each claim: observed / allowed, by whom, and where."""
+    rows = []
+    for one in claims:
+        worst = one.worst if one.kind in DECIDED and one.text != "0" else None
+        by, on = ("·", "·") if worst is None else (worst.subject, where(worst))
+        open_ = f", {one.open} open" if one.open else ""
+        rows.append([_name(one), one.cell, by, on, f"{len(one.rows)}{open_}"])
+    columns = ["claim", "worst", "by", "on", "findings"]
+    return Sheet("worst", "", columns, rows, note=WORST)
+
+
+def where(row: Kept) -> str:
+    """Return the scene and the number of the state of a Finding, in short."""
+    links = "" if row.links is None else f"[{row.links}]"
+    return f"{row.scene}{links}" + ("" if row.case is None else f" #{row.case}")
 
 
 def scene_sheet(claims: Iterable[Judged], scenes: Iterable[str]) -> Sheet:
@@ -142,12 +166,13 @@ def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet
 # ---- On a terminal -------------------------------------------------------------------------------
 
 
-def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
+def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False) -> None:
     """Print the table, what it says, and the smallest failing state as Python.
 
     Args:
         runs: key of a kind of scene -> its run. Of several the table is one of scenes.
         selection: what took part.
+        wide: show each formulation and engine, or each scene, beside the worst of them.
     """
     engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
@@ -157,15 +182,17 @@ def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
     if len(runs) == 1:
         (run,) = runs.values()
         names = [one.key for one in (*selection.formulations, *selection.engines)]
-        sheets = [party_sheet(claims, names, run.seconds), digits_sheet(rows)]
-        print_sheets(sheet for sheet in sheets if sheet.rows)
+        table = party_sheet(claims, names, run.seconds) if wide else worst_sheet(claims)
+        print_sheets(sheet for sheet in (table, digits_sheet(rows)) if sheet.rows)
         for row in rows:
             if row.claim == "coverage":
                 say(f"coverage: {row.detail}")
     else:
-        sheet = scene_sheet(claims, runs).without("statement", "evidence")
-        print_sheets([sheet, Sheet("runs", "What was looked at", ("", *runs), _totals(runs))])
-    print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
+        whole = scene_sheet(claims, runs).without("statement", "evidence")
+        table = whole if wide else worst_sheet(claims)
+        print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
+    if wide or len(runs) == 1:
+        print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
     print_unseen(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
@@ -182,17 +209,18 @@ def print_runs(runs: Mapping[str, Run], selection: Selection) -> None:
         say(said, "bold green")
 
 
-def _totals(runs: Mapping[str, Run]) -> list[list[str]]:
-    """Return what was looked at on each scene."""
+def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
+    """Return what was looked at on each scene: headings and rows."""
     counts = {
         "states": lambda run: run.cases,
         "findings": lambda run: len(run.findings),
-        "of them inconclusive": lambda run: _count(run, "inconclusive"),
+        "inconclusive": lambda run: _count(run, "inconclusive"),
         "not looked at": lambda run: _count(run, "not looked at"),
-        "refused by some": lambda run: sum(bool(one.refused) for one in run.drawn),
+        "refused": lambda run: sum(bool(one.refused) for one in run.drawn),
         "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
     }
-    return [[what, *(str(of(run)) for run in runs.values())] for what, of in counts.items()]
+    rows = [[key, *(str(of(run)) for of in counts.values())] for key, run in runs.items()]
+    return ["scene", *counts], rows
 
 
 def _count(run: Run, verdict: str) -> int:
@@ -228,7 +256,6 @@ def print_proofs(proofs: Proofs) -> None:
         console.print("nothing was proved")
         return
     print_sheets([proof_sheet(claims)])
-    print_failures(claims)
     print_unseen(claims)
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")

@@ -15,13 +15,13 @@ from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
-from eomcheck.console import console
+from eomcheck.console import WIDTH_KNOWN, console
 from eomcheck.output import printable
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
 _NO_NUMBER = {"", "-", "·", "?", "FAIL"}
 """What stands in a column of numbers where there is none."""
-MANY = 7
+MANY = 4
 """Short cells of more columns than this are listed side by side, not one a line."""
 
 
@@ -101,8 +101,7 @@ class Sheet(NamedTuple):
         columns = self._columns(width)
         if columns is None:
             return self._listed(width - 2)
-        said = bool(self.widths)
-        table = Table(*columns, header_style="bold", show_lines=said, expand=said)
+        table = Table(*columns, header_style="bold", show_lines=bool(self.widths))
         for row in self.rows:
             table.add_row(*map(_styled, row))
         return table
@@ -110,9 +109,11 @@ class Sheet(NamedTuple):
     def _columns(self, width: int) -> list[Column] | None:
         """Return the columns if they fit."""
         if self.widths:
-            shares = zip(self.columns, self.widths, strict=True)
-            made = [Column(escape(head), ratio=share) for head, share in shares]
-            return made if width >= 100 else None
+            made = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
+            if made is None:
+                return None
+            heads = zip(self.columns, made, strict=True)
+            return [Column(escape(head), width=room) for head, room in heads]
         numbers = [self.of_numbers(i) for i in range(len(self.columns))]
         for heads in (self.columns, [head.replace("-", "-\n") for head in self.columns]):
             widths = self._fitted(heads, width - 3 * len(heads) - 1)
@@ -127,14 +128,14 @@ class Sheet(NamedTuple):
     def _fitted(self, heads: Sequence[str], room: int) -> list[int] | None:
         """Return the widths of the columns in so much room, the widest ones narrowed; or None."""
         least = [self._least(i, head) for i, head in enumerate(heads)]
-        if sum(least) > room:
-            return None
         texts = ("\n".join(column).split("\n") for column in zip(heads, *self.rows, strict=True))
-        widths = [max(map(cell_len, lines)) for lines in texts]
-        while sum(widths) > room:
-            wide = max((i for i, w in enumerate(widths) if w > least[i]), key=widths.__getitem__)
-            widths[wide] -= 1
-        return widths
+        return _narrowed([max(map(cell_len, lines)) for lines in texts], least, room)
+
+    def _shared(self, room: int) -> list[int] | None:
+        """Return so much room in the shares of the columns, none less than it needs; or None."""
+        least = [self._least(i, head) for i, head in enumerate(self.columns)]
+        shares = [room * share // sum(self.widths) for share in self.widths]
+        return _narrowed(list(map(max, least, shares)), least, room)
 
     def _least(self, column: int, head: str) -> int:
         """Return the width that a column needs: that of its longest word, or its longest number."""
@@ -154,6 +155,16 @@ class Sheet(NamedTuple):
                 texts = _filled(texts, room)
             lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
         return Group(*lines)
+
+
+def _narrowed(widths: list[int], least: list[int], room: int) -> list[int] | None:
+    """Return widths of columns of which the widest are narrowed until all fit; or None."""
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        wide = max((i for i, w in enumerate(widths) if w > least[i]), key=widths.__getitem__)
+        widths[wide] -= 1
+    return widths
 
 
 def _filled(texts: Iterable[Text], room: int) -> list[Text]:
@@ -198,5 +209,8 @@ def print_sheets(sheets: Iterable[Sheet]) -> None:
 
 
 def say(text: str, style: str = "") -> None:
-    """Print text as it is, which the terminal alone breaks into lines."""
-    console.print(Text(text, style), soft_wrap=True)
+    """Print a sentence in lines that fit where somebody said how wide they may be.
+
+    Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
+    """
+    console.print(Text(text, style), soft_wrap=not WIDTH_KNOWN or "\n" in text)

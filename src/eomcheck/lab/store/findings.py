@@ -241,10 +241,12 @@ def look_at_kind(
     seed: int,
     on_case: Callable[[], None],
     records: Records | None = None,
+    one: Scene | None = None,
 ) -> None:
     """Run the claims on one kind of scene to the end; keep what is found in `records`, if given.
 
-    See `Run.look_at_kind`. What was found until an interruption stays in `run` and `records`.
+    See `Run.look_at_kind`, and `Run.look_at_scene` for `one` scene of the kind in place of random
+    ones. What was found until an interruption stays in `run` and `records`.
     """
     keeper = Keeper(records, kind, run, selection, links, examples, seed)
 
@@ -253,7 +255,10 @@ def look_at_kind(
         on_case()
 
     try:
-        run.look_at_kind(kind, selection, links, examples, seed, after_case)
+        if one is None:
+            run.look_at_kind(kind, selection, links, examples, seed, after_case)
+        else:
+            run.look_at_scene(one, selection, examples, seed, after_case)
     finally:
         run.finish(selection)
     keeper.finish()

@@ -13,10 +13,11 @@ import ctypes
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median, quantiles
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
@@ -32,12 +33,13 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Kind, Repeats, at_least_one
+from eomcheck.lab.options import Kind, Repeats, Set, at_least_one, parameters
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
+from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.motion.state import state_of
@@ -74,21 +76,26 @@ class Timing:
     compile_seconds: float
 
 
-def bench_state(kind: type[Scene], links: int | None) -> tuple[Scene, Array, Array]:
-    """Return a scene in motion, (scene, q, u).
+def bench_state(
+    kind: type[Scene],
+    links: int | None,
+    given: Mapping[str, Sequence[float] | None] = MappingProxyType({}),
+) -> tuple[Scene, Array, Array]:
+    """Return a scene in motion, (scene, q, u), with the parameters that are `given`.
 
     Snakes are coiled as the paper's robot, by 44° from link to link: their angles go all around, as
     those of robots do. With wheels nearly along the links W does not grow.
     """
     if kind is not Snake:
         scene = kind.example() if links is None else next(kind.structures(links))
+        scene = with_parameters(scene, given)
         ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
         return scene, state.q, speeds_of(scene, state.q, state.v)
     assert links is not None
     one, k = np.ones(links), np.arange(links)
     snake = Snake(one, one, one / 12, 10.0 * one[1:], 0.2 * np.cos(k))
     theta = np.radians(44.0) * (k + 1)
-    return snake, np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
+    return with_parameters(snake, given), np.concatenate(([0.0, 0.0], theta)), np.array([1.0, 0.3])
 
 
 Call = Callable[[int], object]
@@ -222,16 +229,18 @@ def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
 def cells(
     *,
     scene: Kind = "snake",
-    links: Annotated[list[int] | None, "Number of links; repeat for more."] = None,
+    links: Annotated[list[int] | None, "Number of links, or several: 7,100."] = None,
     formulation: Formulations = None,
     repeats: Repeats = 15,
+    set: Set = None,
 ) -> Iterator[Settings]:
     """Yield a cell for each kind of scene: all in it are timed in turn.
 
     Formulations that are named are timed beyond `DENSE_LIMIT` too.
 
     Raises:
-        InputError: a number of links or of repeats below 1, or links of a kind without.
+        InputError: a number of links or of repeats below 1, links of a kind without, or parameters
+            that are none.
         UnknownNameError: no such scene or formulation.
     """
     for kind in kinds_of(scene):
@@ -242,12 +251,14 @@ def cells(
         for value in links or ():
             at_least_one(links=value)
         default = (LINKS if kind is Snake else (3,)) if kind.has_links else (None,)
+        for value in (links or default) if set else ():
+            bench_state(kind, value, parameters(set))  # refuses what the scene does not know
         yield {
             "scene": kind.key,
             "links": links or default,
             "formulations": formulation,
             "repeats": repeats,
-        }
+        } | ({"set": set} if set else {})
 
 
 def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
@@ -260,7 +271,7 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
 
         def jobs() -> Iterator[Job]:
             for n in chosen:
-                scene, q, u = bench_state(kind, n)
+                scene, q, u = bench_state(kind, n, parameters(settings.get("set")))
                 size = n or 0
                 yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
                 for f in formulations:

@@ -54,7 +54,7 @@ def cells(
         list[str] | None, "Reference solution; repeat for more. [paper-rest]"
     ] = None,
     formulation: Formulations = None,
-    integrator: Annotated[list[str] | None, "Integrator; repeat for more. Default all."] = None,
+    integrator: Annotated[list[str] | None, "Integrator, or several: a,b. Default all."] = None,
     tolerance: Annotated[
         list[float] | None, "rtol = atol; repeat for more. [1e-3 .. 1e-13]"
     ] = None,

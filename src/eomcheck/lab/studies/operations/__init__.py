@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated
 
+from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.options import interval
 from eomcheck.lab.store.records import Record, Settings, record_of_rows
@@ -22,8 +23,8 @@ def cells(
     formulation: Formulations = None,
     scene: Absent = None,
     repeats: Annotated[
-        int, "With --scene: timed runs; the median counts. 0 for counts alone."
-    ] = 15,
+        int | None, "With --scene: timed runs; the median counts. 0 for counts alone. [15]"
+    ] = None,
 ) -> Iterator[Settings]:
     """Yield a cell for each number of links and formulation; for the last one also with springs.
 
@@ -33,8 +34,13 @@ def cells(
     """
     low, high = interval(links or ("2..100" if scene is None else "3"))
     if scene is not None:
-        yield from absent.cells(kinds_of(scene), high, formulation, repeats)
+        kinds = kinds_of(scene)
+        if links is not None and not any(kind.has_links for kind in kinds):
+            raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
+        yield from absent.cells(kinds, high, formulation, 15 if repeats is None else repeats)
         return
+    if repeats is not None:
+        raise InputError(f"repeats = {repeats}: nothing is timed without a scene")
     keys = [formulation_of(key).key for key in dict.fromkeys(formulation or FORMULATIONS)]
     for size in range(low, high + 1):
         yield from ({"formulation": key, "links": size} for key in keys)

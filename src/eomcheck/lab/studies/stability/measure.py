@@ -59,8 +59,8 @@ def methods_of(keys: Iterable[str]) -> Iterator[Method]:
 
 def cells(
     *,
-    scene: Annotated[str, "Kind of scene, or all of them."] = "snake",
-    family: Annotated[list[str] | None, "Family of states; repeat for more. Default all."] = None,
+    scene: Annotated[str | None, "Kind of scene, or all of them. [snake]"] = None,
+    family: Annotated[list[str] | None, "Family of states, or several: a,b. Default all."] = None,
     formulation: Formulations = None,
     quick: Annotated[bool, "A few severities of each family."] = False,
 ) -> Iterator[Settings]:
@@ -72,7 +72,9 @@ def cells(
         InputError: there is no family about any of these kinds.
         UnknownNameError: no such scene, family or formulation.
     """
-    kinds = kinds_of(scene)
+    if scene is not None and family is not None:
+        raise InputError("scene and family are both given: a family has its own scene")
+    kinds = kinds_of(scene or "snake")
     about = [one.key for one in families_about(kinds)]
     if not about:
         keys = ", ".join(kind.key for kind in kinds)

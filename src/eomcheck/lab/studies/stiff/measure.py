@@ -66,7 +66,7 @@ TOLERANCES, IN_SCIPY_AT = (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7)
 QUICK = ((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,))
 """Stiffnesses, tolerances of CyRK's integrators and of SciPy's."""
 
-Stiffnesses = Annotated[list[float] | None, "Joint stiffness, N m/rad; repeat for more."]
+Stiffnesses = Annotated[list[float] | None, "Joint stiffness, N m/rad, or several: 1e4,1e5."]
 
 
 def stiffnesses_of(quick: bool, stiffness: Sequence[float] | None) -> tuple[float, ...]:
@@ -90,7 +90,7 @@ def cells(
     *,
     quick: Quick = False,
     stiffness: Stiffnesses = None,
-    formulation: Annotated[list[str] | None, "Formulation; repeat for more. [kane]"] = None,
+    formulation: Annotated[list[str] | None, "Formulation, or several: a,b. [kane]"] = None,
 ) -> Iterator[Settings]:
     """Yield a cell for each integrator, tolerance, stiffness, formulation and problem.
 
