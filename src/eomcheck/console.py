@@ -30,7 +30,7 @@ LEAST_WIDTH = 20
 """No COLUMNS below that is believed."""
 
 console = Console()
-WIDTH_KNOWN = console.is_terminal or "COLUMNS" in os.environ
+WIDTH_KNOWN = console.file.isatty() or "COLUMNS" in os.environ
 """Whether somebody looks at the output who has a width. Lines of tables always have one."""
 if not WIDTH_KNOWN or console.width < LEAST_WIDTH:
     console = Console(width=WIDTH)
@@ -51,7 +51,8 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
     """Show a bar on standard error, a terminal; without a label, or within another, show none."""
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
-    _now.append(f"{label}, {total:g} in all" if label else _now[-1])
+    many = f", {total} in all" if isinstance(total, int) else ""
+    _now.append(f"{label}{many}" if label else _now[-1])
     try:
         with Progress(
             TextColumn(label),

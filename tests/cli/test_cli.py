@@ -26,6 +26,7 @@ from eomcheck.scenes import SCENES
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     """Run the command line in this process and return its exit code."""
     monkeypatch.setattr(sys, "argv", ["eomcheck", *arguments])
+    monkeypatch.setattr("eomcheck.console.PATIENCE", 1e4)  # on slow machines too it says no more
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return stop.value.code or 0

@@ -31,6 +31,11 @@ def start(*words: object, **options) -> subprocess.Popen:
     )
 
 
+def errors(said: bytes) -> bytes:
+    """Return what was said on standard error, without what goes on for two seconds."""
+    return b"".join(x for x in said.splitlines(keepends=True) if not x.endswith(b" ...\n"))
+
+
 @pytest.mark.parametrize("words", [VALIDATE, ("list", "claims")])
 def test_a_reader_that_has_gone_changes_no_exit_code_and_no_file(tmp_path: Path, words: tuple):
     file = tmp_path / "found.json"
@@ -39,7 +44,7 @@ def test_a_reader_that_has_gone_changes_no_exit_code_and_no_file(tmp_path: Path,
     with os.fdopen(writing, "wb") as gone:
         run = start(*words, *(["--json", file] if words is VALIDATE else []), stdout=gone)
     _, said = run.communicate(timeout=60)
-    assert (run.returncode, said) == (0, b"")
+    assert (run.returncode, errors(said)) == (0, b"")
     assert words is not VALIDATE or json.loads(file.read_text(encoding="utf-8"))["findings"]
 
 
@@ -51,7 +56,7 @@ def test_output_that_is_lost_on_its_way_is_said_and_the_file_is_there(tmp_path: 
         run = start(*VALIDATE, "--json", file, stdout=output)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 2
-    assert said == b"eomcheck: standard output cannot be written: No space left on device\n"
+    assert errors(said) == b"eomcheck: standard output cannot be written: No space left on device\n"
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
 
 
@@ -60,7 +65,7 @@ def test_characters_that_an_encoding_lacks_are_written_by_name(tmp_path: Path, e
     file, env = tmp_path / "found.json", {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
     run = start(*VALIDATE, "--json", file, stdout=subprocess.PIPE, env=env)
     printed, said = run.communicate(timeout=60)
-    assert (run.returncode, said) == (0, b"")
+    assert (run.returncode, errors(said)) == (0, b"")
     text = printed.decode(encoding)
     assert ("q̈ in doubles" if encoding == "utf-8" else "qddot in doubles") in text
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
@@ -120,7 +125,7 @@ def test_a_validation_that_is_told_to_end_writes_what_it_has(tmp_path: Path, num
     assert file.read_text() == "old"
     run.send_signal(number)
     printed, said = run.communicate(timeout=60)
-    assert (run.returncode, said) == (130, b"")
+    assert (run.returncode, errors(said)) == (130, b"")
     assert b"interrupted: the table holds what was checked until then" in printed
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
     assert not list(tmp_path.glob(".*"))

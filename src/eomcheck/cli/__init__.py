@@ -30,7 +30,7 @@ def main() -> None:
     with unfailing():
         try:
             with said_at_work(" ".join(["starting", *sys.argv[1:2]])):
-                app(terminal_width=help_width())
+                app(prog_name="eomcheck", terminal_width=help_width())
         except EomcheckError as error:
             print(f"eomcheck: {error}", file=sys.stderr)
             sys.exit(2)

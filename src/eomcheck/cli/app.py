@@ -18,7 +18,7 @@ EXIT_CODES = {
 }
 
 DOORS = {
-    "functions of your own: M, bias, ...": "eomcheck.testing.check_functions(...)",
+    "functions of your own: M, bias and so on": "eomcheck.testing.check_functions(...)",
     "an engine of your own": "eomcheck validate --engine FILE:CLASS",
     "a scene: ours, yours, a URDF": "eomcheck validate --scene SCENE",
 }

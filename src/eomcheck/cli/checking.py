@@ -209,8 +209,8 @@ def list_registry(
     registry: Annotated[
         str,
         typer.Argument(
-            metavar="[formulations|scenes|engines|claims]",
-            help="What to list.",
+            metavar="WHAT",
+            help="formulations, scenes, engines or claims.",
             autocompletion=lambda incomplete: [x for x in REGISTRIES if x.startswith(incomplete)],
         ),
     ],
@@ -235,7 +235,10 @@ def _write_page(records: list[Path], path: Path) -> None:
 @app.command()
 def report(
     records: Annotated[
-        list[Path], typer.Argument(help="Files of records: of validate, prove and the studies.")
+        list[Path],
+        typer.Argument(
+            metavar="RECORDS", help="Files of records: of validate, prove and the studies."
+        ),
     ],
     html: Annotated[
         Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
@@ -267,6 +270,7 @@ def report(
     from eomcheck.lab.report.markdown import write_markdown
     from eomcheck.lab.report.overview import Overview, read
     from eomcheck.lab.report.page import write_page
+    from eomcheck.lab.show.sheet import say
 
     unread: list[str] = []
     overview = Overview(read(records, unread), unread)
@@ -279,7 +283,7 @@ def report(
         if path is not None:
             write(overview, path)
             print(f"written: {path}")
-    print(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    say(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
     raise_unread(overview.unread)
     if overview.verdict == "failed":
         raise typer.Exit(1)
@@ -315,7 +319,8 @@ def export_records(
 @app.command()
 def reference(
     names: Annotated[
-        list[str] | None, typer.Argument(help="References to compute. Default all.")
+        list[str] | None,
+        typer.Argument(metavar="NAMES", help="References to compute. Default all."),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
     executor: Where = "local",

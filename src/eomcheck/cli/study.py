@@ -140,7 +140,7 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
-    from eomcheck.lab.show.sheet import print_sheets
+    from eomcheck.lab.show.sheet import print_sheets, say
     from eomcheck.lab.show.text import write_json
 
     found = _found(one, records, fresh, options)
@@ -151,7 +151,7 @@ def _run(
         written.append(json)
     print_sheets(one.sheets(found))
     for sentence in one.said(found):
-        print(sentence)
+        say(sentence)
     if written:
         print(f"written: {', '.join(map(str, written))}")
     if one.alarm(found):

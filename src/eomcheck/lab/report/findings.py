@@ -176,7 +176,7 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
     """
     engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
-    console.print(f"eomcheck {__version__}, {engines}, {states} states", soft_wrap=True)
+    say(f"eomcheck {__version__}, {engines}, {states} states")
     rows = kept_of_runs(runs)
     claims = by_claim(rows)
     if len(runs) == 1:

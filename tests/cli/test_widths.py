@@ -1,0 +1,124 @@
+"""What commands print fits into a terminal of any width: no line is too long, nothing is cut."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from rich.cells import cell_len
+from tests.cli.test_cli import plant_in_au, run
+
+import eomcheck
+from eomcheck.cli.study import GROUPS
+from eomcheck.console import console
+from eomcheck.lab.show import sheet
+
+WIDTHS = (40, 80, 140)
+
+COMMANDS = {
+    "doors": "",
+    "formulations": "list formulations",
+    "scenes": "list scenes",
+    "engines": "list engines",
+    "claims": "list claims",
+    "validate": "validate --scene sleigh --examples 2",
+    "wide": "validate --scene sleigh --examples 2 --wide",
+    "prove": "prove --links 1 --points 1 --seed 1",
+    "acceleration": "acceleration pattern --links 60 --speeds 1,0.5",
+    "simulate": "simulate paper 0.01 --formulation kane,au",
+    "draws": "simulate paper 0.01 --draws 3",
+    "rhs": "bench rhs --scene sleigh --repeats 1 --formulation kane,au",
+    "tolerance": "bench tolerance --links 1 --examples 2",
+    "operations": "study operations --links 2..4",
+    "saved": "study operations --scene sleigh --repeats 0",
+    "accuracy": "study accuracy --links 1..2 --examples 2",
+    "agreement": "study agreement --links 2 --per-size 1",
+    "studies": "study --help",
+}
+HELP = [
+    [],
+    *([name] for name in ("validate", "prove", "list", "report", "export", "reference")),
+    *([name] for name in ("simulate", "acceleration", "bench", "study", "draw")),
+    *([group, key] for group, keys in GROUPS.items() for key in keys),
+    ["draw", "scene"],
+    ["draw", "structure"],
+]
+
+
+@pytest.fixture(params=WIDTHS)
+def width(request, monkeypatch) -> Iterator[int]:
+    """Print for somebody who has so many columns."""
+    before = console.width
+    console.width = request.param
+    monkeypatch.setattr(sheet, "WIDTH_KNOWN", True)
+    monkeypatch.setenv("COLUMNS", str(request.param))
+    yield request.param
+    console.width = before
+
+
+def check(text: str, width: int) -> None:
+    """Check that nothing is too long, cut, or squeezed to nothing."""
+    for line in text.splitlines():
+        assert cell_len(line) <= width, line
+    ours = re.sub(r"[\])}A-Z]\.\.\.|\(\.\.\.\)", "", text)  # "and so on" of click, and of a call
+    assert "…" not in ours and "..." not in ours
+    assert not re.search("[│┃] ?[│┃]", text), "a column without any room"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, monkeypatch, capsys):
+    assert run(*COMMANDS[command].split(), monkeypatch=monkeypatch) in (0, 1)
+    printed = capsys.readouterr().out
+    assert printed.strip()
+    check(printed, width)
+    words = set(re.findall(r"[\w-]+", printed))
+    if command in ("formulations", "scenes", "engines", "claims"):
+        assert set(getattr(eomcheck, command.upper())) <= words, "no key is cut"
+    if command in ("validate", "wide"):
+        assert {"mass-matrix", "constraint-acceleration", "casadi", "sleigh"} <= words
+
+
+@pytest.mark.parametrize("of", HELP, ids=" ".join)
+def test_help_fits_and_says_whole_sentences(of, width, monkeypatch, capsys):
+    assert run(*of, "--help", monkeypatch=monkeypatch) == 0
+    check(capsys.readouterr().out, width)
+
+
+def test_the_worst_is_shown_with_its_culprit_and_wide_tells_all(monkeypatch, capsys):
+    plant_in_au(monkeypatch)
+    arguments = ("validate", "--links", "2", "--examples", "3", "--formulation", "au,kane")
+    assert run(*arguments, monkeypatch=monkeypatch) == 1
+    (row,) = [
+        line
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("│ constraint-acceleration")
+    ]
+    _, claim, worst, by, on, *_ = map(str.strip, row.split("│"))
+    assert (claim, worst, by) == ("constraint-acceleration", "FAIL", "au")
+    assert re.fullmatch(r"snake\[\d\] #\d+", on)
+    assert run(*arguments, "--wide", monkeypatch=monkeypatch) == 1
+    (row,) = [
+        line
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("│ constraint-acceleration")
+    ]
+    assert [cell.strip() for cell in row.split("│")[2:5]] == ["FAIL", "FAIL", "<1%"]
+
+
+@pytest.mark.parametrize(("columns", "most"), [("40", 40), ("80", 80), (None, 140), ("3", 140)])
+def test_columns_is_honoured_where_output_is_piped_and_so_is_no_color(columns, most):
+    environment = {name: x for name, x in os.environ.items() if name != "COLUMNS"}
+    environment |= {"FORCE_COLOR": "1", "NO_COLOR": "1"} | ({"COLUMNS": columns} if columns else {})
+    code = "import sys; from eomcheck import cli; sys.argv[1:] = ['list', 'engines']; cli.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True
+    )
+    plain = re.sub("\x1b\\[[0-9;]*m", "", done.stdout)
+    longest = max(cell_len(line) for line in plain.splitlines())
+    assert longest <= most and longest > most - 12
+    colors = re.findall("\x1b\\[([0-9;]*)m", done.stdout)
+    assert not [x for x in colors if re.search(r"\b(3|4|9)[0-7]\b", x)], "bold is no colour"
