@@ -6,8 +6,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from docutils import nodes
+from math_core import LatexError, LatexToMathML
 from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
+from sphinx.util import logging
+from sphinx.writers.html5 import HTML5Translator
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
@@ -31,7 +35,6 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
 exclude_patterns = ["_build", "_generated", "figures/*.md"]
@@ -47,7 +50,10 @@ napoleon_use_ivar = True
 doctest_test_doctest_blocks = ""
 doctest_path = [str(DOCS / "guides")]
 
+html_math_renderer = "mathml"
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["formulas.css"]
 html_title = f"eomcheck {release}"
 
 
@@ -160,6 +166,29 @@ def write_tables(app: Sphinx) -> None:
         write(name, text)
 
 
+# ---- Formulas: MathML, which browsers draw without a script and without a network -----------------
+
+MATHML = LatexToMathML()
+
+
+def write_formula(translator: HTML5Translator, node: nodes.Element) -> None:
+    """Write a formula as MathML; one that cannot be read is a warning, which ends the build."""
+    block = isinstance(node, nodes.math_block)
+    tex = node.astext()
+    try:
+        formula = MATHML.convert_with_local_state(tex, displaystyle=block)
+    except LatexError as error:
+        logging.getLogger(__name__).warning("formula %r: %s", tex, error, location=node)
+        formula = f"<code>{translator.encode(tex)}</code>"
+    classes = "math notranslate nohighlight"
+    if not block:
+        translator.body.append(f'<span class="{classes}">{formula}</span>')
+        raise nodes.SkipNode
+    ids = [f' id="{name}"' for name in node["ids"][:1]]
+    translator.body.append(f'<div class="{classes}"{"".join(ids)}>{formula}</div>')
+    raise nodes.SkipNode
+
+
 # ---- What must be complete -----------------------------------------------------------------------
 
 
@@ -185,6 +214,7 @@ def escape_bars(app: Sphinx, what, name, obj, options, lines: list[str]) -> None
 
 
 def setup(app: Sphinx) -> None:
+    app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
     app.connect("builder-inited", check_complete)
     app.connect("builder-inited", write_tables)
     app.connect("autodoc-process-docstring", escape_bars)
