@@ -58,5 +58,7 @@ def broken(folder: Path) -> list[str]:
 
 if __name__ == "__main__":
     complaints = broken(Path(sys.argv[1]))
-    print("\n".join(complaints) or "every link leads somewhere, and nothing is loaded from elsewhere")
+    print(
+        "\n".join(complaints) or "every link leads somewhere, and nothing is loaded from elsewhere"
+    )
     sys.exit(bool(complaints))

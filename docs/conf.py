@@ -41,6 +41,7 @@ exclude_patterns = ["_build", "_generated", "figures/*.md"]
 default_role = "code"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
+myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -166,7 +167,7 @@ def write_tables(app: Sphinx) -> None:
         write(name, text)
 
 
-# ---- Formulas: MathML, which browsers draw without a script and without a network -----------------
+# ---- Formulas: MathML, which browsers draw without a script or a network -------------------------
 
 MATHML = LatexToMathML()
 

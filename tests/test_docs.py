@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -78,3 +79,56 @@ def test_every_word_of_the_glossary_is_linked_from_some_other_page():
     others = (page.read_text("utf-8") for page in PAGES if page != glossary)
     linked = {" ".join(word.split()) for text in others for word in TERM.findall(text)}
     assert not words - linked
+
+
+# ---- Links ---------------------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the places of a page in Markdown that GitHub links to: its headings."""
+    heads = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.M)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_pages_outside_the_documentation_lead_somewhere(page: str):
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / page).read_text("utf-8"))
+    inside = [link for link in links if not link.startswith("https://")]
+    assert len(inside) > 1
+    for link in inside:
+        path, _, place = link.partition("#")
+        assert (ROOT / path).is_file(), link
+        assert not place or place in anchors(ROOT / path), link
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ("<p id='there'></p>", ""),
+        ("<p></p>", "index.html links to second.html#there"),
+        (None, "index.html links to second.html#there"),
+        ("<p id='there'><img src='none.png'></p>", "second.html links to none.png"),
+        (
+            "<p id='there'><script src='https://x.org/x.js'></script></p>",
+            "loads https://x.org/x.js",
+        ),
+    ],
+    ids=["whole", "no place", "no page", "no picture", "from elsewhere"],
+)
+def test_a_link_that_leads_nowhere_is_found(second: str | None, said: str, tmp_path: Path):
+    spec = importlib.util.spec_from_file_location("check_links", DOCS / "check_links.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    index = "<a href='second.html#there'>x</a> <a href='#top'>y</a> <a href='https://x.org'>z</a>"
+    (tmp_path / "index.html").write_text(index, encoding="utf-8")
+    if second is not None:
+        (tmp_path / "second.html").write_text(second, encoding="utf-8")
+    found = module.broken(tmp_path)
+    assert (len(found) == 1 and said in found[0]) if said else not found
+
+
+def test_set_up_is_two_commands():
+    blocks = re.findall(r"^```sh\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.S | re.M)
+    assert [len(block.splitlines()) for block in blocks] == [1, 1]
+    assert blocks[0].endswith("eomcheck validate\n") and blocks[1].endswith("python -m pytest\n")

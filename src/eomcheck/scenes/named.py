@@ -46,7 +46,12 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
     """
     if name in ROBOTS:
         raise InputError(f"scene = {name!r} is a single snake, expected a kind such as 'snake'")
-    return tuple(SCENES.values()) if name == ALL else (looked_up(SCENE, name),)
+    return tuple(SCENES.values()) if name == ALL else (_looked_up(name),)
+
+
+def _looked_up(name: str) -> type[Scene]:
+    """Return the kind of scene that a name stands for, whatever it is the name of."""
+    return looked_up(SCENE, name)
 
 
 def kind_of(name: str) -> type[Scene]:
@@ -61,7 +66,7 @@ def kind_of(name: str) -> type[Scene]:
     if name == ALL:
         raise InputError(f"scene = {name!r}: expected one scene")
     try:
-        return looked_up(SCENE, name)
+        return _looked_up(name)
     except UnknownNameError as error:
         raise UnknownNameError("scene", name, (*error.known, *ROBOTS)) from None
 
