@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -107,6 +108,23 @@ def test_the_worst_is_shown_with_its_culprit_and_wide_tells_all(monkeypatch, cap
         if line.startswith("│ constraint-acceleration")
     ]
     assert [cell.strip() for cell in row.split("│")[2:5]] == ["FAIL", "FAIL", "<1%"]
+
+
+def test_the_culprit_is_who_comes_nearest_to_what_is_allowed(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "f.json"
+    arguments = ("validate", "--scene", "sleigh", "--examples", "2", "--json", str(file))
+    assert run(*arguments, monkeypatch=monkeypatch) == 0
+    rows = [line.split("│") for line in capsys.readouterr().out.splitlines()]
+    printed = {row[1].strip(): row[3].strip() for row in rows if len(row) == 7}
+    found: dict[str, list] = {}
+    for one in json.loads(file.read_text(encoding="utf-8"))["findings"]:
+        if one["verdict"] == "passed" and one["allowed"]:
+            ratio = one["observed"] / one["allowed"]
+            found.setdefault(one["claim"], []).append((ratio, one["subject"]))
+    worst = {claim: max(those) for claim, those in found.items()}
+    told = {claim: by for claim, (ratio, by) in worst.items() if ratio > 0}
+    assert len(told) > 12 and len(set(told.values())) > 6
+    assert {claim: printed[claim] for claim in told} == told
 
 
 @pytest.mark.parametrize(("columns", "most"), [("40", 40), ("80", 80), (None, 140), ("3", 140)])
