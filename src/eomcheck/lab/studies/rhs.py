@@ -307,7 +307,9 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         columns = ("right-hand side", *sizes, "slope, N >= 100", "making it")
         title = f"Median time of one right-hand side, {key}"
         note = "In brackets the ratio to the sines and cosines of the N angles alone."
-        yield Sheet(f"rhs-{key}", title, columns, table, note=note)
+        sheet = Sheet(f"rhs-{key}", title, columns, table, note=note)
+        known = any(row[-2] for row in table)
+        yield sheet if known else sheet.without("slope, N >= 100")
 
 
 def _beside_sines(one: Timing | None, sines: Timing) -> str:
