@@ -126,4 +126,5 @@ __all__ = [
     "testing",
     "validate",
     "velocity",
+    "with_constraints",
 ]

@@ -99,7 +99,9 @@ class Look(Protocol):
     others: Sequence[tuple[Formulation, Any, Any]]
 
     @property
-    def added_row(self) -> tuple[Array, Partition]: ...
+    def added_row(self) -> tuple[Array, Partition]:
+        """The weights of a further row, and which rows are kept with it."""
+        ...
 
     def sensitivity(self, quantity: Callable[[Any], Any]) -> float:
         """Return κ · scale of a quantity; 0 where nothing is rounded."""

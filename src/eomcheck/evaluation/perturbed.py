@@ -323,11 +323,12 @@ def _constraint_factors(at: Evaluation) -> Any:
 
     Of all r where none is clearly redundant; last come the constraints.
     """
-    factors = partial(qr, mode="economic", check_finite=False)
+    factors: Any = partial(qr, mode="economic", check_finite=False)
     a = at.terms.a
     Q, R = factors(a.T)
     diagonal = np.abs(np.diagonal(R))
-    if len(a) and diagonal.min(initial=np.inf) <= NOTICEABLE * largest(R) or len(a) > len(R):
+    least = diagonal.min(initial=np.inf)
+    if least <= NOTICEABLE * largest(R) or len(a) > len(R):
         with suppress(RefusedError):
             kept = at.independent_partition.kept
             kept = np.arange(len(a)) if kept is None else kept

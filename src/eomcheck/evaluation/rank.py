@@ -12,7 +12,7 @@ in one position alone, that is a singular one: what they say there does not tell
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space, qr, solve_triangular
@@ -66,7 +66,8 @@ def _rank(at: Evaluation) -> Rank | RefusedError:
     a, unsure = _in_common_units(at)
     if not (np.isfinite(a).all() and np.isfinite(unsure).all()):
         return RefusedError(RANK, float("nan"), 0.0, "the rank of a: doubles cannot hold it")
-    R, order = qr(a.T, mode="r", pivoting=True, check_finite=False)
+    factors: Any = qr(a.T, mode="r", pivoting=True, check_finite=False)
+    R, order = factors
     R, unsure = R[: min(R.shape)], unsure[order]
     rank, distance, allowed = 0, np.zeros(r), np.zeros(r)
     for k in range(r):

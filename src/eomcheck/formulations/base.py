@@ -21,7 +21,6 @@ import numpy as np
 
 from eomcheck.mechanics.scene import Scene
 
-
 Choice = tuple[tuple[int, ...] | None, ...]
 """A `Partition` as tuples."""
 

@@ -10,7 +10,7 @@ independent and imply the other rows d, a_d = G a_k. The augmented system of row
 
     M v̇ - a_kᵀ μ = F,  -a_k v̇ = gamma_k,
 
-gives v̇, and with -a_dᵀ and 0 on its right-hand side it gives Gᵀ. Of all λ with aᵀ λ = a_kᵀ μ that is
+gives v̇, and with -a_dᵀ and 0 on its right-hand side Gᵀ. Of all λ with aᵀ λ = a_kᵀ μ, that is
 
     λ_k + Gᵀ λ_d = μ,
 

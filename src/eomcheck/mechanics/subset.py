@@ -54,8 +54,11 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
 
 def _again(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
     """Return a scene with these rows; what pickles are read back by."""
-    scene = object.__new__(_kind(kind, rows, of))
-    kind.__setstate__(scene, state) if hasattr(kind, "__setstate__") else vars(scene).update(state)
+    scene: Any = object.__new__(_kind(kind, rows, of))
+    if hasattr(scene, "__setstate__"):
+        scene.__setstate__(state)
+    else:
+        vars(scene).update(state)
     return scene
 
 
@@ -64,7 +67,6 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     """Return the kind of scenes with these rows (k,) of so many, the holonomic ones first."""
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
-    residual = None
 
     def constraints(parameters, prepared, q):
         a, b = kind.constraints(parameters, prepared, q)
@@ -76,20 +78,30 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     def constraint(parameters, prepared, q, v):
         return chosen(kind.constraint(parameters, prepared, q, v), rows)
 
-    if count:
-        places = tuple(closed.index(i) for i in rows[:count])
+    places = tuple(closed.index(i) for i in rows[:count])
 
-        def residual(parameters, prepared, q):
-            return chosen(kind.position_residual(parameters, prepared, q), places)
+    def position_residual(parameters, prepared, q):
+        return chosen(kind.position_residual(parameters, prepared, q), places)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
+    if count:
+        functions["position_residual"] = position_residual
     for name, function in functions.items():
         function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}"
-    held = {name: staticmethod(generic(function)) for name, function in functions.items()}
+    held: dict[str, Any] = {"position_residual": None}
+    held |= {name: staticmethod(generic(function)) for name, function in functions.items()}
 
     def constraint_names(self) -> tuple[str, ...]:
-        """Names of the constraints that are left."""
+        """Names of the constraints that are left.
+
+        Raises:
+            InputError: a change of the scene has made more or fewer of them.
+        """
         names = super(found, self).constraint_names
+        if len(names) != of:
+            raise InputError(
+                f"the scene has {len(names)} constraints, those left were chosen of {of}"
+            )
         return tuple(names[i] for i in rows)
 
     def structure(self) -> str:
@@ -101,20 +113,26 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     def sketch(self, q: Array, t: float = 0.0) -> None:
         """Return None: pictures are of all constraints."""
 
+    def represented(self) -> str:
+        """Return the Python that makes it again."""
+        return (
+            f"eomcheck.with_constraints({super(found, self).__repr__()}, {self.constraint_names})"
+        )
+
     def reduce(self):
         return _again, (kind, rows, of, vars(self))
 
     body = {
-        "position_residual": residual and staticmethod(generic(residual)),
         "holonomic": slice(0, count),
         "constraint_names": property(constraint_names),
         "structure": property(structure),
         "sketch": sketch,
+        "__repr__": represented,
         "__reduce__": reduce,
         "__module__": kind.__module__,
         "__doc__": kind.__doc__,
     }
-    found: Any = type(kind)(f"{kind.__name__}WithSomeConstraints", (kind,), held | body)
+    found: Any = type(kind)(kind.__name__, (kind,), held | body)
     return found
 
 
