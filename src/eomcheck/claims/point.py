@@ -50,6 +50,7 @@ class Point(Quantities):
         self.u = arithmetic.vector(scene.p)
         self.formulations, self.other_partition = formulations, partition
         self.directions = [arithmetic.vector(scene.n)]
+        self._variables = arithmetic
         self._free_velocity = arithmetic.vector(scene.n)
         self._results: dict[tuple[str, bool], Solution | RefusedError] = {}
 
@@ -86,7 +87,7 @@ class Point(Quantities):
         if self.other_partition is not None and self.other_partition.kept is not None:
             rows = self.other_partition.kept, self.other_partition.redundant
         partition = self.partition._replace(kept=rows[0], redundant=rows[1])
-        return self.arithmetic.vector(r), partition
+        return self._variables.vector(r), partition
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Solution], ...]:

@@ -142,12 +142,18 @@ class Evaluation(Quantities):
 
         Raises:
             InputError: `pivoted`, and the formulation has none.
-            RefusedError: it is one of independent constraints, and their rank is not clear.
+            RefusedError: it tells which constraints are independent, and their rank is not clear;
+                or it needs more coordinates than there are.
         """
         if pivoted and not formulation.partitioned:
             raise InputError(f"pivoted = True: {formulation.key} has no partition to choose")
         if formulation.redundant:
             return self.independent_partition
+        if formulation.partitioned and self.scene.r > self.scene.n:
+            what = (
+                f"{self.scene.r} constraints on {self.scene.n} coordinates leave nothing to solve"
+            )
+            raise RefusedError("a_1", 0.0, 0.0, what)
         return self.pivoted_partition if pivoted else self.partition
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:

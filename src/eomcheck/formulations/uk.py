@@ -70,19 +70,18 @@ def of_dependent(M, F, a, gamma, kept, redundant):
 
 
 @generic
-def of_independent(M, F, a, gamma):
-    """Return (v̇ (n,), λ (r,) or None) where no row depends on others: M_UK is M_Au."""
-    M_UK, F_UK = au.system(M, F, a, gamma)
-    return au.split(solve(M_UK, F_UK, "M_UK"), a)
+def of_rows(M, F, a, gamma, kept, redundant):
+    """Return (v̇ (n,), λ (r,) or None); where no row depends on others, M_UK is M_Au."""
+    if redundant is None:
+        M_UK, F_UK = au.system(M, F, a, gamma)
+        return au.split(solve(M_UK, F_UK, "M_UK"), a)
+    return of_dependent(M, F, a, gamma, kept, redundant)
 
 
 @generic
 def solution(M, F, a, gamma, v, partition):
     """Return (v̇ (n,), λ (r,) or None)."""
-    _, _, kept, redundant = partition
-    if redundant is None:
-        return of_independent(M, F, a, gamma)
-    return of_dependent(M, F, a, gamma, kept, redundant)
+    return of_rows(M, F, a, gamma, partition.kept, partition.redundant)
 
 
 UK = Formulation(
