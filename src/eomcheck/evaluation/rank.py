@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 RANK = "rank of a"
 """What refusals call it."""
 
+FIRST = 2.0**-20
+"""By what share each row counts as smaller than the one before: the last of equals is redundant."""
+
 
 class Rank(NamedTuple):
     """Which constraints are independent.
@@ -95,7 +98,7 @@ def _in_common_units(at: Evaluation) -> tuple[Array, Array]:
     """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
 
     Velocities are measured by the energy in them, and so have no units of their own; each row by
-    its size. Scales are powers of two.
+    its size. Of rows that would do as well as each other, the first is the larger by a little.
     """
     a = at.terms.a
     with np.errstate(all="ignore"):
@@ -104,6 +107,8 @@ def _in_common_units(at: Evaluation) -> tuple[Array, Array]:
         columns = scale_of(np.sqrt(np.abs(np.diagonal(at.terms.M))))
         a, unsure = a * columns, unsure * columns
         rows = scale_of(np.abs(a).max(axis=1))
+        size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + FIRST * np.arange(len(a)))
+        rows /= np.where(size > 0, size, 1.0)
     return a * rows[:, None], unsure * rows[:, None]
 
 

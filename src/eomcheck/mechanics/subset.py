@@ -67,21 +67,23 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     """Return the kind of scenes with these rows (k,) of so many, the holonomic ones first."""
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
+    all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
+    all_closed = kind.position_residual
 
     def constraints(parameters, prepared, q):
-        a, b = kind.constraints(parameters, prepared, q)
+        a, b = all_constraints(parameters, prepared, q)
         return chosen(a, rows), chosen(b, rows)
 
     def drift(parameters, prepared, q, v):
-        return chosen(kind.drift(parameters, prepared, q, v), rows)
+        return chosen(all_drift(parameters, prepared, q, v), rows)
 
     def constraint(parameters, prepared, q, v):
-        return chosen(kind.constraint(parameters, prepared, q, v), rows)
+        return chosen(every(parameters, prepared, q, v), rows)
 
     places = tuple(closed.index(i) for i in rows[:count])
 
     def position_residual(parameters, prepared, q):
-        return chosen(kind.position_residual(parameters, prepared, q), places)
+        return chosen(all_closed(parameters, prepared, q), places)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
     if count:
