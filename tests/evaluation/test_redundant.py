@@ -14,7 +14,7 @@ import eomcheck
 from eomcheck import RefusedError, acceleration, independent_constraints, with_constraints
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.rank import RANK, rank_of
+from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
 from eomcheck.mechanics.linkage import with_row
 from eomcheck.scenes import Bricard, FourBarChain, Snake
@@ -301,6 +301,39 @@ def test_the_rank_does_not_depend_on_units():
         heavy = replace(CHAIN, mass=CHAIN.mass * scale, inertia=CHAIN.inertia * scale)
         assert independent_constraints(heavy, q).redundant == ("repeated",)
     assert (rank_of(at).kept == [0, 1, 2, 3]).all()
+
+
+def test_after_many_turns_the_rank_is_as_clear_as_the_angles_are():
+    """2π of 1e5 turns is known to 1e-10 only, and the ring closes as well as that."""
+    q, _ = RING.closed(0.5, 0.0)
+    turned = q + 2 * np.pi * 1e5 * np.array([1, -1, 1, 1, -1])
+    assert len(independent_constraints(RING, turned).kept) == 4
+    at = Evaluation(RING, turned, np.zeros(5))
+    assert 1e-12 < np.linalg.svd(at.terms.a, compute_uv=False)[-1] < rank_of(at).unsure.max()
+
+
+def test_rows_that_are_large_shares_of_others_are_redundant():
+    """Of a third row far smaller than what it is the difference of, rounding is that of those."""
+
+    def constraints(parameters, angles, q):
+        a, b = FourBarChain.constraints(parameters, angles, q)
+        return with_row(a[:4], 65537 * a[3:4] - 65536 * a[2:3] - a[3:4] * 65536, np.ones(1)), b
+
+    scene, (q, _) = changed(CHAIN, constraints=constraints), CHAIN.initial_state()
+    assert len(independent_constraints(scene, q).kept) == 4
+
+
+def test_a_changed_rank_is_refused():
+    q, v = RING.closed(0.5, 0.0)
+    closed = Evaluation(RING, q, v)
+    three = closed.partition._replace(kept=np.arange(3), redundant=np.array([3, 4]))
+    with pytest.raises(RefusedError, match="the rank of a is 4 here and was 3 where the motion"):
+        check_rank_kept(closed, three)
+    flat = replace(CHAIN, angle=0.0)
+    at = Evaluation(flat, *flat.initial_state())
+    with pytest.raises(RefusedError, match="the rank of a is 2 here and was 4 where the motion"):
+        check_rank_kept(at, at.partition._replace(kept=np.arange(4), redundant=np.array([4])))
+    check_rank_kept(closed, closed.independent_partition)
 
 
 @pytest.mark.parametrize("repeated", [None, 1.0])

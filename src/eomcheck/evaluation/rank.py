@@ -19,7 +19,7 @@ from scipy.linalg import null_space, qr, solve_triangular
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.closing import newton
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Partition
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
@@ -132,7 +132,17 @@ def _rounding(R: Array, unsure: Array, rank: int, k: int) -> float:
 
 
 NEARBY = 2.0**-10
-"""How far positions nearby are: the largest change of a coordinate, rad, or as a share of it."""
+"""How far positions nearby are: the largest change of an angle, rad, or of another coordinate as a
+share of the largest."""
+
+
+def _sizes(at: Evaluation) -> Array:
+    """Return what changes of coordinates (n,) are small or large beside."""
+    q = np.abs(at.q)
+    q[at.scene.angle_coordinates] = 0.0
+    sizes = np.full(at.scene.n, largest(q) or 1.0)
+    sizes[at.scene.angle_coordinates] = 1.0
+    return sizes
 
 
 def check_redundant(at: Evaluation, found: Rank) -> None:
@@ -147,7 +157,7 @@ def check_redundant(at: Evaluation, found: Rank) -> None:
     if not motions.size:
         return  # it cannot move
     direction = motions @ Noise(0).changes((motions.shape[1],))
-    direction /= np.max(np.abs(direction) / np.maximum(1.0, np.abs(at.q)))
+    direction /= np.max(np.abs(direction) / _sizes(at))
     for step in (NEARBY, -NEARBY):
         q, _, closed = newton(at, at.q + step * direction, found.kept)
         if closed:
