@@ -323,7 +323,7 @@ FAULTS = [
     Fault(UK, "square, G @ mu", "square, 0 * (G @ mu)", "redundant-rows", "[uk, |λ|]"),
     Fault(UK, "a[kept], gamma[kept]", "a[kept], -gamma[kept]", "redundant-rows", "[uk, q̈]"),
     Fault(UK, "a[kept], gamma[kept]", "a[kept], gamma[:-1]", "redundant-rows", "[uk, q̈]"),
-    Fault(UK, 'F_UK, "M_UK"), a', 'F_UK, "M_UK"), None', "multipliers", "[uk]"),
+    Fault(UK, '"M_UK"), a)', '"M_UK"), a)[0], None', "multipliers", "[uk]"),
     Fault(UK, 'solve(M_UK, F_UK, "M', 'solve(M_UK, -F_UK, "M', "equations-residual", "[uk]"),
     Fault("formulations/kane.py", "range(i + 1)", "range(i)", "kane-ml-mass", "M_Kane"),
     Fault(

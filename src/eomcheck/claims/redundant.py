@@ -27,7 +27,7 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
     if a is None:
         return
     for f, x in look.solutions:
-        if not f.redundant:
+        if not f.redundant or x.multipliers is None:
             continue
         weights, partition = look.added_row
         rows = np.concatenate((a, np.array([weights @ a], a.dtype)))
