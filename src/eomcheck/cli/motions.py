@@ -1,4 +1,4 @@
-"""`eomcheck simulate` and `acceleration`: what the formulations say of one snake."""
+"""`eomcheck simulate`, `acceleration` and `constraints`: what is to be said of one scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import Formulations, Seed, check_figure
+from eomcheck.cli.options import Formulations, Kind, Seed, check_figure
 from eomcheck.errors import InputError, whole_number
 from eomcheck.lab.options import MOST_LINKS, at_least_one
 
@@ -179,4 +179,29 @@ def acceleration(
 
     scene = _snake(robot, links)
     if print_accelerations(scene, speeds, formulation):
+        raise typer.Exit(1)
+
+
+@app.command()
+def constraints(
+    scene: Kind = "snake",
+    links: Annotated[
+        int | None, typer.Option(help="Number of links, of kinds that have one.")
+    ] = None,
+) -> None:
+    """Tell which constraints of a scene are redundant at its start: which the others imply.
+
+    Exit code 1 if some are.
+    """
+    from eomcheck.lab.report.motions import print_constraints
+    from eomcheck.scenes.named import kinds_of
+
+    kinds = kinds_of(scene)
+    if links is not None and not any(kind.has_links for kind in kinds):
+        raise InputError(f"links = {links}: {kinds[0].key} has no number of links to choose")
+    count = 0
+    for kind in kinds:
+        sized = links is not None and kind.has_links
+        count += print_constraints(next(kind.structures(links)) if sized else kind.example())
+    if count:
         raise typer.Exit(1)
