@@ -51,7 +51,7 @@ PARTS = {
     **dict.fromkeys((BICYCLE_JACOBIANS, BICYCLE_ENERGIES), Bicycle),
 }
 """File of functions -> the scene that takes them from there."""
-BANDED = "formulations/banded.py"
+BANDED, UK = "formulations/banded.py", "formulations/uk.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
 RESULT = "equations-residual", "[banded]"
@@ -316,6 +316,15 @@ FAULTS = [
     ),
     Fault(BANDED, "mass[2 * k + 1]\n", "mass[2 * k]\n", *RESULT),
     Fault(BANDED, "xdot[::2] = found[::4]", "xdot[::2] = found[1::4]", *RESULT),
+    Fault(UK, "right[:n, 1:] = -a", "right[:n, 1:] = a", "redundant-rows", "[uk, aᵀλ]"),
+    Fault(UK, "square[i, i] += 1", "square[i, i] += 2", "redundant-rows", "[uk, |λ|]"),
+    Fault(UK, "square[i, i] += 1", "pass", "redundant-rows", "[uk, |λ|]"),
+    Fault(UK, "= mu - np", "= mu + np", "redundant-rows", "[uk, aᵀλ]"),
+    Fault(UK, "square, G @ mu", "square, 0 * (G @ mu)", "redundant-rows", "[uk, |λ|]"),
+    Fault(UK, "a[kept], gamma[kept]", "a[kept], -gamma[kept]", "redundant-rows", "[uk, q̈]"),
+    Fault(UK, "a[kept], gamma[kept]", "a[kept], gamma[:-1]", "redundant-rows", "[uk, q̈]"),
+    Fault(UK, '"M_UK"), a)', '"M_UK"), a)[0], None', "multipliers", "[uk]"),
+    Fault(UK, 'solve(M_UK, F_UK, "M', 'solve(M_UK, -F_UK, "M', "equations-residual", "[uk]"),
     Fault("formulations/kane.py", "range(i + 1)", "range(i)", "kane-ml-mass", "M_Kane"),
     Fault(
         "formulations/kane.py",

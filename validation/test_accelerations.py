@@ -15,6 +15,7 @@ from validation.harness import holds
         "constraint-acceleration",
         "equivalence",
         "multipliers",
+        "redundant-rows",
         "engine-acceleration",
         "engine-multipliers",
         "machine-code",

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from eomcheck.evaluation.doubles import Acceleration
     from eomcheck.evaluation.dynamics import acceleration, speeds_of, velocity
     from eomcheck.evaluation.enclosure import Enclosure, enclose
+    from eomcheck.evaluation.redundant import Dependence, independent_constraints
     from eomcheck.formulations import FORMULATIONS, Formulation
+    from eomcheck.mechanics.subset import with_constraints
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.many import Trajectories, simulate_many
     from eomcheck.motion.simulate import simulate
@@ -43,6 +45,9 @@ _HOME = {
     "speeds_of": "evaluation.dynamics",
     "enclose": "evaluation.enclosure",
     "Enclosure": "evaluation.enclosure",
+    "independent_constraints": "evaluation.redundant",
+    "Dependence": "evaluation.redundant",
+    "with_constraints": "mechanics.subset",
     "accuracy": "evaluation.certified",
     "Accuracy": "evaluation.certified",
     "check": "claims.run",
@@ -93,6 +98,7 @@ __all__ = [
     "Acceleration",
     "Accuracy",
     "Claim",
+    "Dependence",
     "Enclosure",
     "Engine",
     "EngineError",
@@ -110,6 +116,7 @@ __all__ = [
     "accuracy",
     "check",
     "enclose",
+    "independent_constraints",
     "prove",
     "scenes",
     "simulate",
@@ -119,4 +126,5 @@ __all__ = [
     "testing",
     "validate",
     "velocity",
+    "with_constraints",
 ]

@@ -151,6 +151,8 @@ ABOUT: dict[str, dict[str, tuple[Part, ...]]] = {
     "constraint-acceleration": {"snake": (*IN_VELOCITIES, REST)},
     "equivalence": {"snake": RATES},
     "multipliers": {"snake": MULTIPLIERS},
+    # An error that is there with the row more and without it is one of other claims.
+    "redundant-rows": {"snake": (Part("uk", 1),), "bricard": (Part("uk", 1),)},
     "engine-acceleration": {"snake": (*RATES, *ENGINE_RATES)},
     "engine-multipliers": {"snake": (*MULTIPLIERS, *ENGINE_MULTIPLIERS)},
     "machine-code": {"snake": (MACHINE_CODE,)},

@@ -100,6 +100,34 @@ def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):
     assert "refuses" not in printed
 
 
+def test_redundant_constraints_are_named(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "twice.py"
+    path.write_text(
+        "from eomcheck.scenes import Bricard\n"
+        "class Five(Bricard):\n"
+        "    key = 'five'\n"
+        "    @classmethod\n"
+        "    def structures(cls, links=None):\n"
+        "        yield cls(angle=1.0, redundant=1.0)\n"
+    )
+
+    def said(*arguments: str) -> tuple[int, str]:
+        code = run("constraints", "--scene", *arguments, monkeypatch=monkeypatch)
+        return code, capsys.readouterr().out
+
+    code, out = said(f"{path}:Five")
+    assert code == 1
+    lines = [line for line in out.splitlines() if "along" in line]
+    assert ["redundant" in line for line in lines] == [False, False, False, False, True]
+    assert "hinge along z" in lines[-1]
+    assert "n = 5, r = 5, rank 4" in out
+    code, out = said("snake", "--links", "2")
+    assert code == 0 and "redundant" not in out and "rank 2" in out
+    code, out = said("chain-pendulum")
+    assert code == 0 and "has no constraint" in out
+    assert said("bricard", "--links", "2")[0] == 2
+
+
 def test_a_refusal_names_the_matrix_and_its_rcond_and_is_exit_code_1(monkeypatch, capsys):
     arguments = ["acceleration", "pattern", "--links", "60", "--speeds", "1", "--speeds", "0.5"]
     assert run(*arguments, monkeypatch=monkeypatch) == 1

@@ -125,11 +125,23 @@ def test_five_rows_have_rank_four_where_the_ring_is_closed_and_five_elsewhere(an
     assert singular_values(q + 0.1 * np.eye(5)[0])[4] > 1e-3
 
 
-@every_formulation
-def test_every_formulation_refuses_the_redundant_row(key: str):
+@pytest.mark.parametrize("key", [f.key for f in applicable(Bricard).values() if not f.redundant])
+def test_every_formulation_but_one_refuses_the_redundant_row(key: str):
     q, v = OVERCONSTRAINED.closed(0.5, 0.0)
     with pytest.raises(RefusedError, match="singular to working precision"):
         acceleration(OVERCONSTRAINED, key, q, v)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_all_five_rows_move_the_ring_as_four_of_them_do(angle: float):
+    """Their forces are those of least squares, to which each hinge contributes."""
+    q, v = SCENE.closed(angle, 0.7)
+    found, expected = acceleration(OVERCONSTRAINED, "uk", q, v), acceleration(SCENE, "au", q, v)
+    assert np.abs(found.vdot - expected.vdot).max() <= found.error_bound + expected.error_bound
+    five, four = (Evaluation(scene, q, v).terms.a for scene in (OVERCONSTRAINED, SCENE))
+    least = np.linalg.lstsq(five.T, four.T @ expected.multipliers, rcond=1e-9)[0]
+    assert np.abs(found.multipliers - least).max() < 1e-11 * max(1.0, np.abs(least).max())
+    assert np.linalg.norm(found.multipliers) < np.linalg.norm(expected.multipliers)
 
 
 def test_the_row_left_out_is_implied_where_a_closed_position_is_found():

@@ -103,13 +103,14 @@ def test_the_benchmark_at_rest_upside_up_has_the_acceleration_of_the_pendulum(ke
     assert np.abs(found - expected).max() < 1e-12
 
 
-def test_a_repeated_row_is_refused_by_every_formulation_at_every_state_with_reason():
+def test_a_repeated_row_is_refused_by_every_formulation_but_one_with_reason():
+    others = {f.key for f in applicable(FourBarChain).values() if not f.redundant}
     twice = replace(UNEVEN, repeated=1.0, angle=1.0)
     findings = eomcheck.check(twice, *twice.initial_state())
     refused = {f.subject for f in findings if f.claim == "refusals"}
-    assert refused == set(applicable(FourBarChain))
+    assert refused == others
     assert [str(f) for f in findings if f.verdict == "failed"] == []
-    for key in applicable(FourBarChain):
+    for key in others:
         with pytest.raises(RefusedError) as caught:
             acceleration(twice, key, *twice.initial_state())
         assert caught.value.rcond <= caught.value.threshold

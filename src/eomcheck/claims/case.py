@@ -23,6 +23,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.linear import column_scale
 
 
 @dataclass
@@ -123,6 +124,20 @@ class Case:
         """The paper's partition and the pivoted one."""
         yield "em", self.at.partition
         yield "em, pivoted", self.at.partition_for(FORMULATIONS["em"], pivoted=True)
+
+    @property
+    def added_row(self) -> tuple[Array, Partition]:
+        """The independent constraints, rows of one size, in turn added and taken off.
+
+        The last of them is left to follow from the others.
+        """
+        a, partition = self.at.terms.a, self.at.independent_partition
+        kept = np.arange(len(a)) if partition.kept is None else partition.kept
+        weights = np.zeros(len(a))
+        weights[kept] = column_scale(a.T)[kept] * (-1.0) ** np.arange(len(kept))
+        others = () if partition.redundant is None else partition.redundant
+        rows = np.append(kept[:-1], len(a)), np.append(others, kept[-1:]).astype(int)
+        return weights, partition._replace(kept=rows[0], redundant=rows[1])
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:

@@ -122,7 +122,10 @@ class Draws:
         n, r = self.scene.n, self.scene.r
         for _ in range(n if r > 0 else 0):
             order = np.array(self._source.sample(range(n), n), dtype=int)
-            drawn = Partition(np.sort(order[:r]), np.sort(order[r:]))
+            # Of one row more than there are, any may be the one that follows from the others.
+            redundant = np.array([self._source.randrange(r + 1)])
+            kept = np.setdiff1d(np.arange(r + 1), redundant)
+            drawn = Partition(np.sort(order[:r]), np.sort(order[r:]), kept, redundant)
             try:
                 embedding(at, drawn)
             except RefusedError:

@@ -50,6 +50,7 @@ class Point(Quantities):
         self.u = arithmetic.vector(scene.p)
         self.formulations, self.other_partition = formulations, partition
         self.directions = [arithmetic.vector(scene.n)]
+        self._variables = arithmetic
         self._free_velocity = arithmetic.vector(scene.n)
         self._results: dict[tuple[str, bool], Solution | RefusedError] = {}
 
@@ -77,6 +78,16 @@ class Point(Quantities):
         yield "em", self.partition
         if self.other_partition is not None:
             yield "em, drawn", self.other_partition
+
+    @cached_property
+    def added_row(self) -> tuple[Array, Partition]:
+        """Any sum of the constraints; the row left out was drawn with the other partition."""
+        r = self.scene.r
+        rows = np.arange(r), np.array([r])
+        if self.other_partition is not None and self.other_partition.kept is not None:
+            rows = self.other_partition.kept, self.other_partition.redundant
+        partition = self.partition._replace(kept=rows[0], redundant=rows[1])
+        return self._variables.vector(r), partition
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Solution], ...]:

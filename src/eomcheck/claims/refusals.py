@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.redundant import explained
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.gw import MOBILITY
@@ -35,6 +37,10 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     """
     at = case.at
     M, _, _, a, _, _ = at.terms
+    if a is not None and formulation.redundant:
+        with suppress(RefusedError):  # the rank itself may be what is refused
+            kept = at.independent_partition.kept
+            a = a if kept is None else a[kept]
     overflows = np.isnan(refusal.rcond)
     if overflows and can_overflow(at.v, at.F, M):
         return 0.0
@@ -157,7 +163,11 @@ def refusals(case: Case) -> Iterator[Finding]:
         except RefusedError as refusal:
             rcond = independent_rcond(formulation, refusal, case)
             verdict, why = judged(refusal, rcond)
-            said = f"{formulation.key}, {refusal.what}: {why}" if why else str(refusal)
+            said = (
+                f"{formulation.key}, {refusal.what}: {why}"
+                if why
+                else str(explained(case.at, refusal))
+            )
             outcome = rcond, refusal.threshold, verdict, "property-tested", said
             yield case.finding(formulation.key, *outcome)
 

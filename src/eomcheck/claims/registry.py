@@ -85,6 +85,8 @@ class Look(Protocol):
         partitions: names and partitions of the coordinates for the embedding method.
         solutions: what the formulations say that do not refuse.
         others: of the partitioned ones, a result and another one by a second partition.
+        added_row: weights (r,) of the constraints in a row to be added to them, last, and which
+            rows are then kept.
     """
 
     exact: bool
@@ -95,6 +97,11 @@ class Look(Protocol):
     partitions: Iterable[tuple[str, Partition]]
     solutions: Sequence[tuple[Formulation, Any]]
     others: Sequence[tuple[Formulation, Any, Any]]
+
+    @property
+    def added_row(self) -> tuple[Array, Partition]:
+        """The weights of a further row, and which rows are kept with it."""
+        ...
 
     def sensitivity(self, quantity: Callable[[Any], Any]) -> float:
         """Return κ · scale of a quantity; 0 where nothing is rounded."""

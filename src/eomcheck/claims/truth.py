@@ -25,7 +25,7 @@ def _enclosed(
 ) -> Enclosure | Finding:
     """Return the enclosure, or that there is none; see `enclosure` for `known`."""
     at = case.at
-    start, how = {"u": at.u}, (TRUE_DIGITS, at.partition)
+    start, how = {"u": at.u}, (TRUE_DIGITS, at.partition_for(formulation, False))
     try:
         return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
     except (RefusedError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""`eomcheck simulate` and `acceleration`: what the formulations say of one scene."""
+"""`eomcheck simulate`, `acceleration` and `constraints`: what is to be said of one scene."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from eomcheck.cli.options import (
     Formulations,
     Given,
     Links,
+    One,
     OneOrNot,
     check_figure,
     check_used,
@@ -221,4 +222,16 @@ def acceleration(
 
     one = scene_asked(name or scene or ONE, links, given)
     if print_accelerations(one, _speeds(one, speeds), formulation):
+        raise typer.Exit(1)
+
+
+@app.command()
+def constraints(scene: One = ONE, links: Links = None, given: Given = None) -> None:
+    """Tell which constraints of a scene are redundant at its start: which the others imply.
+
+    Exit code 1 if some are.
+    """
+    from eomcheck.lab.report.motions import print_constraints
+
+    if print_constraints(scene_asked(scene, links, given)):
         raise typer.Exit(1)

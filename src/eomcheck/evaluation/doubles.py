@@ -16,6 +16,7 @@ from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities, quantity
+from eomcheck.evaluation.rank import independent_partition
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -123,14 +124,36 @@ class Evaluation(Quantities):
         r = self.scene.r
         return Partition(np.sort(order[:r]), np.sort(order[r:]))
 
+    @quantity
+    def independent_partition(self) -> Partition:
+        """The constraints that are independent, and which columns tell.
+
+        Raises:
+            RefusedError: the rank of a is not clear, or another one in positions nearby.
+        """
+        return independent_partition(self)
+
+    def elsewhere(self, q: Array) -> Evaluation:
+        """Return the scene at other coordinates q (n,), at the same velocities and time."""
+        return Evaluation(self.scene, q, self.v, self.t)
+
     def partition_for(self, formulation: Formulation, pivoted: bool) -> Partition:
         """Return the partition that `formulation` is to use.
 
         Raises:
             InputError: `pivoted`, and the formulation has none.
+            RefusedError: it tells which constraints are independent, and their rank is not clear;
+                or it needs more coordinates than there are.
         """
         if pivoted and not formulation.partitioned:
             raise InputError(f"pivoted = True: {formulation.key} has no partition to choose")
+        if formulation.redundant:
+            return self.independent_partition
+        if formulation.partitioned and self.scene.r > self.scene.n:
+            what = (
+                f"{self.scene.r} constraints on {self.scene.n} coordinates leave nothing to solve"
+            )
+            raise RefusedError("a_1", 0.0, 0.0, what)
         return self.pivoted_partition if pivoted else self.partition
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:

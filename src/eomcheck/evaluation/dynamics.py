@@ -6,13 +6,16 @@ Positions that close, velocities of generalized speeds and back, and the check o
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
+from eomcheck.evaluation.closing import newton, position_residual
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
 from eomcheck.evaluation.perturbed import allowed_violation, perturbed_copies
+from eomcheck.evaluation.redundant import check_no_contradiction, explained
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import formulation_for
@@ -50,14 +53,21 @@ def acceleration(
             formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         InconsistentVelocityError: v violates the constraints.
-        RefusedError: the formulation cannot handle this state.
+        RefusedError: the formulation cannot handle this state; where constraints are redundant, the
+            message says which. Or they contradict each other, or their rank is not clear.
     """
     formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
-    at.partition_for(formulation, pivoted)
+    with suppress(RefusedError):  # later, for it is more than bad input
+        at.partition_for(formulation, pivoted)
     if consistent:
         check_consistent(at, LETS_PASS)
-    result = at.acceleration(formulation, pivoted)
+    try:
+        result = at.acceleration(formulation, pivoted)
+    except RefusedError as refusal:
+        raise explained(at, refusal) from None
+    if formulation.redundant and at.independent_partition.redundant is not None:
+        check_no_contradiction(at, formulation, result)
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # What underflows on the way is below what any change of the inputs can show.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
@@ -120,10 +130,6 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
     return best
 
 
-CLOSING_STEPS = 50
-"""Newton steps after which the search for a closed position gives up."""
-
-
 def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
     """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
 
@@ -136,29 +142,13 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
     q, v = scene.check_state(q, np.zeros(scene.n), t)
     if scene.position_residual is None:
         return q
-    step = np.inf
-    for _ in range(CLOSING_STEPS):
-        at = Evaluation(scene, q, v, t)
-        residual = position_residual(at)
-        rates = at.terms.a[scene.holonomic]
-        last, correction = step, np.linalg.lstsq(rates, residual, rcond=None)[0]
-        step, q = largest(correction), q - correction
-        # Steps shrink until nothing but rounding is left.
-        if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
-            # Or they vanish where no direction closes the gap.
-            gap, allowed = closing_error(Evaluation(scene, q, v, t))
-            if gap <= allowed:
-                return q
-            break
+    q, step, shrank = newton(Evaluation(scene, q, v, t), q)
+    if shrank:
+        # Steps also vanish where no direction closes the gap.
+        gap, allowed = closing_error(Evaluation(scene, q, v, t))
+        if gap <= allowed:
+            return q
     raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
-
-
-def position_residual(at: Evaluation) -> Array:
-    """Return how far the holonomic constraints, if any, are from being closed (h,), m."""
-    function = at.scene.position_residual
-    if function is None:
-        return np.zeros(0)
-    return at.call(function, at.parameters, at.prepared, at.q)
 
 
 def closing_error(at: Evaluation) -> tuple[float, float]:

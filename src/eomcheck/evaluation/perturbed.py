@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, Key, violation
 from eomcheck.evaluation.point import quantity
-from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.records import Terms
@@ -71,6 +72,11 @@ class _Moved(Evaluation):
     def pivoted_partition(self) -> Partition:
         """That of the original."""
         return self._original.pivoted_partition
+
+    @quantity
+    def independent_partition(self) -> Partition:
+        """That of the original."""
+        return self._original.independent_partition
 
     def check_finite(
         self, vdot: Array, multipliers: Array | None, formulation: Formulation
@@ -285,11 +291,11 @@ def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
         return change
     allowed = at.kept(allowed_violation)
     residual = allowed / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))
-    Q, R = at.kept(_constraint_factors)
+    Q, R, rows = at.kept(_constraint_factors)
     with np.errstate(all="ignore"):
         try:
-            slip = Q @ solve_triangular(R, residual, trans=1, check_finite=False)
-        except np.linalg.LinAlgError:  # dependent constraints
+            slip = Q @ solve_triangular(R, residual[rows], trans=1, check_finite=False)
+        except (np.linalg.LinAlgError, ValueError):  # dependent constraints
             return change
     return change + slip if np.isfinite(slip).all() else change
 
@@ -313,8 +319,21 @@ def allowed_violation(at: Evaluation) -> Array:
 
 
 def _constraint_factors(at: Evaluation) -> Any:
-    """Return Q (n, r) and R (r, r) with aᵀ = Q R."""
-    return qr(at.terms.a.T, mode="economic", check_finite=False)
+    """Return Q (n, k) and R (k, k) with aᵀ = Q R of the constraints (k,) that are independent.
+
+    Of all r where none is clearly redundant; last come the constraints.
+    """
+    factors: Any = partial(qr, mode="economic", check_finite=False)
+    a = at.terms.a
+    Q, R = factors(a.T)
+    diagonal = np.abs(np.diagonal(R))
+    least = diagonal.min(initial=np.inf)
+    if least <= NOTICEABLE * largest(R) or len(a) > len(R):
+        with suppress(RefusedError):
+            kept = at.independent_partition.kept
+            kept = np.arange(len(a)) if kept is None else kept
+            return *factors(a[kept].T), kept
+    return Q, R, np.arange(len(a))
 
 
 def _copies(at: Evaluation) -> tuple[Perturbed, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from eomcheck.errors import InputError, distinct, named
-from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml
+from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml, uk
 from eomcheck.formulations.base import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 
@@ -20,6 +20,7 @@ FORMULATIONS: dict[str, Formulation] = {
         ml.ML,
         kane.KANE,
         banded.BANDED,
+        uk.UK,
     )
 }
 """Key -> formulation: those of the paper in the order of its Table I, then ours."""

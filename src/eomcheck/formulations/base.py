@@ -17,16 +17,39 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from eomcheck.mechanics.scene import Scene
+
+Choice = tuple[tuple[int, ...] | None, ...]
+"""A `Partition` as tuples."""
 
 
 class Partition(NamedTuple):
-    """A choice of r dependent and n - r independent coordinates (El and Em), as column indices."""
+    """A choice of r dependent and n - r independent coordinates (El and Em), as column indices.
+
+    Where constraints depend on each other, also of ρ of them that do not, and that imply the rest
+    (UK).
+    """
 
     dependent: Any
     """(r,), integers."""
     independent: Any
     """(n-r,), integers."""
+    kept: Any = None
+    """(ρ,), integers: the constraints that are independent; None where all are."""
+    redundant: Any = None
+    """(constraints less ρ,), integers: those that the kept ones imply; None where there is none."""
+
+    @property
+    def choice(self) -> Choice:
+        """The same as tuples, which can be compared."""
+        return tuple(None if part is None else tuple(map(int, part)) for part in self)
+
+    @classmethod
+    def chosen(cls, choice: Choice) -> Partition:
+        """Return the partition that has this `choice`."""
+        return cls(*(None if part is None else np.array(part, int) for part in choice))
 
 
 @dataclass(frozen=True)
@@ -49,6 +72,7 @@ class Formulation:
         partitioned: whether it splits the coordinates; then a pivoted split is an option.
         limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
         solution: the generic function.
+        redundant: whether constraint rows may depend on each other; its partition tells which.
     """
 
     key: str
@@ -63,6 +87,7 @@ class Formulation:
     partitioned: bool
     limits: str
     solution: Callable[..., Any]
+    redundant: bool = False
 
     @property
     def in_paper(self) -> bool:

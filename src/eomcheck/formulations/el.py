@@ -18,7 +18,7 @@ def system(M, F, a, gamma, partition):
     if a is None:
         return M, F
     n, r = F.size, gamma.size
-    first, second = partition
+    first, second = partition.dependent, partition.independent
     # a′⁻ᵀ on M′ and F′ together: one matrix is solved once.
     primed = np.zeros((r, n + 1), M.dtype)
     primed[:, :n] = M[first]

@@ -18,7 +18,7 @@ def embedding(a, gamma, partition):
     ẇ, for it is what v̇ is at v̇₂ = 0.
     """
     r, n = a.shape
-    first, second = partition
+    first, second = partition.dependent, partition.independent
     columns = np.zeros((r, n - r + 1), a.dtype)
     columns[:, : n - r] = a[:, second]
     columns[:, n - r] = gamma
@@ -38,7 +38,7 @@ def velocity_of_independent(a, b, v2, partition):
     if a is None:
         return v2
     n = a.shape[1]
-    first, second = partition
+    first, second = partition.dependent, partition.independent
     right = np.ascontiguousarray(a[:, second]) @ v2
     if b is not None:
         right = right + b

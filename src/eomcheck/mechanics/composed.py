@@ -91,8 +91,9 @@ def embedding(a, b):
         return None, None
     r, n = a.shape
     first = np.ascontiguousarray(a[:, :r])
+    dependent = solve(first, np.ascontiguousarray(a[:, r:]), "a_1")
     W = np.zeros((n, n - r), a.dtype)
-    W[:r] = -solve(first, np.ascontiguousarray(a[:, r:]), "a_1")
+    W[:r] = -dependent
     for i in range(n - r):
         W[r + i, i] = 1
     if b is None:

@@ -202,8 +202,8 @@ class Scene(ABC):
 
     @property
     def p(self) -> int:
-        """Number of generalized speeds."""
-        return self.n - self.r
+        """Number of generalized speeds; none where there are more constraints than coordinates."""
+        return max(self.n - self.r, 0)
 
     @property
     def s(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from eomcheck.console import progress
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.formulations.base import Choice
 from eomcheck.kernels import dop853
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.machine import memory
@@ -21,7 +22,7 @@ from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.motion.crossing import crossed, crossing, solves_partition
 from eomcheck.motion.integrators import MOST_STEPS
 from eomcheck.motion.observe import observer_of
-from eomcheck.motion.right_hand_side import kernel_of
+from eomcheck.motion.right_hand_side import choice_for, kernel_of
 from eomcheck.motion.simulate import check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
 from eomcheck.motion.trajectory import Trajectory
@@ -195,7 +196,7 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     scene, width = starts[0].scene, options.width
     formulation = formulation_for(scene, options.key)
     y0, reasons = state_vectors(starts, options.by_speeds, formulation, width)
-    kernel = kernel_of(scene, formulation, width=width)
+    choices = _choices(starts, formulation, reasons)
     observer = observer_of(scene, formulation, width)
     m, count = len(starts), len(options.times)
     # Behind the outputs stands the state in which a motion ended.
@@ -204,8 +205,8 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     records = np.zeros((m, dop853.FIELDS))
     good = np.array([i for i, why in enumerate(reasons) if not why], int)
     seconds, behind = 0.0, {}
-    for group in lanes_of(good.size, width):
-        lanes = good[group]
+    for lanes, choice in _alike(good, choices, width):
+        kernel = kernel_of(scene, formulation, width=width, choice=choice)
         parameters = in_lanes([starts[i].scene for i in lanes])
         before = time.perf_counter()
         out, record = _integrated_lanes(kernel, kernel.block(parameters), y0[lanes].T, options)
@@ -253,6 +254,30 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
         "reason": np.array(reasons),
         "seconds": np.array([seconds]),
     }
+
+
+def _choices(
+    starts: list[Start], formulation: Formulation, reasons: list[str]
+) -> list[Choice | None]:
+    """Return which constraints each motion keeps; add the reason of those that cannot tell."""
+    found: list[Choice | None] = [None] * len(starts)
+    for i, start in enumerate(starts if formulation.redundant and starts[0].scene.r else ()):
+        try:
+            at = Evaluation(start.scene, start.q, np.zeros(start.scene.n))
+            found[i] = choice_for(at, formulation)
+        except RefusedError as refusal:
+            reasons[i] = reasons[i] or str(refusal)
+    return found
+
+
+def _alike(
+    motions: Array, choices: list[Choice | None], width: int
+) -> Iterator[tuple[Array, Choice | None]]:
+    """Yield groups (width,) of motions that keep the same constraints, and which."""
+    for choice in dict.fromkeys(choices[i] for i in motions):
+        same = np.array([i for i in motions if choices[i] == choice])
+        for group in lanes_of(same.size, width):
+            yield same[group], choice
 
 
 def _integrated_lanes(

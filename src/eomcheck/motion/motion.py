@@ -11,7 +11,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.crossing import crossed, solves_partition
 from eomcheck.motion.integrators import Steps, integrate
 from eomcheck.motion.observe import observer_of
-from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
+from eomcheck.motion.right_hand_side import RightHandSide, choice_for, kernel_of
 from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
 from eomcheck.motion.state import number_of_speeds, state_of, take_speeds
 from eomcheck.motion.trace import ACCELERATION, block_of, parameter_arrays
@@ -37,7 +37,8 @@ class Motion:
 
     Raises:
         InputError: `baumgarte` is not positive or does not apply.
-        RefusedError: the generalized speeds do not exist.
+        RefusedError: the generalized speeds do not exist, or it is not clear which constraints are
+            independent. Those of the start are kept all along the motion.
     """
 
     def __init__(
@@ -54,12 +55,13 @@ class Motion:
         at = Evaluation(scene, q0, v0)
         if formulation.state == "q, u":
             scene.refuse_speeds(at.q)
-        self.partition = at.partition
+        self.partition = at.partition_for(formulation, pivoted=False)
+        self.choice = choice_for(at, formulation)
         if formulation.state == "q, u" and u0 is not None:
             at.u = u0
         self.y0 = state_of(at, formulation)
         self.speeds = number_of_speeds(scene, formulation)
-        self.rates = RightHandSide(scene, formulation, baumgarte)
+        self.rates = RightHandSide(scene, formulation, baumgarte, self.choice)
         self.solves_partition = solves_partition(scene, formulation)
 
     def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
@@ -124,7 +126,8 @@ class Motion:
         that little memory is taken but for what is returned.
         """
         observer = observer_of(self.scene, self.formulation)
-        solving = kernel_of(self.scene, self.formulation, also=ACCELERATION)
+        here = self.scene, self.formulation
+        solving = kernel_of(*here, also=ACCELERATION, choice=self.choice)
         looks = []
         for kernel, wanted in ((observer, SEEN), (solving, ("multipliers",))):
             names = [name for name in wanted if name in kernel.outputs]
@@ -161,6 +164,7 @@ class Motion:
         if not np.isfinite((q, v)).all():
             return None
         at = Evaluation(self.scene, q, v, t)
+        at.independent_partition = self.partition
         if self.formulation.state == "q, u":
             at.u = y[self.scene.n : self.scene.n + self.speeds]
         return at

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.formulations import Formulation
+from eomcheck.formulations import Formulation, Partition
+from eomcheck.formulations.base import Choice
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.layout import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.mechanics.scene import Scene
@@ -36,7 +37,11 @@ from eomcheck.numbers.differentiate import jacobian
 
 
 def rates_on(
-    scene: Scene, formulation: Formulation, stabilized: bool = False, also: str = ""
+    scene: Scene,
+    formulation: Formulation,
+    stabilized: bool = False,
+    also: str = "",
+    choice: Choice | None = None,
 ) -> Traced:
     """Run a right-hand side on a tape; its outputs are `rates`, those of the state vector.
 
@@ -45,12 +50,15 @@ def rates_on(
         formulation: the formulation.
         stabilized: with Baumgarte's feedback, whose rate is a parameter.
         also: one further output, `JACOBIAN` or `ACCELERATION`.
+        choice: of the partition, by default the paper's, with all constraints.
     """
     tape, at, y, speeds = state_on_tape(scene, formulation)
     take_speeds(at, formulation, speeds)
     if stabilized:
         feed_back(at, formulation, tape.inputs(FEEDBACK, (1,))[0])
     qdot = at.qdot if formulation.uses == "bodies" else at.v
+    if choice is not None:
+        at.partition = Partition.chosen(choice)
     rates, multipliers = at.rates(formulation)
     if formulation.state == "q, v2":
         rates = rates[at.partition.independent]
@@ -67,6 +75,16 @@ def rates_on(
     return Traced(tape, at, y, outputs)
 
 
+def choice_for(at: Evaluation, formulation: Formulation) -> Choice | None:
+    """Return the choice of independent constraints at a state; None where nothing is to choose.
+
+    Raises:
+        RefusedError: it is not clear which they are.
+    """
+    partition = at.partition_for(formulation, pivoted=False)
+    return None if partition.redundant is None else partition.choice
+
+
 def kernel_of(
     scene: Scene,
     formulation: Formulation,
@@ -74,6 +92,7 @@ def kernel_of(
     stabilized: bool = False,
     also: str = "",
     width: int = 1,
+    choice: Choice | None = None,
 ) -> Kernel:
     """Return the kernel of a right-hand side.
 
@@ -83,6 +102,7 @@ def kernel_of(
         stabilized: whether it reads a rate of feedback.
         also: a further output, as for `rates_on`.
         width: lanes.
+        choice: of the partition, as for `rates_on`.
 
     Raises:
         NotRationalError: a function of the scene branches on a value.
@@ -95,7 +115,7 @@ def kernel_of(
         outputs["vdot"] = scene.n
         if formulation.multipliers and scene.r > 0:
             outputs["multipliers"] = scene.r
-    options = {"stabilized": stabilized, "also": also}
+    options = {"stabilized": stabilized, "also": also, "choice": choice}
     return traced_kernel(rates_on, scene, formulation, outputs, width, **options)
 
 
@@ -106,14 +126,22 @@ class RightHandSide:
         scene: the scene.
         formulation: the formulation.
         feedback: rate of Baumgarte's feedback, 1/s, or None without.
+        choice: of the partition, as for `rates_on`.
 
     Attributes:
         address: of the C function (derivatives, t, state, arguments).
         arguments: what it is to be given: the address of the block, as a double.
     """
 
-    def __init__(self, scene: Scene, formulation: Formulation, feedback: float | None = None):
-        self.kernel = kernel_of(scene, formulation, stabilized=feedback is not None)
+    def __init__(
+        self,
+        scene: Scene,
+        formulation: Formulation,
+        feedback: float | None = None,
+        choice: Choice | None = None,
+    ):
+        stabilized = feedback is not None
+        self.kernel = kernel_of(scene, formulation, stabilized=stabilized, choice=choice)
         more = {} if feedback is None else {FEEDBACK: feedback}
         self.block = block_of(self.kernel, scene, **more)
         self.address = self.kernel.address
@@ -172,19 +200,25 @@ def acceleration_in_machine_code(
         at: where; its coordinates, velocities and time.
         formulation: the formulation.
         y: state vector in place of the one that follows from `at`.
+
+    Raises:
+        RefusedError: which constraints are independent is not clear.
     """
-    kernel = kernel_of(at.scene, formulation, also=ACCELERATION)
+    choice = choice_for(at, formulation)
+    kernel = kernel_of(at.scene, formulation, also=ACCELERATION, choice=choice)
     state = state_of(at, formulation) if y is None else y
     return kernel(block_of(kernel, at.scene), np.array([at.t]), state)["vdot"]
 
 
-def exact_jacobian(scene: Scene, formulation: Formulation) -> Callable[[float, Array], Array]:
+def exact_jacobian(
+    scene: Scene, formulation: Formulation, choice: Choice | None = None
+) -> Callable[[float, Array], Array]:
     """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
 
     For implicit integrators that take one (SciPy's). Not for two threads at once. It raises
-    `InputError` for a y of another shape.
+    `InputError` for a y of another shape. `choice` of the partition is that of `rates_on`.
     """
-    kernel = kernel_of(scene, formulation, also=JACOBIAN)
+    kernel = kernel_of(scene, formulation, also=JACOBIAN, choice=choice)
     block, size = block_of(kernel, scene), state_size(scene, formulation)
 
     def at(t: float, y: Array) -> Array:

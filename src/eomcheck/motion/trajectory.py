@@ -10,6 +10,7 @@ import numpy as np
 from eomcheck.console import watched
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.rank import check_rank_kept
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.scene import Scene
@@ -165,6 +166,8 @@ class _Course:
         at = motion.evaluation(y, t)
         if at is None:
             raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
+        if motion.choice is not None:
+            check_rank_kept(at, motion.partition)
         found = at.acceleration(self.formulation).rcond
         for name, rcond in found.items():
             self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
@@ -200,6 +203,7 @@ def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
         q, v = motion.split(y, when)
         # A velocity that the independent ones do not determine is what a_1 refuses as well.
         at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
+        at.independent_partition = motion.partition
         at.acceleration(motion.formulation)
     except RefusedError as error:
         why, refusal = str(error), error

@@ -181,8 +181,11 @@ def solve(A, b, name):
         x in the shape of b.
 
     Raises:
-        RefusedError: A is singular (for doubles: to working precision).
+        RefusedError: A is singular (for doubles: to working precision), or is not square.
     """
+    if A.shape[-1] != A.shape[-2]:
+        what = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
+        raise RefusedError(name, 0.0, 0.0, what)
     if A.dtype != object:
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:

@@ -1,0 +1,215 @@
+"""Which constraints depend on others, decided once, outside of what formulations do.
+
+Rows of a are taken one by one by pivoted QR, the largest first that is left. Each entry of a is
+known up to what rounding explains, which is measured by moving coordinates and parameters; so is
+then how far a row is from the span of those taken before. A row farther from it than
+`1 / INCONCLUSIVE` times that is independent, one within it depends on them, and anything between is
+refused: the rank is not clear.
+
+Redundant constraints depend on each other in all positions nearby that they allow. Where rows do so
+in one position alone, that is a singular one: what they say there does not tell the acceleration.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space, qr, solve_triangular
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.closing import newton
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.formulations import Partition
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.noise import SAMPLES, STEP, Noise
+from eomcheck.numbers.pivots import scale_of
+
+if TYPE_CHECKING:
+    from eomcheck.evaluation.doubles import Evaluation
+
+RANK = "rank of a"
+"""What refusals call it."""
+
+FIRST = 2.0**-20
+"""By what share each row counts as smaller than the one before: the last of equals is redundant."""
+
+
+class Rank(NamedTuple):
+    """Which constraints are independent.
+
+    Attributes:
+        kept: of them (ρ,), rising.
+        redundant: the others, which they imply (r-ρ,), rising.
+        distance: by pivoted QR, how far each row (r,) was from those taken before, over its size.
+        unsure: how far rounding explains (r,), likewise.
+    """
+
+    kept: Array
+    redundant: Array
+    distance: Array
+    unsure: Array
+
+
+def rank_of(at: Evaluation) -> Rank:
+    """Return which constraints are independent at `at`, which has some.
+
+    Raises:
+        RefusedError: the rank is not clear.
+    """
+    found = at.kept(_rank)
+    if isinstance(found, RefusedError):
+        raise found
+    return found
+
+
+def _rank(at: Evaluation) -> Rank | RefusedError:
+    a, names = at.terms.a, at.scene.constraint_names
+    r = len(a)
+    a, unsure = _in_common_units(at)
+    if not (np.isfinite(a).all() and np.isfinite(unsure).all()):
+        return RefusedError(RANK, float("nan"), 0.0, "the rank of a: doubles cannot hold it")
+    factors: Any = qr(a.T, mode="r", pivoting=True, check_finite=False)
+    R, order = factors
+    R, unsure = R[: min(R.shape)], unsure[order]
+    rank, distance, allowed = 0, np.zeros(r), np.zeros(r)
+    for k in range(r):
+        if k == rank < len(R):
+            distance[k], allowed[k] = abs(R[k, k]), _rounding(R, unsure, k, k)
+            if 0 < allowed[k] <= INCONCLUSIVE * distance[k]:
+                rank += 1
+    for k in range(rank, r):
+        distance[k], allowed[k] = np.linalg.norm(R[rank:, k]), _rounding(R, unsure, rank, k)
+        if distance[k] > max(allowed[k], UNDERFLOW):
+            least = allowed[k] / INCONCLUSIVE
+            return RefusedError(
+                RANK,
+                float(distance[k]),
+                float(least),
+                f"the rank of a is not clear: the constraint of {names[order[k]]} is "
+                f"{distance[k]:.2g} of its size away from what the others say, rounding explains "
+                f"{allowed[k]:.2g}, and it is independent above {least:.2g}",
+            )
+    back = np.argsort(order)
+    return Rank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
+
+
+def _in_common_units(at: Evaluation) -> tuple[Array, Array]:
+    """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
+
+    Velocities are measured by the energy in them, and so have no units of their own; each row by
+    its size. Of rows that would do as well as each other, the first is the larger by a little.
+    """
+    a = at.terms.a
+    with np.errstate(all="ignore"):
+        moved = np.max([np.abs(_moved(at, Noise(k)) - a) for k in range(SAMPLES)], axis=0)
+        unsure = allowed_error(1.0) * (np.abs(a) + moved / STEP)
+        columns = scale_of(np.sqrt(np.abs(np.diagonal(at.terms.M))))
+        a, unsure = a * columns, unsure * columns
+        rows = scale_of(np.abs(a).max(axis=1))
+        size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + FIRST * np.arange(len(a)))
+        rows /= np.where(size > 0, size, 1.0)
+    return a * rows[:, None], unsure * rows[:, None]
+
+
+def _moved(at: Evaluation, noise: Noise) -> Array:
+    """Return a of moved coordinates and parameters, an angle at least as if it were 1 rad."""
+    with noise.stream("rank"):
+        floor = np.zeros(at.scene.n)
+        floor[at.scene.angle_coordinates] = 1.0
+        size = np.maximum(np.abs(at.q), floor)
+        near = at.elsewhere(at.q + size * noise.changes(size.shape))
+        near.parameters = noise.record(at.parameters)
+    return near.terms.a
+
+
+def _rounding(R: Array, unsure: Array, rank: int, k: int) -> float:
+    """Return how far rounding alone moves row k from the span of the first `rank` rows."""
+    shares = (
+        solve_triangular(R[:rank, :rank], R[:rank, k], check_finite=False) if rank else R[:0, k]
+    )
+    return float(np.linalg.norm(unsure[k] + np.abs(shares) @ unsure[:rank]))
+
+
+NEARBY = 2.0**-10
+"""How far positions nearby are: the largest change of an angle, rad, or of another coordinate as a
+share of the largest."""
+
+
+def _sizes(at: Evaluation) -> Array:
+    """Return what changes of coordinates (n,) are small or large beside."""
+    q = np.abs(at.q)
+    q[at.scene.angle_coordinates] = 0.0
+    sizes = np.full(at.scene.n, largest(q) or 1.0)
+    sizes[at.scene.angle_coordinates] = 1.0
+    return sizes
+
+
+def check_redundant(at: Evaluation, found: Rank) -> None:
+    """Check that redundant constraints are so in a position nearby too.
+
+    One that the kept constraints allow, either way along a motion that all constraints allow.
+
+    Raises:
+        RefusedError: their rank is larger there, or no such position is found.
+    """
+    motions = null_space(at.terms.a[found.kept])
+    if not motions.size:
+        return  # it cannot move
+    direction = motions @ Noise(0).changes((motions.shape[1],))
+    direction /= np.max(np.abs(direction) / _sizes(at))
+    for step in (NEARBY, -NEARBY):
+        q, _, closed = newton(at, at.q + step * direction, found.kept)
+        if closed:
+            there = at.elsewhere(q)
+            more = np.setdiff1d(found.redundant, rank_of(there).redundant)
+            if not more.size or len(rank_of(there).kept) == len(found.kept):
+                return
+            break
+    worst = found.redundant[np.argmin(found.distance[found.redundant])]
+    names = ", ".join(at.scene.constraint_names[i] for i in found.redundant)
+    raise RefusedError(
+        RANK,
+        float(found.distance[worst]),
+        float(found.unsure[worst]),
+        f"the constraints of {names} depend on the others here and not in positions nearby: the "
+        "pose is singular, and they do not determine its acceleration",
+    )
+
+
+def check_rank_kept(at: Evaluation, partition: Partition) -> None:
+    """Check that the rank of a is still what it was when `partition` was chosen.
+
+    In the position next to `at` that the kept constraints allow, for a motion drifts off them.
+
+    Raises:
+        RefusedError: it is not, or not clear.
+    """
+    q, step, closed = newton(at, at.q, partition.kept)
+    if not closed:
+        why = "no position next to it satisfies the constraints that were kept where it began"
+        raise RefusedError(RANK, step, 0.0, why)
+    rank, before = len(rank_of(at.elsewhere(q)).kept), len(partition.kept)
+    if rank != before:
+        raise RefusedError(
+            RANK,
+            0.0,
+            0.0,
+            f"the rank of a is {rank} here and was {before} where the motion began: other "
+            "constraints are redundant",
+        )
+
+
+def independent_partition(at: Evaluation) -> Partition:
+    """Return the paper's partition with the rows that are kept, all rows if all are independent.
+
+    Raises:
+        RefusedError: the rank is not clear, or another one in positions nearby.
+    """
+    if at.terms.a is None:
+        return at.partition
+    found = rank_of(at)
+    if not found.redundant.size:
+        return at.partition
+    check_redundant(at, found)
+    return at.partition._replace(kept=found.kept, redundant=found.redundant)

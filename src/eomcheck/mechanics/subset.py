@@ -1,0 +1,146 @@
+"""A scene with some of its constraints: those that are independent, chosen by name.
+
+Formulations that cannot do with redundant constraints are handed such a scene. It is a kind of its
+own, whose functions are those of the scene, less the other rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import InputError, distinct, named
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import generic
+
+
+def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
+    """Return `scene` with these of its constraints only.
+
+    The others are not checked, nor held: they are to be implied by those kept, see
+    `eomcheck.independent_constraints`.
+
+    Args:
+        scene: the scene.
+        names: of its constraints, among `scene.constraint_names`.
+
+    Raises:
+        InputError: `names` is no list of names, no constraint is left, or the scene has generalized
+            speeds of its own, which are made for all of its constraints.
+        UnknownNameError: it has no such constraint.
+    """
+    known = {name: i for i, name in enumerate(checked_scene(scene).constraint_names)}
+    rows = sorted(named("constraint", name, known) for name in distinct("constraints", names))
+    if not rows:
+        raise InputError("constraints = (), expected the names of some")
+    if len(rows) == scene.r:
+        return scene
+    if not {"terms", "kinematics"} <= scene.composed:
+        raise InputError(
+            f"{scene.name} writes terms or generalized speeds of its own, for all of its "
+            "constraints: none can be left out"
+        )
+    closed = range(scene.r)[scene.holonomic] if scene.position_residual else ()
+    # Those come first, so that they are a slice again.
+    order = tuple(sorted(rows, key=lambda i: i not in closed))
+    other = object.__new__(_kind(type(scene), order, scene.r))
+    vars(other).update(vars(scene))
+    return other
+
+
+def _again(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
+    """Return a scene with these rows; what pickles are read back by."""
+    scene: Any = object.__new__(_kind(kind, rows, of))
+    if hasattr(scene, "__setstate__"):
+        scene.__setstate__(state)
+    else:
+        vars(scene).update(state)
+    return scene
+
+
+@cache
+def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
+    """Return the kind of scenes with these rows (k,) of so many, the holonomic ones first."""
+    closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
+    count = sum(i in closed for i in rows)
+    all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
+    all_closed = kind.position_residual
+
+    def constraints(parameters, prepared, q):
+        a, b = all_constraints(parameters, prepared, q)
+        return chosen(a, rows), chosen(b, rows)
+
+    def drift(parameters, prepared, q, v):
+        return chosen(all_drift(parameters, prepared, q, v), rows)
+
+    def constraint(parameters, prepared, q, v):
+        return chosen(every(parameters, prepared, q, v), rows)
+
+    places = tuple(closed.index(i) for i in rows[:count])
+
+    def position_residual(parameters, prepared, q):
+        return chosen(all_closed(parameters, prepared, q), places)
+
+    functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
+    if count:
+        functions["position_residual"] = position_residual
+    for name, function in functions.items():
+        function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}"
+    held: dict[str, Any] = {"position_residual": None}
+    held |= {name: staticmethod(generic(function)) for name, function in functions.items()}
+
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the constraints that are left.
+
+        Raises:
+            InputError: a change of the scene has made more or fewer of them.
+        """
+        names = super(found, self).constraint_names
+        if len(names) != of:
+            raise InputError(
+                f"the scene has {len(names)} constraints, those left were chosen of {of}"
+            )
+        return tuple(names[i] for i in rows)
+
+    def structure(self) -> str:
+        """The structure of the scene, and which constraints are left out."""
+        whole = super(found, self)
+        out = [name for i, name in enumerate(whole.constraint_names) if i not in rows]
+        return f"{whole.structure}, without the constraint of {', '.join(out)}"
+
+    def sketch(self, q: Array, t: float = 0.0) -> None:
+        """Return None: pictures are of all constraints."""
+
+    def represented(self) -> str:
+        """Return the Python that makes it again."""
+        return (
+            f"eomcheck.with_constraints({super(found, self).__repr__()}, {self.constraint_names})"
+        )
+
+    def reduce(self):
+        return _again, (kind, rows, of, vars(self))
+
+    body = {
+        "holonomic": slice(0, count),
+        "constraint_names": property(constraint_names),
+        "structure": property(structure),
+        "sketch": sketch,
+        "__repr__": represented,
+        "__reduce__": reduce,
+        "__module__": kind.__module__,
+        "__doc__": kind.__doc__,
+    }
+    found: Any = type(kind)(kind.__name__, (kind,), held | body)
+    return found
+
+
+@generic
+def chosen(x, rows):
+    """Return these rows (k,) of x; None of what is absent."""
+    if x is None:
+        return None
+    return x[np.array(rows)]
