@@ -1,0 +1,301 @@
+"""Scenes made of a description: a class for each topology, everything else its parameters."""
+
+from __future__ import annotations
+
+import copyreg
+from abc import ABCMeta
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from eomcheck.mechanics.described import energies
+from eomcheck.mechanics.described.closures import KINDS, rows_of
+from eomcheck.mechanics.described.constraints import constraints_of
+from eomcheck.mechanics.described.drawing import sketched
+from eomcheck.mechanics.described.forces import forces_of
+from eomcheck.mechanics.described.motion import assemble_of, jacobians_of
+from eomcheck.mechanics.described.neutral import tree_of
+from eomcheck.mechanics.described.pose import prepare_of
+from eomcheck.mechanics.described.topology import Plan, Topology
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
+from eomcheck.mechanics.scene import nothing_moving
+from eomcheck.mechanics.sketch import Sketch
+from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import generic
+
+SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
+"""m; rad, for a hinge between two others that it could bring in line."""
+
+
+class Made(NamedTuple):
+    """All that a kind of mechanism is made of, in numbers and names."""
+
+    key: str
+    """Also the name of the class."""
+    topology: Topology
+    defaults: tuple[tuple[str, Any], ...]
+    """Parameters, by name."""
+    pose: tuple[float, ...]
+    """q at t = 0."""
+    away: tuple[int, ...] = ()
+    """Coordinates of hinges that ordinary states keep away from their singularity."""
+    closed: bool = False
+    """Whether geometry keeps its numbers, because others might not close."""
+    code: str = ""
+    """Python that makes the scene; by default the name of the class, called."""
+    imported: str = ""
+    """What that Python imports."""
+    module: str = __name__
+    left_out: str = ""
+    """What of its source is not in it, in one sentence."""
+
+
+# ---- Parameters ----------------------------------------------------------------------------------
+
+DRAWN: dict[str, tuple[str, str, Any, Any]] = {
+    "orientation": ("quaternions of seats that are turned, of any length", "1", "", (0.1, 1.0)),
+    "offset": ("positions of seats", "m", "", (-1.0, 1.0)),
+    "mass": ("of bodies", "kg", ">= 0", (0.1, 10.0)),
+    "center": ("centres of mass", "m", "", (-1.0, 1.0)),
+    "moments": ("I, central, about the axes", "kg m²", "", (0.6, 1.0)),
+    "products": ("entries xy, xz, yz of I, central", "kg m²", "", (-0.02, 0.02)),
+    "gravity": ("acceleration", "m/s²", "", (-20.0, 20.0, None)),
+    "ratio": ("of joints that follow others", "1", "", (0.2, 2.0)),
+    "shift": ("their position where the other's is 0", "rad or m", "", (-1.0, 1.0)),
+    "stiffness": ("of springs at joints", "N m/rad or N/m", ">= 0", (0.0, 100.0)),
+    "relaxed": ("where they rest", "rad or m", "", (-1.0, 1.0)),
+    "damping": ("of dampers at joints", "N m s/rad or N s/m", ">= 0", (0.0, 10.0, None)),
+    "armature": ("inertia of rotors", "kg m² or kg", ">= 0", (0.01, 1.0)),
+    "points": ("of closures", "m", "", (-1.0, 1.0)),
+    "directions": ("of closures, of any length", "1", "", (0.1, 1.0)),
+    "lengths": ("of rods", "m", "> 0", (0.5, 2.0)),
+    "couplings": ("ratio and shift", "1, rad or m", "", (0.2, 2.0)),
+    "drives": ("position, rate, acceleration", "rad or m, /s, /s²", "", (-1.0, 1.0)),
+}
+"""Name -> what it is, its unit, its sign, what it is drawn from."""
+
+GEOMETRY = frozenset({"orientation", "offset", "points", "directions", "lengths", "couplings"})
+"""What decides whether a mechanism closes."""
+
+NOT_READ = ("orientation", "moments", "products", "armature")
+"""What equations read as something else."""
+
+OPTIONAL = frozenset({"gravity", "damping"})
+
+
+def _fields(made: Made) -> dict[str, Any]:
+    found = {}
+    for name, value in made.defaults:
+        what, unit, sign, drawn = DRAWN[name]
+        among = None if made.closed and name in GEOMETRY else drawn
+        found[name] = parameter(
+            *(what, unit, sign, among, np.shape(value)),
+            default=value,
+            optional=name in OPTIONAL,
+            read=name not in NOT_READ,
+        )
+    return found
+
+
+@generic
+def rotations(orientation):
+    """Return the rotations (k, 3, 3) that quaternions (k, 4) of any length stand for."""
+    R = np.zeros((orientation.shape[0], 3, 3), orientation.dtype)
+    for k in range(orientation.shape[0]):
+        w, x, y, z = orientation[k, 0], orientation[k, 1], orientation[k, 2], orientation[k, 3]
+        size = w * w + x * x + y * y + z * z
+        R[k, 0, 0] = (w * w + x * x - y * y - z * z) / size
+        R[k, 1, 1] = (w * w - x * x + y * y - z * z) / size
+        R[k, 2, 2] = (w * w - x * x - y * y + z * z) / size
+        R[k, 0, 1], R[k, 1, 0] = 2 * (x * y - w * z) / size, 2 * (x * y + w * z) / size
+        R[k, 0, 2], R[k, 2, 0] = 2 * (x * z + w * y) / size, 2 * (x * z - w * y) / size
+        R[k, 1, 2], R[k, 2, 1] = 2 * (y * z - w * x) / size, 2 * (y * z + w * x) / size
+    return R
+
+
+@generic
+def inertias(moments, products, armature, e):
+    """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
+    bodies = 0 if moments is None else moments.shape[0]
+    rotors = 0 if armature is None else armature.shape[0]
+    some = armature if moments is None else moments
+    inertia = np.zeros((bodies + rotors, e, e), some.dtype)
+    for k in range(bodies):
+        if products is None:
+            inertia[k, 0, 0] = moments[k]
+            continue
+        for i in range(3):
+            inertia[k, i, i] = moments[k, i]
+        for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+            inertia[k, i, j] = inertia[k, j, i] = products[k, place]
+    for k in range(rotors):
+        inertia[bodies + k, e - 1, e - 1] = armature[k]
+    return inertia
+
+
+# ---- The class -----------------------------------------------------------------------------------
+
+
+class _Kind(ABCMeta):
+    """The class of kinds of mechanisms, which pickle finds by what they are made of."""
+
+
+def _reduced(kind: Any) -> Any:
+    made = vars(kind).get("made")
+    return kind.__qualname__ if made is None else (kind_of, (made,))
+
+
+copyreg.pickle(_Kind, _reduced)
+
+
+class Mechanism(Parametric, metaclass=_Kind):
+    """A tree of rigid bodies with what closes it; `kind_of` makes the classes that have any."""
+
+    made: ClassVar[Made]
+    plan: ClassVar[Plan]
+    conserves_energy = True
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Those of the joints."""
+        return self.made.topology.coordinates
+
+    def coordinate_ranges(self) -> tuple[Range, ...]:
+        """Return any angle, but for hinges that have to stay away; 1 m to either side."""
+        return self._coordinate_ranges
+
+    _coordinate_ranges: ClassVar[tuple[Range, ...]] = ()
+
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return rotations of seats, masses and inertias, rotors among them."""
+        found, given = {}, {}
+        for name in NOT_READ:
+            value = getattr(self, name, None)
+            given[name] = None if value is None else arithmetic.numbers(value)
+        if given["orientation"] is not None:
+            found["rotation"] = rotations(given["orientation"])
+        parts = given["moments"], given["products"], given["armature"]
+        found["inertia"] = inertias(*parts, self.plan.e)
+        if self.plan.rotors:
+            mass: Any = getattr(self, "mass", None)
+            of_bodies = arithmetic.numbers(np.zeros(0) if mass is None else mass)
+            none = np.zeros(len(self.plan.rotors), of_bodies.dtype)
+            found["mass"] = np.concatenate((of_bodies, none))
+        return found
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return the state of rest in the pose of the description."""
+        return np.array(self.made.pose, np.float64), np.zeros(self.n)
+
+    def changed(self, **parameters: Any) -> Self:
+        """Return the same mechanism with other parameters."""
+        return replace(self, **parameters)
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield one turn by 2π about every hinge that has no spring and is followed by none."""
+        told = {slot.coordinate for slot in self.plan.slots if slot.slides}
+        told |= {slot.coordinate for slot in self.plan.slots if slot.spring is not None}
+        told |= {slot.coordinate for slot in self.plan.slots if slot.follows is not None}
+        for closure in self.made.topology.closures:
+            told |= set(closure.coordinates)
+        turns = np.array([i not in told for i in range(self.n)])
+        if turns.any():
+            yield Symmetry("full turns", self, q + 2.0 * np.pi * turns, v, np.eye(self.n))
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Self]:
+        """Yield the mechanism of the description, and one without gravity."""
+        yield from super().structures(links)
+        if cls().gravity is not None:
+            yield cls(gravity=None)
+
+    def tree(self) -> Tree:
+        """Return its bodies, joint by joint."""
+        return tree_of(self)
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return links from joint to joint, joints with their axes, centres of mass."""
+        return sketched(self, q, t)
+
+    def __repr__(self) -> str:
+        """Return the Python that makes it again: that of its kind, and what is changed."""
+        made, plain = self.made, Parametric.__repr__(self)
+        if not made.code:
+            return plain
+        arguments = plain.partition("(")[2]
+        return made.code if arguments == ")" else f"{made.code}.changed({arguments}"
+
+
+def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
+    slides = {slot.coordinate for slot in plan.slots if slot.slides and slot.follows is None}
+    found = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
+    for i in made.away:
+        found[i] = AWAY
+    if made.closed:
+        found = [Range(x - 0.3, x + 0.3) for x in made.pose]
+    return tuple(found)
+
+
+def functions_of(plan: Plan) -> dict[str, Callable]:
+    """Return the functions of a scene."""
+    functions = {
+        "prepare": prepare_of(plan),
+        "jacobians": jacobians_of(plan),
+        "forces": forces_of(plan),
+        "velocities": energies.velocities_of(plan),
+        "potential": energies.potential_of(plan),
+        "dissipation": energies.dissipation_of(plan),
+        **constraints_of(plan),
+    }
+    constraints = functions.get("constraints", _no_constraints)
+    drift = functions.get("drift", nothing_moving)
+    functions["assemble"] = assemble_of(plan, functions["forces"], constraints, drift)
+    return {name: generic(one) for name, one in functions.items() if one is not None}
+
+
+def _no_constraints(parameters, prepared, q):
+    return None, None
+
+
+@lru_cache(64)
+def _planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
+    plan = Plan(topology)
+    return plan, functions_of(plan)
+
+
+@lru_cache(64)
+def kind_of(made: Made) -> type[Mechanism]:
+    """Return the class of scenes of a description; the same one for the same description."""
+    plan, functions = _planned(made.topology)
+    planar, closures = made.topology.planar, made.topology.closures
+    names = [
+        name if count == 1 else f"{name} {i + 1}"
+        for name, count in ((one.name, rows_of(one, planar)) for one in closures)
+        for i in range(count)
+    ]
+    held = sum(rows_of(one, planar) for one in closures if KINDS[one.kind].holonomic)
+    turned = sorted({slot.coordinate for slot in plan.slots if not slot.slides})
+    body = {
+        "__doc__": f"{made.key}, made of a description. {made.left_out}".strip(),
+        "__module__": made.module,
+        "made": made,
+        "plan": plan,
+        "key": made.key,
+        "named_constraints": tuple(names),
+        "holonomic": slice(0, held),
+        "depends_on_time": any(one.kind == "drive" for one in closures),
+        "_coordinate_ranges": _ranges_of(made, plan),
+        **{name: staticmethod(one) for name, one in functions.items()},
+        **_fields(made),
+    }
+    if turned == list(range(plan.n)):
+        body["angle_coordinates"] = slice(0, None)
+    body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
+    if body["depends_on_time"]:
+        body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
+    return _Kind(made.key, (Mechanism,), body)
