@@ -36,8 +36,9 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics.composed import compose
-from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.generic import generic
 

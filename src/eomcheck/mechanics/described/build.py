@@ -11,7 +11,7 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics.described.closures import KINDS
-from eomcheck.mechanics.described.mechanism import Made, Mechanism, kind_of
+from eomcheck.mechanics.described.mechanism import Made, Mechanism
 from eomcheck.mechanics.described.quaternions import (
     ONE,
     Quaternion,
@@ -24,6 +24,7 @@ from eomcheck.mechanics.tree import PLANAR
 from eomcheck.mechanics.described.topology import Closure, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.float64 import FLOAT64
 
 MOST = 200
 """Coordinates that a description may have: identities of more are not proved in reasonable time."""
@@ -94,9 +95,53 @@ def mechanism(
         InputError: the description contradicts itself, has numbers that are none, or more than
             `MOST` coordinates.
     """
-    built = _Built(tuple(links), tuple(joints), tuple(constraints))
+    made = described(name, links, joints, constraints, gravity=gravity, first=first, pose=pose)
     module = sys._getframe(1).f_globals.get("__name__", __name__)
-    return kind_of(built.made(name, gravity, tuple(first), pose or {})._replace(module=module))
+    return made._replace(module=module).kind()
+
+
+def described(
+    name: str,
+    links: Iterable[Link],
+    joints: Iterable[Joint],
+    constraints: Iterable[Constraint] = (),
+    *,
+    gravity: Triple | None = (0.0, 0.0, -9.81),
+    first: Iterable[str] = (),
+    pose: dict[str, float] | None = None,
+) -> Made:
+    """Return what the kind of a description is made of; see `mechanism`."""
+    built = _Built(tuple(links), tuple(joints), tuple(constraints))
+    made = built.made(name, gravity, tuple(first), pose or {})
+    _check_regular(made)
+    return made
+
+
+REGULAR = 1e-12
+"""Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
+far below what bodies of very different size come to, far above what rounding leaves of 0."""
+
+
+def _check_regular(made: Made) -> None:
+    """Refuse a description in which something moves without any inertia."""
+    scene, names = made.kind()(), made.topology.coordinates
+    n = len(names)
+    # Anywhere: where M is singular for want of inertia, it is so everywhere near.
+    q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))
+    given = scene.parameters(FLOAT64)
+    prepared = scene.prepare(FLOAT64, given, q, 0.0)
+    M = scene.terms(given, prepared, q, np.zeros(n)).M
+    for name, own in zip(names, np.diagonal(M), strict=True):
+        if own <= 0:
+            raise InputError(f"joint {name!r} moves nothing that has inertia")
+    scale = 1 / np.sqrt(np.diagonal(M))
+    sizes, motions = np.linalg.eigh(M * np.outer(scale, scale))
+    if sizes[0] <= REGULAR * sizes[-1]:
+        worst = names[int(np.abs(motions[:, 0]).argmax())]
+        raise InputError(
+            f"the mass matrix is singular: joint {worst!r} can move, with others or alone, "
+            "without anything that has inertia"
+        )
 
 
 class _Built:

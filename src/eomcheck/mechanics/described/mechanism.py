@@ -54,6 +54,10 @@ class Made(NamedTuple):
     left_out: str = ""
     """What of its source is not in it, in one sentence."""
 
+    def kind(self) -> type[Mechanism]:
+        """Return the class of these scenes; the same one for the same description."""
+        return kind_of(self)
+
 
 # ---- Parameters ----------------------------------------------------------------------------------
 
