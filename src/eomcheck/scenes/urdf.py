@@ -157,6 +157,7 @@ def read_urdf(path: Path) -> Robot:
     out = Counter(others(root, READ | OF_ROBOT, repr(where)))
     out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
     name = re.sub(r"\W+", "_", root.get("name", "") or path.stem).strip("_") or "robot"
+    name = name if name.isidentifier() else f"robot_{name}"
     read_links = tuple(_link(one, where, out) for one in links)
     read_joints = tuple(_joint(one, where, out) for one in joints)
     said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in sorted(out.items()))

@@ -117,6 +117,9 @@ def described(
     return made
 
 
+ROUNDED = 1e-12
+"""Relative to the largest moment of inertia, what rounding may have made of 0."""
+
 REGULAR = 1e-12
 """Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
 far below what bodies of very different size come to, far above what rounding leaves of 0."""
@@ -293,9 +296,9 @@ class _Built:
             at = self.joints[other]
         if len(COORDINATES[at.kind]) != 1:
             raise InputError(f"joint {joint.name!r} follows {at.name!r}, which is {at.kind}")
-        follows = self._number("ratio", sense * ratio)
-        self._number("shift", sense * shift)
-        return self.place_of[at.name], 1, follows
+        follows = self._number("ratio", ratio)
+        self._number("shift", shift)
+        return self.place_of[at.name], sense, follows
 
     def _spring(self, joint: Joint) -> int | None:
         if joint.stiffness is None:
@@ -374,6 +377,7 @@ class _Built:
                 raise InputError(f"{what} names {name!r}, expected one of: {known}")
         self._sort_coordinates(first)
         bodies = {k: together(self.rigid[k]) for k in sorted(self.rigid)}
+        self._check_positive(bodies)
         planar = self._is_planar(bodies)
         d = 2 if planar else 3
         slots = tuple(
@@ -386,7 +390,6 @@ class _Built:
             I = one.inertia.tolist()  # noqa: E741
             self._number("moments", I[2][2] if planar else (I[0][0], I[1][1], I[2][2]))
             self._number("products", None if planar else (I[0][1], I[0][2], I[1][2]))
-            self._check_positive(slots[k].name, one)
         closures = self._closures(planar)
         if planar and "offset" in self.numbers:
             self.numbers["offset"] = [one[:2] for one in self.numbers["offset"]]
@@ -422,14 +425,18 @@ class _Built:
             and not any(flat)
         )
 
-    def _check_positive(self, name: str, body: Rigid) -> None:
-        """Refuse a body whose inertia no body has, but for rounding."""
-        moments = np.linalg.eigvalsh(body.inertia)
-        if moments[0] < -1e-9 * max(abs(moments[-1]), 1e-300):
-            raise InputError(
-                f"the body behind joint {name!r} has the principal moment of inertia "
-                f"{moments[0]:.6g} kg m², expected none below 0"
-            )
+    def _check_positive(self, bodies: dict[int, Rigid]) -> None:
+        """Refuse a body whose inertia no body has, but for rounding of the largest one."""
+        if not bodies and "armature" not in self.numbers:
+            raise InputError("nothing that moves has inertia")
+        moments = {k: np.linalg.eigvalsh(one.inertia) for k, one in bodies.items()}
+        largest = max((float(np.abs(one).max()) for one in moments.values()), default=0.0)
+        for k, one in moments.items():
+            if one[0] < -ROUNDED * largest:
+                raise InputError(
+                    f"the body behind joint {self.slots[k].name!r} has the principal moment of "
+                    f"inertia {one[0]:.6g} kg m², expected none below 0"
+                )
 
 
 def _by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:

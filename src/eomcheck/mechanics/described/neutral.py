@@ -22,10 +22,10 @@ def tree_of(scene: Mechanism) -> Tree:
     mass, shift, armature = np.zeros((3, joints))
     coordinates = np.zeros((joints, plan.n))
     for k, slot in enumerate(slots):
-        follows = slot.follows is not None
-        coordinates[k, slot.coordinate] = given.ratio[slot.follows] if follows else slot.sense
-        if follows:
-            shift[k] = given.shift[slot.follows]
+        coordinates[k, slot.coordinate] = slot.sense
+        if slot.follows is not None:
+            coordinates[k] *= given.ratio[slot.follows]
+            shift[k] = slot.sense * given.shift[slot.follows]
         if slot.turn is not None:
             rotation[k] = given.rotation[slot.turn]
         if slot.offset is not None:

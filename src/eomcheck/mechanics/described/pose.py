@@ -15,6 +15,7 @@ from eomcheck.mechanics.described.absent import (
     plus,
     scaled,
     subtracted,
+    times,
     vector,
 )
 from eomcheck.mechanics.described.topology import Plan, Slot
@@ -48,7 +49,9 @@ GROUND = Frame(AXES, NOTHING, NOTHING, NOTHING)
 
 def factor(slot: Slot, parameters: Any) -> Any:
     """Return ∂x/∂q of a slot: a number, or 1 or -1."""
-    return slot.sense if slot.follows is None else parameters.ratio[slot.follows]
+    if slot.follows is None:
+        return slot.sense
+    return times(slot.sense, parameters.ratio[slot.follows])
 
 
 def prepare_of(plan: Plan) -> Any:
@@ -57,9 +60,10 @@ def prepare_of(plan: Plan) -> Any:
     def prepare(arithmetic, parameters, q, t):
         x = np.zeros(len(plan.slots), q.dtype)
         for k, slot in enumerate(plan.slots):
-            x[k] = scaled(factor(slot, parameters), (q[slot.coordinate], None, None))[0]
+            own = q[slot.coordinate]
             if slot.follows is not None:
-                x[k] = x[k] + parameters.shift[slot.follows]
+                own = parameters.ratio[slot.follows] * own + parameters.shift[slot.follows]
+            x[k] = times(slot.sense, own)
         angles = arithmetic.angles(x[list(plan.hinges)]) if plan.hinges else None
         return Prepared(x, angles, driven(parameters, q, t))
 

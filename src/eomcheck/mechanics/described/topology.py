@@ -18,9 +18,9 @@ class Slot(NamedTuple):
     """Slides along ("p") or turns about ("r") an axis of its own frame: "px" ... "rz"."""
     coordinate: int
     sense: int = 1
-    """1 or -1: how it grows with its coordinate."""
+    """1 or -1: along its axis it is so many times the joint's coordinate."""
     follows: int | None = None
-    """Its `ratio` and `shift`; None where its coordinate is its own."""
+    """Place of the `ratio` and `shift` by which the joint's follows from it; None if it is that."""
     turn: int | None = None
     """Orientation of its seat; None where it is that of the frame before."""
     offset: int | None = None
