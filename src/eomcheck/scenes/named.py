@@ -5,6 +5,7 @@ from __future__ import annotations
 from eomcheck.lookup import Kind, looked_up
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
+from eomcheck.scenes.urdf import urdf_kind
 
 ALL = "all"
 
@@ -15,10 +16,13 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
     """Return the kinds of scenes that `name` stands for.
 
     Args:
-        name: "all" of the registry, or a name as `eomcheck.lookup.looked_up` understands it.
+        name: "all" of the registry, a robot's file.urdf, or a name as `eomcheck.lookup.looked_up`
+            understands it.
 
     Raises:
         UnknownNameError: there is no such key.
-        InputError: no such file, or no such scene in it.
+        InputError: no such file, no such scene in it, or a robot that `from_urdf` refuses.
     """
+    if name.lower().endswith(".urdf"):
+        return (urdf_kind(name),)
     return tuple(SCENES.values()) if name == ALL else (looked_up(SCENE, name),)
