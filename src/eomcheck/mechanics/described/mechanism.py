@@ -19,6 +19,7 @@ from eomcheck.mechanics.described.forces import forces_of
 from eomcheck.mechanics.described.motion import assemble_of, jacobians_of
 from eomcheck.mechanics.described.neutral import tree_of
 from eomcheck.mechanics.described.pose import prepare_of
+from eomcheck.mechanics.described.start import started
 from eomcheck.mechanics.described.topology import Plan, Topology
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
@@ -193,8 +194,8 @@ class Mechanism(Parametric, metaclass=_Kind):
         return found
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the state of rest in the pose of the description."""
-        return np.array(self.made.pose, np.float64), np.zeros(self.n)
+        """Return the pose of the description, closed, and the slowest velocity there is."""
+        return started(self)
 
     def changed(self, **parameters: Any) -> Self:
         """Return the same mechanism with other parameters."""
