@@ -61,6 +61,4 @@ def planar_tree(
     turned, joints = np.asarray(inertia, np.float64)[:, None, None] * np.eye(3), len(joint)
     seats = np.broadcast_to(np.eye(3), (joints, 3, 3))
     none = np.zeros(joints)
-    return Tree(
-        parent, joint, seats, offset, mass, center, turned, coordinates, none, none.copy()
-    )
+    return Tree(parent, joint, seats, offset, mass, center, turned, coordinates, none, none.copy())

@@ -20,9 +20,9 @@ from eomcheck.mechanics.described.quaternions import (
     to_z,
     turns,
 )
-from eomcheck.mechanics.tree import PLANAR
 from eomcheck.mechanics.described.topology import Closure, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
+from eomcheck.mechanics.tree import PLANAR
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
 
@@ -384,7 +384,7 @@ class _Built:
             slot._replace(body=list(bodies).index(k) if k in bodies else None)
             for k, slot in enumerate(self.slots)
         )
-        for k, one in bodies.items():
+        for one in bodies.values():
             self._number("mass", float(one.mass))
             self._number("center", tuple(one.center[:d].tolist()))
             I = one.inertia.tolist()  # noqa: E741

@@ -25,7 +25,6 @@ from eomcheck.mechanics.described.absent import (
     Vector,
     dot,
     minus,
-    negative,
     plus,
     subtracted,
     times,
@@ -235,9 +234,11 @@ def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
     for closure in plan.topology.closures:
         points = [at.point(k, vector(given.points[i])) for k, i in closure.points]
         directions = [at.direction(k, vector(given.directions[i])) for k, i in closure.directions]
-        second = [at.direction(closure.points[1][0], x) for x in AXES] if (
-            closure.kind == "weld"
-        ) else []
+        second = (
+            [at.direction(closure.points[1][0], x) for x in AXES]
+            if (closure.kind == "weld")
+            else []
+        )
         read = Read(points, directions, second, closure, given, at, plan.topology.planar)
         found += KINDS[closure.kind].rows(read)
     return found

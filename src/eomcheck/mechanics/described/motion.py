@@ -119,9 +119,7 @@ def swung(rates: Rates, arm: Vector) -> Vector:
 
 def centers(plan: Plan, parameters: Any, frames: list[Frame]) -> list[tuple[Vector, Vector]]:
     """Return the arm to the centre of mass of each body, and its place."""
-    return [
-        point_of(frames, k, vector(parameters.center[b])) for b, k in enumerate(plan.carriers)
-    ]
+    return [point_of(frames, k, vector(parameters.center[b])) for b, k in enumerate(plan.carriers)]
 
 
 def jacobians_of(plan: Plan) -> Any:
