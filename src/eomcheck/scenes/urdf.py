@@ -112,15 +112,15 @@ def urdf_kind(
     options = (", floating=True" if floating else "") + (
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
     )
-    links, joints = robot.links, robot.joints
-    if floating:
-        links, joints = _floating(robot)
+    links, joints = _floating(robot) if floating else (robot.links, robot.joints)
     try:
         made = described(robot.name, links, joints, gravity=gravity)
         return made._replace(
             code=f"from_urdf({str(path)!r}{options})",
             imported="from eomcheck.scenes import from_urdf",
             left_out=robot.left_out,
+            source=str(file),
+            floating=joints[0].name if floating else "",
         ).kind()
     except Unreadable:
         raise

@@ -401,8 +401,14 @@ class _Built:
             Topology(slots, tuple(self.coordinates), planar, closures),
             tuple(defaults.items()),
             tuple(float(pose.get(name, 0.0)) for name in self.coordinates),
-            tuple(self.place_of[name] for name in self.away),
-            closed,
+            away=tuple(self.place_of[name] for name in self.away),
+            closed=closed,
+            several=tuple(
+                joint.name + part
+                for joint in self.joints.values()
+                if len(COORDINATES[joint.kind]) > 1
+                for part in COORDINATES[joint.kind]
+            ),
         )
 
     def _sort_coordinates(self, first: tuple[str, ...]) -> None:

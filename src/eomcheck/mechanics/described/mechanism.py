@@ -43,6 +43,8 @@ class Made(NamedTuple):
     """Parameters, by name."""
     pose: tuple[float, ...]
     """q at t = 0."""
+    several: tuple[str, ...] = ()
+    """Coordinates of joints that have more than one."""
     away: tuple[int, ...] = ()
     """Coordinates of hinges that ordinary states keep away from their singularity."""
     closed: bool = False
@@ -54,6 +56,10 @@ class Made(NamedTuple):
     module: str = __name__
     left_out: str = ""
     """What of its source is not in it, in one sentence."""
+    source: str = ""
+    """The file that it was read from."""
+    floating: str = ""
+    """Name of the link of the file that is free to move because that was asked for."""
 
     def kind(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""
@@ -196,6 +202,11 @@ class Mechanism(Parametric, metaclass=_Kind):
     def initial_state(self) -> tuple[Array, Array]:
         """Return the pose of the description, closed, and the slowest velocity there is."""
         return started(self)
+
+    @property
+    def as_described(self) -> bool:
+        """Whether all parameters are those of the description."""
+        return Parametric.__repr__(self) == f"{type(self).__name__}()"
 
     def changed(self, **parameters: Any) -> Self:
         """Return the same mechanism with other parameters."""
