@@ -167,6 +167,8 @@ class _Built:
         self.away: list[str] = []
         self._name_coordinates()
         self._place_links()
+        if not self.coordinates:
+            raise InputError("no joint of it moves: there are no coordinates")
 
     # ---- Joints ----------------------------------------------------------------------------------
 
@@ -184,8 +186,6 @@ class _Built:
                 f"{len(self.coordinates)} coordinates, expected at most {MOST}: what is larger is "
                 "not checked in reasonable time"
             )
-        if not self.coordinates:
-            raise InputError("no joint of it moves: there are no coordinates")
         self.place_of = {name: i for i, name in enumerate(self.coordinates)}
 
     def _place_links(self) -> None:
