@@ -73,7 +73,7 @@ def test_a_chain_by_description_has_the_terms_of_the_scene_by_hand(links: int, h
     zero = 0 * theirs.v
     expected = zero if theirs.terms.B is None else theirs.terms.B
     assert (T.T @ M @ T == theirs.terms.M).all()
-    assert (T.T @ B == expected).all()
+    assert (expected == T.T @ B).all()
 
 
 # ---- What it costs -------------------------------------------------------------------------------

@@ -151,7 +151,7 @@ def test_the_file_that_the_others_are_made_of_is_read(tmp_path):
         ('<child link="b"/>', '<child link="b"/><axis xyz="0 0 0"/>', "the axis .0, 0, 0."),
         ('<child link="b"/>', '<child link="b"/><axis xyz="0 0"/>', "expected three numbers"),
         ('<child link="b"/>', '<child link="b"/><mimic joint="x"/>', "follows 'x', no such joint"),
-        ('<child link="b"/>', '<child link="b"/><mimic joint="j"/>', "follows itself, by way of 'j'"),
+        ('<child link="b"/>', '<child link="b"/><mimic joint="j"/>', "follows itself"),
         ('<child link="b"/>', '<child link="b"/><wheel/>', "joint 'j' holds <wheel>, which is no"),
         ('<child link="b"/>', '<child link="b"/><dynamics damping="-1"/>', "damping = -1, expect"),
         ("<robot>", "<robot><loop/>", "holds <loop>, which is no part of a URDF"),

@@ -16,7 +16,7 @@ from eomcheck.mechanics.described.absent import (
     levelled,
     put,
 )
-from eomcheck.mechanics.described.closures import KINDS, Moving, rows, rows_of
+from eomcheck.mechanics.described.closures import KINDS, rows, rows_of
 from eomcheck.mechanics.described.motion import (
     STILL,
     columns,
@@ -25,6 +25,7 @@ from eomcheck.mechanics.described.motion import (
     turning_columns,
 )
 from eomcheck.mechanics.described.pose import GROUND, placed, point_of
+from eomcheck.mechanics.described.rows import Moving
 from eomcheck.mechanics.described.topology import Plan
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 
 class Slot(NamedTuple):
@@ -97,10 +96,3 @@ class Plan:
     def on_the_way(self, k: int) -> tuple[int, ...]:
         """Return the slots between the ground and slot k, itself the last; none for -1."""
         return self.from_ground[k] if k >= 0 else ()
-
-    @cached_property
-    def touched(self) -> Any:
-        """Which entries of the Jacobians are there, see `motion.touched`."""
-        from eomcheck.mechanics.described.motion import touched
-
-        return touched(self)
