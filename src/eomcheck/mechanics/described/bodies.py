@@ -29,8 +29,9 @@ def together(bodies: list[Rigid]) -> Rigid:
     if len(bodies) == 1:
         return bodies[0]
     mass = sum(one.mass for one in bodies)
-    center = sum(one.mass * one.center for one in bodies) / (mass or 1.0)
-    inertia = np.zeros((3, 3))
+    center, inertia = np.zeros(3), np.zeros((3, 3))
+    for one in bodies:
+        center += one.mass / (mass or 1.0) * one.center
     for one in bodies:
         away = one.center - center
         inertia += one.inertia + one.mass * (away @ away * np.eye(3) - np.outer(away, away))

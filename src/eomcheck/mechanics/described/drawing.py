@@ -9,6 +9,7 @@ import numpy as np
 from eomcheck.mechanics.described.absent import vector
 from eomcheck.mechanics.described.closures import rows_of
 from eomcheck.mechanics.described.pose import placed, point_of
+from eomcheck.mechanics.described.start import numbers_of
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
@@ -33,7 +34,7 @@ def _place(a: Any, d: int) -> Array:
 
 def sketched(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     """Return the mechanism in the pose q (n,)."""
-    plan, given = scene.plan, scene.parameters(FLOAT64)
+    plan, given = scene.plan, numbers_of(scene)
     prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
     frames, d = placed(plan, given, prepared), plan.d
     at = [_place(frame.origin, d) for frame in frames]

@@ -75,19 +75,16 @@ def rotations(orientation):
 
 
 @generic
-def inertias(moments, products, armature, e):
+def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
     """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
-    bodies = 0 if moments is None else moments.shape[0]
-    rotors = 0 if armature is None else armature.shape[0]
-    some = armature if moments is None else moments
-    inertia = np.zeros((bodies + rotors, e, e), some.dtype)
+    counts = [0 if one is None else one.shape[0] for one in (moments, armature)]
+    bodies, rotors = counts
+    inertia = np.zeros((bodies + rotors, e, e), (armature if bodies == 0 else moments).dtype)
     for k in range(bodies):
-        if products is None:
-            inertia[k, 0, 0] = moments[k]
-            continue
-        for i in range(3):
-            inertia[k, i, i] = moments[k, i]
-        for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        for i in range(e):
+            inertia[k, i, i] = moments[k] if e == 1 else moments[k, i]
+    for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)) if e == 3 else ()):
+        for k in range(bodies):
             inertia[k, i, j] = inertia[k, j, i] = products[k, place]
     for k in range(rotors):
         inertia[bodies + k, e - 1, e - 1] = armature[k]

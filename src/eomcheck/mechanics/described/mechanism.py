@@ -25,7 +25,7 @@ from eomcheck.mechanics.described.terms import assemble_of
 from eomcheck.mechanics.described.topology import Plan, Topology
 from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
-from eomcheck.mechanics.scene import nothing_moving
+from eomcheck.mechanics.scene import Scene, nothing_moving
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Arithmetic, Array
@@ -140,11 +140,12 @@ class Mechanism(Parametric, metaclass=_Kind):
             yield Symmetry("full turns", self, q + 2.0 * np.pi * turns, v, np.eye(self.n))
 
     @classmethod
-    def structures(cls, links: int | None = None) -> Iterator[Self]:
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
         """Yield the mechanism of the description, and one without gravity."""
         yield from super().structures(links)
-        if cls().gravity is not None:
-            yield cls(gravity=None)
+        plain = cls()
+        if getattr(plain, "gravity", None) is not None:
+            yield plain.changed(gravity=None)
 
     def tree(self) -> Tree:
         """Return its bodies, joint by joint."""
@@ -230,4 +231,5 @@ def kind_of(made: Made) -> type[Mechanism]:
     body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
     if body["depends_on_time"]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
-    return _Kind(made.key, (Mechanism,), body)
+    found: Any = _Kind(made.key, (Mechanism,), body)
+    return found

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eomcheck.mechanics.described.start import numbers_of
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.float64 import FLOAT64
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def tree_of(scene: Mechanism) -> Tree:
     """Return the bodies of a mechanism, joint by joint."""
-    plan, given = scene.plan, scene.parameters(FLOAT64)
+    plan, given = scene.plan, numbers_of(scene)
     slots, joints = plan.slots, len(plan.slots)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
     offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))

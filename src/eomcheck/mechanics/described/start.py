@@ -16,6 +16,11 @@ STEPS = 30
 """Of Newton's method, which takes ten or does not arrive."""
 
 
+def numbers_of(scene: Mechanism) -> Any:
+    """Return the parameters of a scene as the equations read them, in doubles."""
+    return scene.parameters(FLOAT64)
+
+
 def started(scene: Mechanism) -> tuple[Array, Array]:
     """Return the pose (n,) closed by Newton's method, and the least v (n,) with a v + b = 0.
 
@@ -24,7 +29,7 @@ def started(scene: Mechanism) -> tuple[Array, Array]:
     pose = np.array(scene.made.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
-    given, q = scene.parameters(FLOAT64), pose
+    given, q = numbers_of(scene), pose
     for _ in range(STEPS):
         a, _, residual = _held(scene, given, q)
         if residual is None:
