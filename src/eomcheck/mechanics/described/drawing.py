@@ -27,6 +27,9 @@ from eomcheck.numbers.float64 import FLOAT64
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism
 
+NEAR = 1e-9
+"""Points are one that are nearer than this share of the whole."""
+
 
 def _place(a: Any, d: int) -> Array:
     return np.array([0.0 if x is None else float(x) for x in a[:d]])
@@ -46,18 +49,20 @@ def sketched(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     size = float(np.ptp(everything, axis=0).max()) or 1.0
     parts: list[Part] = [*fixed_axes(0.15 * size, d)]
     for k, slot in enumerate(plan.slots):
+        # From joint to joint, which is a line of the body before, or of the ground.
         start = at[slot.parent] if slot.parent >= 0 else np.zeros(d)
-        if np.abs(at[k] - start).max() > 1e-9 * size:
-            parts.append(Body((start, at[k]), slot.name if slot.body is not None else ""))
-        axis = _place(frames[k].axis, 3)
-        ends = all(other.parent != k for other in plan.slots)
-        if not slot.slides:
-            along = None if d == 2 else axis / (np.linalg.norm(axis) or 1.0)
-            parts.append(Joint(at[k], slot.parent < 0, slot.name, axis=along))
+        if slot.parent >= 0 and np.abs(at[k] - start).max() > NEAR * size:
+            parts.append(Body((start, at[k])))
+        axis, name = _place(frames[k].axis, d), slot.name.replace("_", " ")
+        if slot.slides:
+            along = 0.12 * size * axis / (np.linalg.norm(axis) or 1.0)
+            parts.append(Arrow(name, at[k], along, frame=False))
+        else:
+            parts.append(Joint(at[k], slot.parent < 0, name, None if d == 2 else axis))
         if k in centers:
             parts.append(Center(centers[k]))
-            if ends:
-                parts += [Body((at[k], centers[k]), slot.name), Trail(centers[k])]
+            if all(other.parent != k for other in plan.slots):
+                parts += [Body((at[k], centers[k])), Trail(centers[k])]
     row = 0
     for closure in plan.topology.closures:
         rows = tuple(range(row, row := row + rows_of(closure, plan.topology.planar)))
