@@ -83,11 +83,11 @@ Following = mechanism(
 FourBar = mechanism(
     "FourBar",
     [GROUND, rod("a"), rod("b"), rod("c")],
-    [turning("α", "ground", "a"), turning("β", "a", "b", (1.0, 0.0, 0.0)),
-     turning("γ", "b", "c", (1.5, 0.0, 0.0))],
+    [turning("α", "ground", "a"), turning("β", "a", "b", (0.8, 0.0, 0.0)),
+     turning("γ", "b", "c", (1.2, 0.0, 0.0))],
     [pin("window", "c", "ground", (1.0, 0.0, 0.0), (1.5, 0.0, 0.0))],
     first=("β", "γ"),
-    pose={"α": 1.3, "β": -1.2, "γ": -1.7},
+    pose={"α": 1.3, "β": -1.0, "γ": -1.6},
     **PLANE,
 )  # fmt: skip
 

@@ -43,8 +43,8 @@ def validate(
     scene: Annotated[
         str | None,
         typer.Option(
-            help="Kind of scene, all of them, or your own: path/to/file.py:Class. [snake; with an "
-            "engine of your own all that it represents]"
+            help="Kind of scene, all of them, a robot.urdf, or your own: path/to/file.py:Class. "
+            "[snake; with an engine of your own all that it represents]"
         ),
     ] = None,
     links: Annotated[
@@ -88,7 +88,7 @@ def validate(
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import ALL, kinds_of
+    from eomcheck.scenes.named import ALL, kinds_of, left_out
 
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
@@ -129,6 +129,8 @@ def validate(
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection)
+    for said in left_out(kinds):
+        print(said)
     if json is not None:
         print(f"written: {json}")
     if interrupted:
@@ -168,6 +170,7 @@ def prove(
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.findings import print_proofs
     from eomcheck.lab.store.workers import check_place
+    from eomcheck.scenes.named import kinds_of, left_out
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
@@ -186,6 +189,8 @@ def prove(
         if json is not None:
             proofs.write()
     print_proofs(proofs)
+    for said in left_out(kinds_of(scene)):
+        print(said)
     if json is not None:
         print(f"written: {json}")
     if proofs.failed:

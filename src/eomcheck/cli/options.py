@@ -20,7 +20,10 @@ SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
 Kind = Annotated[
-    str, typer.Option(help="Kind of scene, all of them, or one in a file: path/to/file.py:Class.")
+    str,
+    typer.Option(
+        help="Kind of scene, all of them, a robot.urdf, or one in a file: path/to/file.py:Class."
+    ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 from eomcheck.lookup import Kind, looked_up
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
@@ -10,6 +12,14 @@ from eomcheck.scenes.urdf import urdf_kind
 ALL = "all"
 
 SCENE: Kind[Scene] = Kind("scene", Scene, SCENES)
+
+
+def left_out(kinds: Iterable[type[Scene]]) -> Iterator[str]:
+    """Yield, a sentence each, what is left out of the files that kinds of scenes are read from."""
+    for kind in kinds:
+        made = getattr(kind, "made", None)
+        if made is not None and made.left_out:
+            yield f"{made.source}: {made.left_out}"
 
 
 def kinds_of(name: str) -> tuple[type[Scene], ...]:
