@@ -96,7 +96,7 @@ def cost(scene: Scene) -> int:
     return tally.additions + tally.multiplications + tally.divisions
 
 
-@pytest.mark.parametrize(("links", "share"), [(3, 1.3), (7, 0.8), (20, 0.7)])
+@pytest.mark.parametrize(("links", "share"), [(3, 1.3), (7, 0.6), (20, 0.4)])
 def test_in_the_plane_a_description_costs_hardly_more_than_a_scene_by_hand(links, share):
     assert cost(chain(links)()) <= share * cost(ChainPendulum.rods(links))
 
@@ -105,7 +105,7 @@ def test_space_costs_more_than_the_plane_and_what_is_absent_nothing():
     plane, space = chain(4)(), chain(4, away=0.1)()
     assert plane.made.topology.planar
     assert not space.made.topology.planar
-    assert cost(plane) < 0.8 * cost(space)
+    assert cost(plane) < 0.6 * cost(space)
     weightless = chain(4, gravity=None)()
     assert cost(weightless) < cost(plane)
     assert cost(plane.changed(gravity=None)) == cost(weightless)

@@ -1,4 +1,4 @@
-"""First derivation, what pulls: gravity along the columns of the bodies, springs and dampers."""
+"""First derivation, what pulls: gravity, springs and dampers at joints."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics.described.absent import dot, times, vector
-from eomcheck.mechanics.described.motion import centers, columns
+from eomcheck.mechanics.described.absent import (
+    NOTHING,
+    added,
+    cross,
+    dot,
+    scaled,
+    times,
+    vector,
+)
+from eomcheck.mechanics.described.motion import centers
 from eomcheck.mechanics.described.pose import factor, placed
 from eomcheck.mechanics.described.topology import Plan
 
@@ -37,10 +45,19 @@ def forces_of(plan: Plan) -> Any:
 
 
 def weigh(plan: Plan, parameters: Any, prepared: Any, Q: Any) -> None:
-    """Add what gravity does to Q (n,)."""
+    """Add what gravity does to Q (n,), its forces and moments passed on from tips to ground."""
     frames, g = placed(plan, parameters, prepared), vector(parameters.gravity)
-    for b, (_, at) in enumerate(centers(plan, parameters, frames)):
-        for i, moved in columns(plan, frames, plan.carriers[b], at).items():
-            work = dot(g, moved)
-            if work is not None:
-                Q[i] += parameters.mass[b] * work
+    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    for b, (arm, _) in enumerate(centers(plan, parameters, frames)):
+        k = plan.carriers[b]
+        force[k] = scaled(parameters.mass[b], g)
+        moment[k] = cross(arm, force[k])
+    for k in reversed(range(len(frames))):
+        slot, frame = plan.slots[k], frames[k]
+        work = dot(frame.axis, force[k] if slot.slides else moment[k])
+        if work is not None:
+            Q[slot.coordinate] += work
+        if slot.parent >= 0:
+            passed = added(moment[k], cross(frame.arm, force[k]))
+            moment[slot.parent] = added(moment[slot.parent], passed)
+            force[slot.parent] = added(force[slot.parent], force[k])

@@ -21,7 +21,7 @@ from eomcheck.mechanics.described.motion import jacobians_of
 from eomcheck.mechanics.described.neutral import tree_of
 from eomcheck.mechanics.described.pose import prepare_of
 from eomcheck.mechanics.described.start import started
-from eomcheck.mechanics.described.terms import assemble_of
+from eomcheck.mechanics.described.terms import terms_of
 from eomcheck.mechanics.described.topology import Plan, Topology
 from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
@@ -187,7 +187,7 @@ def functions_of(plan: Plan) -> dict[str, Callable]:
     }
     constraints = functions.get("constraints", _no_constraints)
     drift = functions.get("drift", nothing_moving)
-    functions["assemble"] = assemble_of(plan, functions["forces"], constraints, drift)
+    functions["terms"] = terms_of(plan, functions["forces"], constraints, drift)
     return {name: generic(one) for name, one in functions.items() if one is not None}
 
 

@@ -1,4 +1,12 @@
-"""Lagrange's terms of the Jacobians: over what moves each body, and nothing else."""
+"""Lagrange's terms without Jacobians: M by composite bodies, B by Newton and Euler, tip to ground.
+
+What hangs on a slot moves as one body where only joints before it move. So the momentum that the
+rate of one joint gives it, about one joint before it after the other, is a row of M: O(n depth) and
+not O(n depth²), and no formula shared with the Jacobians of the bodies, which Kane's method reads.
+Everything is along the axes of the ground, about the origins of the slots.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), Sections 5.3 and 6.2.
+"""
 
 from __future__ import annotations
 
@@ -6,106 +14,155 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.mechanics.described.absent import NOTHING, total
-from eomcheck.mechanics.described.motion import centers, columns, spins
-from eomcheck.mechanics.described.pose import Prepared, placed
+from eomcheck.mechanics.described.absent import (
+    NOTHING,
+    Vector,
+    added,
+    cross,
+    dot,
+    levelled,
+    minus,
+    plus,
+    scaled,
+    times,
+    vector,
+)
+from eomcheck.mechanics.described.motion import Rates, moving, swung
+from eomcheck.mechanics.described.pose import Frame, factor, placed
 from eomcheck.mechanics.described.topology import Plan
 from eomcheck.mechanics.records import Terms
-from eomcheck.numbers.contract import Angles
-from eomcheck.numbers.counting import Counting
 from eomcheck.numbers.generic import generic
 
-
-class Touched(NamedTuple):
-    """Which entries of the Jacobians of a body are there."""
-
-    coordinates: tuple[int, ...]
-    linear: tuple[tuple[int, ...], ...]
-    """Components of V, coordinate by coordinate."""
-    angular: tuple[tuple[int, ...], ...]
-    """Components of ω."""
+Symmetric = dict[tuple[int, int], Any]
+"""Entries (i, j), i <= j, of a matrix (3, 3); in the plane (2, 2) alone."""
 
 
-def touched(plan: Plan) -> tuple[Touched, ...]:
-    """Return which entries of the Jacobians are there, body by body, rotors not among them."""
-    # Which they are does not depend on numbers: any will do.
-    slots, number = len(plan.slots), Counting().vector(1)[0]
+class Heavy(NamedTuple):
+    """What hangs on a slot, as one body."""
 
-    def numbers(*shape: int) -> Any:
-        return np.full((slots, *shape), number, object)
-
-    parameters = _Numbers(numbers(), numbers(plan.d), numbers(3, 3), numbers(plan.d))
-    prepared = Prepared(numbers(), Angles(numbers(), numbers(), numbers()), None)
-    frames = placed(plan, parameters, prepared)
-    turning, found = spins(plan, parameters, prepared), []
-    for k, (_, at) in zip(plan.carriers, centers(plan, parameters, frames), strict=True):
-        V = columns(plan, frames, k, at)
-        here = tuple(sorted(V))
-        linear = tuple(_there(V[i]) for i in here)
-        first = 3 - plan.e
-        angular = (_there(turning[k].get(i, NOTHING)[first:]) for i in here)
-        found.append(Touched(here, linear, tuple(angular)))
-    return tuple(found)
+    mass: Any
+    first: Vector
+    """Σ m r from the origin of the slot, kg m."""
+    inertia: Symmetric
+    """About the origin of the slot, kg m²."""
 
 
-class _Numbers(NamedTuple):
-    ratio: Any
-    offset: Any
-    rotation: Any
-    center: Any
+def entries(plan: Plan) -> tuple[tuple[int, int], ...]:
+    """Return which entries of a moment of inertia count."""
+    if plan.topology.planar:
+        return ((2, 2),)
+    return tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
-def _there(a: tuple[Any, ...]) -> tuple[int, ...]:
-    return tuple(i for i, x in enumerate(a) if x is not None)
+def turned(inertia: Any, axes: tuple[Vector, Vector, Vector], plan: Plan) -> Symmetric:
+    """Return a body's I, given along its axes (e, e), along those of the ground."""
+    if plan.topology.planar:
+        return {(2, 2): inertia[0, 0]}
+    halves = [levelled(axes, vector(inertia[:, k])) for k in range(3)]
+    found: Symmetric = {}
+    for i, j in entries(plan):
+        shares = (times(halves[k][i], axes[k][j]) for k in range(3))
+        x, y, z = shares
+        found[i, j] = plus(plus(x, y), z)
+    return found
 
 
-def assemble_of(plan: Plan, forces: Any, constraints: Any, drift: Any) -> Any:
-    """Return the function `assemble` of a scene."""
+def applied(inertia: Symmetric, a: Vector) -> Vector:
+    """Return I a."""
 
-    entries = touched(plan)
+    def row(i: int) -> Any:
+        x, y, z = (times(inertia.get((min(i, j), max(i, j))), a[j]) for j in range(3))
+        return plus(plus(x, y), z)
 
-    def assemble(parameters, prepared, q, v, bodies):
-        M, B = inertia_terms(plan, entries, parameters.mass, parameters.inertia, *bodies)
+    return row(0), row(1), row(2)
+
+
+def shifted(one: Heavy, away: Vector) -> Heavy:
+    """Return the same body about a point from which the origin is `away`."""
+    step = scaled(one.mass, away)
+    middle = added(one.first, tuple(None if x is None else x / 2 for x in step))
+    products = {(i, j): times(middle[i], away[j]) for i in range(3) for j in range(3)}
+    found: Symmetric = {}
+    for i, j in one.inertia:
+        if i == j:
+            others = [k for k in range(3) if k != i]
+            square = plus(*(products[k, k] for k in others))
+            found[i, j] = plus(one.inertia[i, j], times(2, square))
+        else:
+            both = plus(products[i, j], products[j, i])
+            found[i, j] = minus(one.inertia[i, j], both)
+    return Heavy(one.mass, added(one.first, step), found)
+
+
+def joined(one: Heavy | None, other: Heavy) -> Heavy:
+    """Return two bodies as one."""
+    if one is None:
+        return other
+    inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
+    return Heavy(plus(one.mass, other.mass), added(one.first, other.first), inertia)
+
+
+@generic
+def terms_of_bodies(plan, parameters, frames, rates, dtype):
+    """Return (M (n, n), B (n,)) of the inertia forces."""
+    heavy: list[Heavy | None] = [None] * len(frames)
+    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    for b, k in enumerate(plan.carriers):
+        arm = levelled(frames[k].axes, vector(parameters.center[b]))
+        mass, inertia = parameters.mass[b], turned(parameters.inertia[b], frames[k].axes, plan)
+        heavy[k] = shifted(Heavy(mass, NOTHING, inertia), arm)
+        force[k] = scaled(mass, added(rates[k].rest, swung(rates[k], arm)))
+        moment[k] = added(whirl(inertia, rates[k]), cross(arm, force[k]))
+    M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
+    for k in reversed(range(len(frames))):
+        slot, frame = plan.slots[k], frames[k]
+        if (own := heavy[k]) is not None:
+            add_rows(plan, frames, k, own, M)
+            work = dot(frame.axis, force[k] if slot.slides else moment[k])
+            B[slot.coordinate] = plus(work, B[slot.coordinate])
+        if own is not None and slot.parent >= 0:
+            heavy[slot.parent] = joined(heavy[slot.parent], shifted(own, frame.arm))
+            moment[k] = added(moment[k], cross(frame.arm, force[k]))
+            force[slot.parent] = added(force[slot.parent], force[k])
+            moment[slot.parent] = added(moment[slot.parent], moment[k])
+    for b, k in enumerate(plan.rotors, len(plan.carriers)):
+        i, last = plan.slots[k].coordinate, plan.e - 1
+        grows = factor(plan.slots[k], parameters)
+        M[i, i] += times(grows, times(grows, parameters.inertia[b, last, last]))
+    return M, B
+
+
+def whirl(inertia: Symmetric, rates: Rates) -> Vector:
+    """Return I ω̇ + ω × I ω at v̇ = 0."""
+    return added(applied(inertia, rates.alpha), cross(rates.omega, applied(inertia, rates.omega)))
+
+
+def add_rows(plan: Plan, frames: list[Frame], k: int, one: Heavy, M: Any) -> None:
+    """Add to M what the rate of slot k gives what hangs on it, along all slots before."""
+    axis, i = frames[k].axis, plan.slots[k].coordinate
+    if plan.slots[k].slides:
+        P, L = scaled(one.mass, axis), cross(one.first, axis)
+    else:
+        P, L = cross(axis, one.first), applied(one.inertia, axis)
+    for at in reversed(plan.on_the_way(k)):
+        slot, frame = plan.slots[at], frames[at]
+        share = dot(frame.axis, P if slot.slides else L)
+        if share is not None:
+            M[i, slot.coordinate] += share
+            if at != k:
+                M[slot.coordinate, i] += share
+        L = added(L, cross(frame.arm, P))
+
+
+def terms_of(plan: Plan, forces: Any, constraints: Any, drift: Any) -> Any:
+    """Return the function `terms` of a scene."""
+
+    def terms(parameters, prepared, q, v):
+        frames = placed(plan, parameters, prepared)
+        rates = moving(plan, parameters, frames, v)
+        M, B = terms_of_bodies(plan, parameters, frames, rates, v.dtype)
         a, b = constraints(parameters, prepared, q)
         Q = forces(parameters, prepared, q, v)
         return Terms(M, Q, B, a, drift(parameters, prepared, q, v), b)
 
-    return assemble
-
-
-@generic
-def inertia_terms(
-    plan, touched, mass, inertia, linear, angular, linear_rest, angular_rest, gyroscopic
-):
-    """Return (M (n, n), B (n,)) of the inertia forces, over what moves each body and no more."""
-    n, d, e = plan.n, range(plan.d), range(plan.e)
-    M, B = np.zeros((n, n), linear.dtype), np.zeros(n, linear.dtype)
-    for k, (here, V, omega) in enumerate(touched):
-        force = [mass[k] * linear_rest[k, c] for c in d]
-        moment = [total(inertia[k, c, f] * angular_rest[k, f] for f in e) for c in e]
-        if gyroscopic is not None:
-            moment = [moment[c] + gyroscopic[k, c] for c in e]
-        for place, i in enumerate(here):
-            # The momenta that v_i gives the body, and what they do along each v_j.
-            P = {c: mass[k] * linear[k, c, i] for c in V[place]}
-            L = [total(inertia[k, c, f] * angular[k, f, i] for f in omega[place]) for c in e]
-            B[i] = total(
-                [
-                    B[i],
-                    *(linear[k, c, i] * force[c] for c in V[place]),
-                    *(angular[k, c, i] * moment[c] for c in omega[place]),
-                ]
-            )
-            for other, j in enumerate(here[: place + 1]):
-                shares = [P[c] * linear[k, c, j] for c in V[other] if c in P]
-                if omega[place]:
-                    shares += [L[c] * angular[k, c, j] for c in omega[other]]
-                if shares:
-                    M[i, j] = total([M[i, j], *shares])
-    for b, k in enumerate(plan.rotors, len(plan.carriers)):
-        i, last = plan.slots[k].coordinate, plan.e - 1
-        M[i, i] += inertia[b, last, last] * angular[b, last, i] * angular[b, last, i]
-    for i in range(n):
-        for j in range(i):
-            M[j, i] = M[i, j]
-    return M, B
+    return terms
