@@ -8,7 +8,8 @@ is then wrong on both sides. This one shares nothing with it but the names of jo
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -48,16 +49,23 @@ class ParsedByPinocchio(Engine):
             self.gravity[: g.size] = g
         self.free = bool(made.floating)
         names = list(self.model.names)[2 if self.free else 1 :]
-        self.joints = [self._joint(scene, name) for name in names]
+        mimics = {
+            joint.get("name", ""): mimic.attrib
+            for joint in ElementTree.parse(made.source).iter("joint")
+            for mimic in joint.iter("mimic")
+        }
+        self.joints = [self._joint(name, mimics) for name in names]
 
-    def _joint(self, scene: Mechanism, name: str) -> Of:
-        (slot,) = (one for one in scene.plan.slots if one.name == name)
-        ratio, shift = 1.0, 0.0
-        if slot.follows is not None:
-            given: Any = scene
-            ratio, shift = float(given.ratio[slot.follows]), float(given.shift[slot.follows])
+    def _joint(self, name: str, mimics: dict[str, dict[str, str]]) -> Of:
+        """Return a joint, which Pinocchio moves by itself, as what it follows."""
+        ratio, shift, at = 1.0, 0.0, name
+        while at in mimics:
+            said = mimics[at]
+            shift += ratio * float(said.get("offset", 0.0))
+            ratio *= float(said.get("multiplier", 1.0))
+            at = said["joint"]
         of = self.model.joints[self.model.getJointId(name)]
-        return Of(slot.coordinate, ratio, shift, of.nq == 2)
+        return Of(self.scene.coordinate_names.index(at), ratio, shift, of.nq == 2)
 
     @classmethod
     def version(cls) -> str:
