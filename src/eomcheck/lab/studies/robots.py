@@ -32,7 +32,7 @@ POSES = 20
 
 @dataclass(frozen=True)
 class Robot:
-    """What came of one robot.
+    """What came of one robot, called by the name of its file.
 
     `mass_matrix`, `bias` and `forces` are the largest differences from what Pinocchio's parser and
     algorithms give, relative to the largest entry, None where it cannot hold the joints; `share`
@@ -98,7 +98,7 @@ def _look(settings: Settings) -> Record:
     identities = prove(scene, points=settings["points"], seed=settings["seed"])
     seconds = time.perf_counter() - start
     row = Robot(
-        scene.key,
+        Path(settings["robot"]).stem,
         settings["floating"],
         scene.n,
         scene.plan.bodies,
