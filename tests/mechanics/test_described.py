@@ -6,11 +6,23 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.mechanics.descriptions import ALL, CLOSED, TREES, Arm, FourBar, Skate
+from tests.mechanics.descriptions import (
+    ALL,
+    CLOSED,
+    GROUND,
+    TREES,
+    Arm,
+    FourBar,
+    Skate,
+    rod,
+    turning,
+)
 
 import eomcheck
 from eomcheck.claims.proof import prove
 from eomcheck.claims.repeat import python_of
+from eomcheck.claims.run import Run, Selection
+from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.mechanics.described import (
@@ -23,8 +35,11 @@ from eomcheck.mechanics.described import (
     terms,
 )
 from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
+from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.mechanics.described.words import Link, coupling, pin
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
 
 every_kind = pytest.mark.parametrize("kind", ALL.values(), ids=ALL)
 
@@ -187,3 +202,65 @@ def test_a_mechanism_moves_in_machine_code_and_keeps_its_energy():
     found = eomcheck.simulate(FourBar(), "em", 1.0)
     assert found.status == "finished"
     assert np.abs(found.energy - found.energy[0]).max() < 1e-6
+
+
+@every_kind
+def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
+    scene = kind()
+    sketch = scene.sketch(scene.initial_state()[0])
+    told = {part.name for part in sketch.parts if isinstance(part, Joint | Arrow)}
+    assert {slot.name.replace("_", " ") for slot in kind.plan.slots} <= told
+    rows = [i for part in sketch.parts if isinstance(part, Constraint) for i in part.rows]
+    assert len(set(rows)) == len(rows) <= scene.r
+    d = 2 if kind.made.topology.planar else 3
+    assert all(np.shape(part.at) == (d,) for part in sketch.parts if isinstance(part, Center))
+
+
+@pytest.mark.parametrize("key", ["Arm", "FourBar", "Free", "Lifted"])
+def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
+    kind, run = ALL[key], Run()
+    selection = Selection.of(scenes=[kind])
+    run.look_at_kind(kind, selection, (1, 1), 4, 0)
+    assert [str(f) for f in run.findings if f.verdict == "failed"] == []
+    assert run.cases == 6
+    drawn = [one.scene for one in run.drawn[1:]]
+    assert len({repr(one) for one in drawn}) == 4
+    if kind in CLOSED.values() and kind.made.closed:
+        assert all((one.offset == kind().offset).all() for one in drawn)
+
+
+# ---- What is refused -----------------------------------------------------------------------------
+
+BETA = turning("β", "a", "b")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joints": [BETA]}, "2 links are no joint's child"),
+        ({"links": []}, "joint 'α' has the parent 'ground', no such link"),
+        ({"links": [], "joints": []}, "there is no link"),
+        ({"joints": [BETA, turning("β", "ground", "a")]}, "two joints have the name 'β'"),
+        ({"first": ["γ"]}, "first names 'γ', expected one of: α, β"),
+        ({"pose": {"γ": 1.0}}, "pose names 'γ', expected one of: α, β"),
+        ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
+        ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
+        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p' has the number nan"),
+        ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
+        ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
+        ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),
+        ({"joints": [BETA._replace(kind="planar", damping=1.0)]}, "are for joints with one coord"),
+        ({"joints": [BETA._replace(follows=("β", 1.0, 0.0))]}, "joint 'β' follows itself"),
+        ({"joints": [BETA._replace(name="α_x"), turning("α", "ground", "a")._replace(
+            kind="planar")]}, "two coordinates have the name 'α_x'"),
+        ({"links": [GROUND, Link("a"), Link("b")]}, "nothing that moves has inertia"),
+        ({"links": [GROUND, rod("a"), Link("b")]}, "joint 'β' moves nothing that has inertia"),
+        ({"links": [GROUND, rod("a"), rod("b")._replace(mass=-1.0)]}, "mass = -1 kg"),
+    ],
+)  # fmt: skip
+def test_a_description_that_contradicts_itself_is_refused(change, said):
+    given = {"links": [GROUND, rod("a"), rod("b")], "joints": [turning("α", "ground", "a"), BETA]}
+    if "joints" in change and len(change["joints"]) == 1 and "2 links" not in said:
+        change = {**change, "joints": [turning("α", "ground", "a"), *change["joints"]]}
+    with pytest.raises(InputError, match=said):
+        mechanism("Wrong", **(given | change))

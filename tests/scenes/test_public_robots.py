@@ -1,6 +1,6 @@
 """Public robot descriptions, where wheels that hold them are installed: agreement with Pinocchio.
 
-Such are example-robot-data and pybullet. `EOMCHECK_ROBOTS` names one more folder to look in, such as
+Such are example-robot-data and pybullet. `EOMCHECK_ROBOTS` names one more folder to look in, say
 the site-packages of another environment.
 """
 

@@ -128,7 +128,7 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         i, last = plan.slots[k].coordinate, plan.e - 1
         grows = factor(plan.slots[k], parameters)
-        M[i, i] += times(grows, times(grows, parameters.inertia[b, last, last]))
+        M[i, i] = plus(M[i, i], times(grows, times(grows, parameters.inertia[b, last, last])))
     return M, B
 
 
