@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import sys
 
-from eomcheck.cli import checking, drawing, motions
+from eomcheck.cli import checking, comparing, drawing, motions
 from eomcheck.cli.app import app
 from eomcheck.cli.study import bench, draw, study
 from eomcheck.errors import EomcheckError
@@ -35,4 +35,4 @@ def main() -> None:
             sys.exit(2)
 
 
-__all__ = ["app", "checking", "drawing", "main", "motions"]
+__all__ = ["app", "checking", "comparing", "drawing", "main", "motions"]
