@@ -22,6 +22,9 @@ def compare(
     ] = None,
     states: Annotated[int, typer.Option(help="Number of random states.")] = 20,
     seed: Seed = 0,
+    pairs: Annotated[
+        bool, typer.Option("--pairs", help="Also print each library beside each other.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Compare how libraries read one file, by M, bias, forces and accelerations.
@@ -33,14 +36,14 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes import from_urdf
+    from eomcheck.scenes.urdf import from_urdf
 
     scene = from_urdf(robot)
     with progress("comparing", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:
         write_comparison(found, json)
-    print_comparison(found)
+    print_comparison(found, pairs)
     if json is not None:
         print(f"written: {json}")
     if found.failed:

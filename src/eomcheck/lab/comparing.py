@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
-from eomcheck.lab.reasons import Parting, reasons
+from eomcheck.lab.reasons import Parting, Why, reasons
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -30,10 +29,11 @@ OURS = "eomcheck"
 QUANTITIES = {
     "M": "mass_matrix",
     "bias": "bias",
+    "gravity": "forces",
     "forces": "forces",
     "q̈": "acceleration",
 }
-"""What is compared -> what an engine is asked."""
+"""What is compared -> what an engine is asked; gravity is what forces are at rest."""
 
 
 @dataclass
@@ -48,6 +48,7 @@ class Comparison:
             largest entry; eomcheck first, then as in `versions`.
         findings: the worst one by library and claim, of ours and theirs.
         why: library -> what explains its differences, as far as that is known.
+        said: library -> what it wrote while it read the file.
         states: number of states looked at.
     """
 
@@ -56,13 +57,26 @@ class Comparison:
     refused: dict[str, str] = field(default_factory=dict)
     apart: dict[str, Array] = field(default_factory=dict)
     findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
-    why: dict[str, list[str]] = field(default_factory=dict)
+    why: dict[str, list[Why]] = field(default_factory=dict)
+    said: dict[str, list[str]] = field(default_factory=dict)
     states: int = 0
 
     @property
     def failed(self) -> list[Finding]:
         """The findings on what differs by more than rounding."""
         return [one for one in self.findings.values() if one.verdict == "failed"]
+
+    def of(self, library: str) -> list[Finding]:
+        """Return what a library differs in by more than rounding."""
+        mine = (one for (key, _), one in self.findings.items() if key == library)
+        return [one for one in mine if one.verdict == "failed"]
+
+    def verdict(self, library: str) -> str:
+        """Return a word or two on a library that answered."""
+        if not self.of(library):
+            return "agrees"
+        labels = [one.label for one in self.why[library]]
+        return ", ".join(labels) if labels and all(labels) else "differs"
 
 
 def readers(names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
@@ -111,6 +125,7 @@ def compare(
             continue
         try:
             made[key] = kind(scene)
+            found.said[key], found.why[key] = made[key].said, []
         except Exception as error:  # whatever a library makes of a file it cannot read
             found.refused[key] = " ".join(str(error).split())
             del found.versions[key]
@@ -153,31 +168,29 @@ def _look(found: Comparison, made: dict[str, FileEngine], state: State) -> None:
             continue
         parting = Parting(description, scene.coordinate_names, state.v, ours, told)
         for why in reasons(parting):
-            if why not in found.why.setdefault(key, []):
+            if why not in found.why[key]:
                 found.why[key].append(why)
 
 
 def _ours(at: Evaluation) -> dict[str, Array]:
-    zero = np.zeros(at.scene.n)
-    M, Q, B, *_ = at.terms
-    Q, B = (zero if x is None else x for x in (Q, B))
+    rest = Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
     vdot = at.acceleration(FORMULATIONS["gw"]).vdot
-    return dict(zip(QUANTITIES, (M, B, Q, vdot), strict=True))
+    terms = at.terms.M, at.terms.B, rest.terms.Q, at.terms.Q, vdot
+    zero = np.zeros(at.scene.n)
+    said = (zero if one is None else one for one in terms)
+    return dict(zip(QUANTITIES, said, strict=True))
 
 
 def _theirs(answers: Answers, at: Evaluation) -> dict[str, Array]:
-    q, v, t = at.q, at.v, at.t
-    asked: dict[str, tuple[Any, ...]] = {
-        "mass_matrix": (q, t),
-        "bias": (q, v, t),
-        "forces": (q, v, t),
-        "acceleration": (q, v, np.zeros(at.scene.n), None, None, t),
-    }
-    found = {}
-    for name, method in QUANTITIES.items():
-        answer = getattr(answers, method)(*asked[method])
-        found[name] = answer.vdot if method == "acceleration" else answer
-    return found
+    q, v, t, zero = at.q, at.v, at.t, np.zeros(at.scene.n)
+    said = (
+        answers.mass_matrix(q, t),
+        answers.bias(q, v, t),
+        answers.forces(q, zero, t),
+        answers.forces(q, v, t),
+        answers.acceleration(q, v, zero, None, None, t).vdot,
+    )
+    return dict(zip(QUANTITIES, said, strict=True))
 
 
 def _apart(x: Array | None, y: Array | None) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -12,8 +12,10 @@ from eomcheck.engines.files.description import Description
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.contract import Array
 
-CLOSE = 1e-9
-"""Relative: what agrees to this agrees but for digits."""
+CLOSE, ROUNDED = 1e-8, 1e-13
+"""Relative: what agrees to this agrees but for digits; but for rounding."""
+
+TERMS = "M", "bias", "gravity"
 
 
 class Parting(NamedTuple):
@@ -41,8 +43,40 @@ class Parting(NamedTuple):
         """Return whether they agree but for digits."""
         return largest(self.error(name)) <= tolerance * max(largest(self.ours[name]), 1e-300)
 
+    @property
+    def terms_agree(self) -> bool:
+        """Whether M, bias and gravity agree but for digits."""
+        return all(self.same(name) for name in TERMS)
 
-Reason = Callable[[Parting], Iterator[str]]
+    @property
+    def damped(self) -> list[int]:
+        """Coordinates of joints with dampers."""
+        return [i for i, name in enumerate(self.joints) if name in self.description.damped]
+
+    @property
+    def leaves_out_damping(self) -> bool:
+        """Whether all that forces differ by at rest or not is against the velocity of dampers."""
+        if not self.damped or self.same("forces"):
+            return False
+        error = self.error("forces") - self.error("gravity")
+        others = np.delete(error, self.damped)
+        against = error[self.damped] * self.v[self.damped] >= 0
+        return largest(others) <= CLOSE * largest(self.ours["forces"]) and bool(against.all())
+
+
+class Why(NamedTuple):
+    """What explains a difference.
+
+    Attributes:
+        sentence: what it is.
+        label: the same in a word or two, where it explains all that differs; "" where it may not.
+    """
+
+    sentence: str
+    label: str = ""
+
+
+Reason = Callable[[Parting], Iterator[Why]]
 _REASONS: list[Reason] = []
 
 
@@ -51,35 +85,30 @@ def _reason(function: Reason) -> Reason:
     return function
 
 
-def reasons(parting: Parting) -> list[str]:
-    """Return a sentence for each reason that explains a difference."""
+def reasons(parting: Parting) -> list[Why]:
+    """Return what explains a difference, as far as it is known."""
     return [said for one in _REASONS for said in one(parting)]
 
 
 @_reason
-def _digits(at: Parting) -> Iterator[str]:
-    """Yield that all agree to many digits."""
-    if all(at.same(name) for name in at.ours):
-        apart = max(largest(at.error(x)) / max(largest(at.ours[x]), 1e-300) for x in at.ours)
-        yield f"the same but for digits: {apart:.0e}, more than rounding of doubles explains"
+def _digits(at: Parting) -> Iterator[Why]:
+    """Yield that terms agree to many digits."""
+    if at.terms_agree and not all(at.same(name, ROUNDED) for name in TERMS):
+        whole = all(at.same(name) for name in at.ours) or at.leaves_out_damping
+        said = "the same but for digits: more than doubles round, less than 1e-8"
+        yield Why(said, "fewer digits" if whole else "")
 
 
 @_reason
-def _damping(at: Parting) -> Iterator[str]:
-    """Yield that forces differ by a damping: one number per joint times its velocity."""
-    damped = [at.joints.index(x) for x in at.description.damped if x in at.joints]
-    if not damped or at.same("forces"):
-        return
-    error = at.error("forces")
-    others = np.delete(error, damped)
-    if largest(others) <= CLOSE * max(largest(at.ours["forces"]), 1.0):
-        signs = np.sign(error[damped] * at.v[damped])
-        if (signs >= 0).all():
-            yield f"leaves out the damping of {_few(at, damped)}"
+def _damping(at: Parting) -> Iterator[Why]:
+    """Yield that it knows no damping."""
+    if at.leaves_out_damping:
+        label = "no damping" if at.terms_agree else ""
+        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", label)
 
 
 @_reason
-def _armature(at: Parting) -> Iterator[str]:
+def _armature(at: Parting) -> Iterator[Why]:
     """Yield that M differs on its diagonal alone."""
     if at.same("M"):
         return
@@ -87,22 +116,22 @@ def _armature(at: Parting) -> Iterator[str]:
     beside = error - np.diag(np.diagonal(error))
     if largest(beside) <= CLOSE * largest(at.ours["M"]) and at.same("bias"):
         where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > 1e-12)]
-        yield f"adds to the diagonal of M alone, as an armature does: {_few(at, where)}"
+        yield Why(f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}")
 
 
 @_reason
-def _gravity(at: Parting) -> Iterator[str]:
+def _gravity(at: Parting) -> Iterator[Why]:
     """Yield that gravity is another number."""
-    ours, theirs = at.ours["forces"], at.theirs["forces"]
-    if at.same("forces") or not ours.any():
+    ours, theirs = at.ours["gravity"], at.theirs["gravity"]
+    if at.same("gravity") or not ours.any():
         return
     factor = float(ours @ theirs / (ours @ ours))
     if largest(theirs - factor * ours) <= CLOSE * largest(ours):
-        yield f"has {factor:.6g} times our forces, as another gravity would give"
+        yield Why(f"has {factor:.6g} times our gravity")
 
 
 @_reason
-def _axes(at: Parting) -> Iterator[str]:
+def _axes(at: Parting) -> Iterator[Why]:
     """Yield that some joints turn the other way round."""
     ours, theirs = at.ours["M"], at.theirs["M"]
     if at.same("M"):
@@ -112,25 +141,34 @@ def _axes(at: Parting) -> Iterator[str]:
             signs = np.ones(len(ours))
             signs[list(flipped)] = -1
             if largest(theirs - np.outer(signs, signs) * ours) <= CLOSE * largest(ours):
-                yield f"has the opposite axis: {_few(at, list(flipped))}"
+                yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
                 return
 
 
 @_reason
-def _odd_bodies(at: Parting) -> Iterator[str]:
+def _odd_bodies(at: Parting) -> Iterator[Why]:
     """Yield what bodies the file has that libraries make something else of."""
     if at.same("M"):
         return
     if at.description.massless:
-        names = ", ".join(at.description.massless[:3])
-        yield f"the file has moments of inertia without mass ({names}), which libraries may drop"
+        names = few(at.description.massless)
+        yield Why(
+            f"the file has moments of inertia without mass ({names}), which libraries may drop"
+        )
     if at.description.impossible:
-        names = ", ".join(at.description.impossible[:3])
-        more = len(at.description.impossible) - 3
-        names += f" and {more} more" if more > 0 else ""
-        yield f"the file has inertias that no body can have ({names}), which libraries may replace"
+        names = few(at.description.impossible)
+        yield Why(
+            f"the file has inertias that no body can have ({names}), which libraries may replace"
+        )
+    if at.description.empty:
+        names = few(at.description.empty)
+        yield Why(f"the file has links without inertia ({names}), to which libraries may give some")
 
 
-def _few(at: Parting, places: list[int]) -> str:
-    names = [at.joints[i] for i in places]
+def _joints(at: Parting, places: list[int]) -> str:
+    return few([at.joints[i] for i in places])
+
+
+def few(names: Sequence[str]) -> str:
+    """Return at most three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

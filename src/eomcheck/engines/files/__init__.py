@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eomcheck.engines.files.base import FileEngine
+from eomcheck.engines.files.base import FILE, FileEngine
 from eomcheck.engines.files.drake import DrakeFile
 from eomcheck.engines.files.idyntree import IdyntreeFile
 from eomcheck.engines.files.mujoco import MujocoFile
@@ -10,7 +10,7 @@ from eomcheck.engines.files.pinocchio import PinocchioFile
 from eomcheck.engines.files.pybullet import PybulletFile
 
 READERS: dict[str, type[FileEngine]] = {
-    engine.key.removesuffix("_file"): engine
+    engine.key.removesuffix(FILE): engine
     for engine in (PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile)
 }
 """Key of the library -> class."""

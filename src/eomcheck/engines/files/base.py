@@ -12,10 +12,14 @@ import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
 from eomcheck.engines.files.description import Description, described
+from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
+
+FILE = "_file"
+"""How the key of an engine ends that reads files."""
 
 
 class FileEngine(TreeEngine):
@@ -23,6 +27,9 @@ class FileEngine(TreeEngine):
 
     Its coordinates are those of the library's joints, in the library's order: x = S q + shift, S
     constant. A joint that follows another one is a coordinate of its own to most libraries.
+
+    Attributes:
+        said: lines that the library wrote while it read the file.
     """
 
     def __init__(self, scene: Scene):
@@ -30,25 +37,40 @@ class FileEngine(TreeEngine):
         if not self.represents(scene):
             raise EngineError(f"{self.key} reads files; {scene.name} is not as its file says")
         self.description = described(scene.file)  # type: ignore[attr-defined]
-        self._gravity = np.asarray(scene.gravity_vector)  # type: ignore[attr-defined]
-        self._read(self._library(), self.description)
-        names = list(self.joints())
-        places = {name: i for i, name in enumerate(scene.coordinate_names)}
-        self.coordinates, self.shift = np.zeros((len(names), scene.n)), np.zeros(len(names))
-        for i, name in enumerate(names):
+        gravity = scene.gravity  # type: ignore[attr-defined]
+        self._gravity = np.zeros(3) if gravity is None else np.array(gravity)
+        library = self._library()
+        with listening() as self.said:
+            self._read(library, self.description)
+        self.coordinates, self.shift = self._followed(self.joints())
+        self._n, self._place = len(self.shift), np.arange(len(self.shift))
+
+    def _followed(self, joints: list[str]) -> tuple[Array, Array]:
+        """Return S (m, n) and shift (m,), x = S q + shift, for joints of these names.
+
+        Raises:
+            EngineError: it has another joint than the file, or lacks one.
+        """
+        places = {name: i for i, name in enumerate(self.scene.coordinate_names)}
+        S, shift = np.zeros((len(joints), self.scene.n)), np.zeros(len(joints))
+        for i, name in enumerate(joints):
             factor, of = 1.0, name
-            while of in self.description.mimics:
-                follows = self.description.mimics[of]
-                self.shift[i] += factor * follows.offset
-                factor, of = factor * follows.multiplier, follows.joint
+            while of in self.description.follows:
+                of, ratio, offset = self.description.follows[of]
+                shift[i] += factor * offset
+                factor *= ratio
             if of not in places:
                 raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
-            self.coordinates[i, places[of]] = factor
-        still = np.flatnonzero(~self.coordinates.any(axis=0))
-        if still.size:
-            lost = scene.coordinate_names[still[0]]
-            raise EngineError(f"{self.key} has no joint {lost!r}, which the file moves")
-        self._n, self._place = len(names), np.arange(len(names))
+            S[i, places[of]] = factor
+        for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
+            if not column.any():
+                raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")
+        return S, shift
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return super().version().replace(FILE, "")
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:

@@ -24,7 +24,8 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
         if not loader.loadModelFromString(description.text, "urdf"):
             raise EngineError(f"{self.key} cannot read the file")
         model = loader.model()
-        model.setDefaultBaseLink(model.getLinkIndex(description.root))
+        if description.root in [model.getLinkName(i) for i in range(model.getNrOfLinks())]:
+            model.setDefaultBaseLink(model.getLinkIndex(description.root))
         self.dynamics = library.KinDynComputations()
         self.dynamics.loadRobotModel(model)
         model = self.dynamics.model()

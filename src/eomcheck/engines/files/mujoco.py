@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.mujoco import MujocoEngine

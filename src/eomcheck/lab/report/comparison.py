@@ -12,8 +12,26 @@ from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS, Comparison
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
 
+MOST_LINES = 4
+"""Of what a library says while it reads a file."""
 
-def difference_sheets(found: Comparison) -> Iterator[Sheet]:
+
+def library_sheet(found: Comparison) -> Sheet:
+    """Return the table of libraries: how far from us they are, where, and why."""
+    rows = []
+    for i, (key, version) in enumerate(found.versions.items()):
+        verdict = Cell(found.verdict(key), "failed" if found.of(key) else "passed")
+        apart = [_cell(table[0, i + 1]) for table in found.apart.values()]
+        rows.append([Cell(version, "name"), *apart, verdict])
+    nothing = [*"-" * len(found.apart), Cell("no answer", "open")]
+    rows += [[Cell(key, "name"), *nothing] for key in found.refused]
+    title = f"{found.scene.name}: {found.scene.n} coordinates, {found.states} states"
+    heads = ["library", *found.apart, "verdict"]
+    note = "Largest difference from eomcheck, relative to the largest entry."
+    return Sheet("libraries", title, heads, rows, note=note)
+
+
+def pair_sheets(found: Comparison) -> Iterator[Sheet]:
     """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
     names = [OURS, *found.versions]
     for quantity, table in found.apart.items():
@@ -21,34 +39,35 @@ def difference_sheets(found: Comparison) -> Iterator[Sheet]:
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
         ]
-        title = f"{quantity}: largest difference, relative to the largest entry"
-        yield Sheet(quantity, title, ["", *names], rows)
-    rows = []
+        yield Sheet(quantity, f"{quantity}, each library beside each other", ["", *names], rows)
+
+
+def sentences(found: Comparison) -> Iterator[str]:
+    """Yield what is to be said of each library that differs or gave no answer."""
     for key, version in found.versions.items():
-        failed = [one for (k, _), one in found.findings.items() if k == key and one.verdict == "failed"]
-        verdict = Cell("differs", "failed") if failed else Cell("agrees", "passed")
-        where = "; ".join(f"{one.claim}: {one.detail}" for one in failed)
-        why = "; ".join(found.why.get(key, []))
-        rows.append([Cell(version, "name"), verdict, where, why])
+        if failed := found.of(key):
+            where = "; ".join(one.detail for one in failed)
+            why = "; ".join(one.sentence for one in found.why[key]) or "no reason known"
+            yield f"{version} differs: {where}. Why: {why}."
+            if found.said[key]:
+                more = len(found.said[key]) - MOST_LINES
+                said = " / ".join(found.said[key][:MOST_LINES])
+                yield f"    It said: {said}" + (f" (and {more} lines more)" if more > 0 else "")
     for key, why in found.refused.items():
-        rows.append([Cell(key, "name"), Cell("no answer", "open"), "", why])
-    title = f"{found.scene.name}: {found.scene.n} coordinates, {found.states} states"
-    heads = ["library", "verdict", "where", "why, as far as known"]
-    yield Sheet("libraries", title, heads, rows, widths=(3, 2, 6, 6))
+        yield f"{key} gave no answer: {why}"
 
 
 def _cell(x: float) -> str:
     return "-" if math.isnan(x) else f"{x:.0e}" if x else "0"
 
 
-def print_comparison(found: Comparison) -> None:
-    """Print the tables."""
-    print_sheets(difference_sheets(found))
-    failed = sorted({key for (key, _), one in found.findings.items() if one.verdict == "failed"})
-    if failed:
-        say(f"{', '.join(failed)}: different equations of motion from one file")
-    else:
-        console.print("all that answer agree to rounding")
+def print_comparison(found: Comparison, pairs: bool = False) -> None:
+    """Print how far libraries are from us, and from each other if asked for."""
+    print_sheets([library_sheet(found), *(pair_sheets(found) if pairs else ())])
+    for said in sentences(found):
+        say(said)
+    if not found.failed:
+        console.print("all that answered agree to rounding")
 
 
 def write_comparison(found: Comparison, path: Path) -> None:
@@ -65,6 +84,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
             for name, table in found.apart.items()
         },
         "findings": [one.as_dict() for one in found.findings.values()],
-        "why": found.why,
+        "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
+        "said": found.said,
     }
     write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")
