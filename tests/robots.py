@@ -24,14 +24,16 @@ def arm(path: Path, *, more: str = "", damping: str = "", last: str = "") -> Pat
         last: links in the place of the last one, "hand".
     """
     damped = f'<dynamics damping="{damping}"/>' if damping else ""
-    hand = LINK.format(name="hand", at="0 0.1 0.05", turn="1 0 0", mass=0.7, xx=0.1, yy=0.2, zz=0.15)
+    hand = LINK.format(
+        name="hand", at="0 0.1 0.05", turn="1 0 0", mass=0.7, xx=0.1, yy=0.2, zz=0.15
+    )
     upper = {"name": "upper", "at": "0.2 0 0.1", "turn": "0.3 -0.2 0.5", "mass": 2.5}
     fore = {"name": "fore", "at": "0 0 0.3", "turn": "0 0.4 0", "mass": 1.2}
     parts = [
         '<robot name="arm"><link name="base"/>',
         LINK.format(**upper, xx=0.3, yy=0.25, zz=0.2),
         LINK.format(**fore, xx=0.2, yy=0.2, zz=0.1),
-        last or hand,
+        last or LINK.format(**hand, xx=0.1, yy=0.2, zz=0.15),
         joint("shoulder", "base", "upper", "revolute", "0 1 0"),
         joint("slide", "upper", "fore", "prismatic", "0 0 1", damped),
         joint("wrist", "fore", "hand", "continuous", "0.6 0 0.8"),
@@ -43,7 +45,13 @@ def arm(path: Path, *, more: str = "", damping: str = "", last: str = "") -> Pat
 
 
 def joint(
-    name: str, parent: str, child: str, kind: str, axis: str, more: str = "", at: str = "0.1 0.2 0.3"
+    name: str,
+    parent: str,
+    child: str,
+    kind: str,
+    axis: str,
+    more: str = "",
+    at: str = "0.1 0.2 0.3",
 ) -> str:
     """Return a joint."""
     where = {"at": at, "turn": "0.2 0.1 -0.3"}

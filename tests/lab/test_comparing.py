@@ -12,7 +12,7 @@ from tests.robots import arm, body, joint
 from typer.testing import CliRunner
 
 from eomcheck.cli import app
-from eomcheck.engines import Answers
+from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.files.description import described
 from eomcheck.engines.files.said import listening
@@ -56,7 +56,7 @@ def test_a_joint_that_follows_another_is_no_coordinate_but_the_library_s_own(tmp
     engine = PinocchioFile(scene)
     assert scene.coordinate_names == ("shoulder", "slide", "wrist", "grip")
     assert engine.coordinates.shape == (5, 4)
-    assert engine.coordinates[4].tolist() == [0, 0, 0, -2]
+    assert engine.coordinates[engine.joints().index("follow")].tolist() == [0, 0, 0, -2]
 
 
 # ---- Who differs is told, and why ----------------------------------------------------------------
@@ -82,7 +82,7 @@ class Backwards(PinocchioFile):
     def velocity_map(self, q, v):
         turned = np.array([1.0, -1.0, 1.0])
         x, S, rest = super().velocity_map(q * turned, v)
-        return x, S * turned, rest
+        return VelocityMap(x, S * turned, rest)
 
 
 class Single(PinocchioFile):
@@ -149,7 +149,10 @@ def parting(path: Path, **options) -> Parting:
     ("last", "why"),
     [
         (body("hand", mass=0), "moments of inertia without mass (hand), which libraries may drop"),
-        (body("hand", zz=0.3), "inertias that no body can have (hand), which libraries may replace"),
+        (
+            body("hand", zz=0.3),
+            "inertias that no body can have (hand), which libraries may replace",
+        ),
         ('<link name="hand"/>', "links without inertia (hand), to which libraries may give some"),
     ],
 )
@@ -223,8 +226,7 @@ def test_what_is_written_while_a_library_reads_is_kept_and_not_shown(capfd):
     with listening() as lines:
         os.write(1, b"one\n")
         os.write(2, b"two\none\n")
-        print("three")
-    assert sorted(lines) == ["one", "three", "two"]
+    assert lines == ["one", "two"]
     print("after")
     assert capfd.readouterr() == ("after\n", "")
 

@@ -36,7 +36,7 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes.urdf import from_urdf
+    from eomcheck.scenes import from_urdf
 
     scene = from_urdf(robot)
     with progress("comparing", states) as advance:

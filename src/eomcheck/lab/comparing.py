@@ -11,7 +11,7 @@ from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import check
-from eomcheck.engines import Answers
+from eomcheck.engines import Answers, Engine
 from eomcheck.engines.files import READERS, FileEngine
 from eomcheck.engines.files.description import described
 from eomcheck.errors import EngineError, InputError, UnknownNameError
@@ -153,7 +153,7 @@ def _look(found: Comparison, made: dict[str, FileEngine], state: State) -> None:
         table = np.array([[_apart(x, y) for y in said] for x in said])
         found.apart[name] = np.fmax(found.apart.get(name, table), table)
     asked = [one.id for one in CLAIMS.values() if one.asks in QUANTITIES.values()]
-    kinds = {type(engine): key for key, engine in made.items()}
+    kinds: dict[type[Engine], str] = {type(engine): key for key, engine in made.items()}
     for one in check(scene, *state, engines=kinds, claims=asked, formulations=["gw"]):
         key = kinds.get(one.engine) if one.engine is not None else None
         if key is None or one.verdict == "not looked at":

@@ -158,7 +158,7 @@ def _odd_bodies(at: Parting) -> Iterator[Why]:
     if at.description.impossible:
         names = few(at.description.impossible)
         yield Why(
-            f"the file has inertias that no body can have ({names}), which libraries may replace"
+            f"the file has inertias that no body can have ({names}), which libraries may change"
         )
     if at.description.empty:
         names = few(at.description.empty)
