@@ -24,9 +24,7 @@ def arm(path: Path, *, more: str = "", damping: str = "", last: str = "") -> Pat
         last: links in the place of the last one, "hand".
     """
     damped = f'<dynamics damping="{damping}"/>' if damping else ""
-    hand = LINK.format(
-        name="hand", at="0 0.1 0.05", turn="1 0 0", mass=0.7, xx=0.1, yy=0.2, zz=0.15
-    )
+    hand = {"name": "hand", "at": "0 0.1 0.05", "turn": "1 0 0", "mass": 0.7}
     upper = {"name": "upper", "at": "0.2 0 0.1", "turn": "0.3 -0.2 0.5", "mass": 2.5}
     fore = {"name": "fore", "at": "0 0 0.3", "turn": "0 0.4 0", "mass": 1.2}
     parts = [

@@ -111,6 +111,7 @@ def test_what_a_library_reads_otherwise_is_named(monkeypatch, tmp_path, kind, cl
     assert claim in {one.claim for one in found.of(kind.key)}
     assert [one.sentence for one in found.why[kind.key]] == [why]
     assert found.verdict(kind.key) == "differs"
+    assert max(table[0, 1] for table in found.apart.values()) > 1e-4
 
 
 def test_fewer_digits_are_told_apart_from_other_equations(monkeypatch, tmp_path):
@@ -151,7 +152,7 @@ def parting(path: Path, **options) -> Parting:
         (body("hand", mass=0), "moments of inertia without mass (hand), which libraries may drop"),
         (
             body("hand", zz=0.3),
-            "inertias that no body can have (hand), which libraries may replace",
+            "inertias that no body can have (hand), which libraries may change",
         ),
         ('<link name="hand"/>', "links without inertia (hand), to which libraries may give some"),
     ],
