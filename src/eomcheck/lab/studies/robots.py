@@ -1,183 +1,182 @@
-"""Robots from their files: read, compared with what Pinocchio reads, validated and proved."""
+"""Robot descriptions that come with packages: checked, proved, and read by several libraries."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
-from eomcheck.claims.finding import DECIDED, Finding
-from eomcheck.claims.proof import prove
-from eomcheck.claims.run import Run, Selection
-from eomcheck.claims.strata import state_cases
-from eomcheck.engines.answers import Answers
-from eomcheck.engines.parsed import ParsedByPinocchio
-from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.claims.proof import prove_structure
+from eomcheck.claims.run import validate
+from eomcheck.errors import EngineError, InputError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.comparing import QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
-from eomcheck.lab.study import Study, failed, unfinished
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.scenes import from_urdf
+from eomcheck.lab.store.records import Record, Settings, rows_of
+from eomcheck.lab.study import Study, unfinished
+from eomcheck.scenes.urdf import from_urdf
 
-POSES = 20
-"""Random states in which M, B and Q are compared."""
+ROBOTS = {
+    "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
+    "ur5-gripper": ("example-robot-data", "ur_description/urdf/ur5_gripper.urdf"),
+    "iiwa": ("pybullet", "pybullet_data/kuka_iiwa/model.urdf"),
+    "panda": ("example-robot-data", "panda_description/urdf/panda.urdf"),
+    "z1": ("example-robot-data", "z1_description/urdf/z1.urdf"),
+    "xarm7": ("example-robot-data", "xarm_description/urdf/xarm7.urdf"),
+    "kinova": ("example-robot-data", "kinova_description/robots/kinova.urdf"),
+    "allegro-hand": ("example-robot-data", "allegro_hand_description/urdf/allegro_right_hand.urdf"),
+    "solo12": ("example-robot-data", "solo_description/robots/solo12.urdf"),
+    "anymal": ("example-robot-data", "anymal_b_simple_description/robots/anymal.urdf"),
+    "icub": ("example-robot-data", "icub_description/robots/icub_reduced.urdf"),
+    "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
+    "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+}
+"""Name -> package on PyPI that its description comes with, and how the path there ends."""
 
 
 @dataclass(frozen=True)
-class Robot:
-    """What came of one robot, called by the name of its file.
-
-    `mass_matrix`, `bias` and `forces` are the largest differences from what Pinocchio's parser and
-    algorithms give, relative to the largest entry, None where it cannot hold the joints; `share`
-    is the largest observed / allowed of all claims.
-    """
+class Read:
+    """What one library makes of one robot: largest differences from us, relative."""
 
     robot: str
-    floating: bool
-    coordinates: int
-    bodies: int
-    version: str
-    mass_matrix: float | None
-    bias: float | None
-    forces: float | None
-    passed: int
-    failed: int
-    share: float
-    proved: int
-    disproved: int
-    read_seconds: float
-    prove_seconds: float
-    left_out: str
+    library: str
+    verdict: str
+    apart: dict[str, float]
+    why: str
+
+
+def located(robot: str) -> Path:
+    """Return the file of a robot of `ROBOTS`, or the path that `robot` is.
+
+    Raises:
+        EngineError: the package that it comes with is not installed.
+        InputError: it is neither a known name nor a file.
+    """
+    if robot not in ROBOTS:
+        path = Path(robot)
+        if not path.is_file():
+            known = ", ".join(ROBOTS)
+            raise InputError(f"robot = {robot!r}, expected a file or one of: {known}")
+        return path
+    package, end = ROBOTS[robot]
+    try:
+        files = metadata.files(package) or []
+    except metadata.PackageNotFoundError:
+        raise EngineError(f"{robot} comes with {package}, which is not installed") from None
+    for file in files:
+        if str(file).endswith(end):
+            return Path(str(file.locate()))
+    raise EngineError(f"{package} {metadata.version(package)} has no {end}")
 
 
 def cells(
     *,
-    robot: Annotated[list[str] | None, "URDF file, its root fixed; repeat for more."] = None,
-    free: Annotated[list[str] | None, "URDF file, its root free; repeat for more."] = None,
-    states: Annotated[int, "Random states that every claim is looked at in."] = 5,
-    points: Annotated[int, "Random points per identity."] = 4,
+    robot: Annotated[list[str] | None, "Robot by name, or its file; repeat for more."] = None,
+    states: Annotated[int, "Random states of a robot."] = 20,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
     """Yield a cell for each robot.
 
     Raises:
-        InputError: no robot, no states or points, or no such file.
+        InputError: no such robot, or no states.
     """
-    at_least_one(states=states, points=points)
-    files = [*((path, False) for path in robot or ()), *((path, True) for path in free or ())]
-    if not files:
-        raise InputError("no robot: name files by --robot or --free")
-    for path, floating in files:
-        if not Path(path).is_file():
-            raise InputError(f"{path!r} is not a file")
-        where = {"robot": path, "floating": floating}
-        yield where | {"states": states, "points": points, "seed": seed}
+    at_least_one(states=states)
+    for name in ROBOTS if robot is None else robot:
+        if name not in ROBOTS:
+            located(name)
+        yield {"robot": name, "states": states, "seed": seed}
 
 
 def _look(settings: Settings) -> Record:
-    """Read one robot, and judge it."""
-    start = time.perf_counter()
+    """Check, prove and compare one robot."""
+    name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
     try:
-        scene = from_urdf(settings["robot"], floating=settings["floating"])
-    except InputError as refusal:
-        return Record(STUDY.key, settings, "refused", str(refusal))
-    read = time.perf_counter() - start
-    engines = [ParsedByPinocchio, "pinocchio", "casadi"]
-    selection = Selection.of(None, engines, None, scenes=[scene])
-    run = Run()
-    for one, state in state_cases(scene, settings["states"], settings["seed"]):
-        run.look_at(one, state, selection)
+        scene = from_urdf(located(name))
+    except EngineError as missing:
+        return Record(STUDY.key, settings, "refused", str(missing))
     start = time.perf_counter()
-    identities = prove(scene, points=settings["points"], seed=settings["seed"])
-    seconds = time.perf_counter() - start
-    row = Robot(
-        Path(settings["robot"]).stem,
-        settings["floating"],
-        scene.n,
-        scene.plan.bodies,
-        ParsedByPinocchio.version(),
-        *_differences(scene, settings["seed"]),
-        _count(run.findings, "passed"),
-        _count(run.findings, "failed"),
-        max((one.ratio for one in run.findings if one.verdict in DECIDED), default=0.0),
-        _count(identities, "passed"),
-        _count(identities, "failed"),
-        read,
-        seconds,
-        scene.made.left_out,
-    )
-    return record_of_rows(STUDY.key, settings, [row])
-
-
-def _count(findings: Sequence[Finding], verdict: str) -> int:
-    return sum(one.verdict == verdict for one in findings)
-
-
-def _differences(scene: Mechanism, seed: int) -> tuple[float | None, float | None, float | None]:
-    """Return the largest relative differences of M, B and Q from what Pinocchio reads."""
-    if not ParsedByPinocchio.represents(scene):
-        return None, None, None
-    answers, random = Answers(ParsedByPinocchio(scene)), np.random.default_rng(seed)
-    found = [0.0, 0.0, 0.0]
-    for _ in range(POSES):
-        q = np.array([random.uniform(one.low, one.high) for one in scene.coordinate_ranges()])
-        v = random.uniform(-3.0, 3.0, scene.n)
-        M, Q, B, *_ = Evaluation(scene, q, v).terms
-        theirs = answers.mass_matrix(q), answers.bias(q, v), answers.forces(q, v)
-        for i, (ours, other) in enumerate(zip((M, B, Q), theirs, strict=True)):
-            size = largest(other)
-            if ours is not None and size > 0:
-                found[i] = max(found[i], largest(ours - other) / size)
-    return found[0], found[1], found[2]
+    checked = [one.verdict for one in validate(scene, examples=states, seed=seed)]
+    validated = time.perf_counter()
+    formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+    proved = [one.verdict for one in prove_structure(scene, formulations, 4, seed)]
+    done = time.perf_counter()
+    counts = {
+        "coordinates": scene.n,
+        "passed": checked.count("passed"),
+        "failed": checked.count("failed"),
+        "proved": proved.count("passed"),
+        "disproved": proved.count("failed"),
+    }
+    seconds = {"checks, s": validated - start, "proof, s": done - validated}
+    found = compare(scene, None, states, seed)
+    rows = []
+    for i, (key, version) in enumerate(found.versions.items()):
+        apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
+        why = "; ".join(one.sentence for one in found.why[key])
+        rows.append(Read(name, version, found.verdict(key), apart, why))
+    rows += [Read(name, key, "no answer", {}, why) for key, why in found.refused.items()]
+    series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
+    return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
 
 # ---- What it comes to ----------------------------------------------------------------------------
 
 
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
-    """Yield one line for each robot."""
+    """Yield what came of our own equations, and what each library makes of each robot."""
+    done = [record for record in found if record.status == "done"]
+    names = ("coordinates", "passed", "failed", "proved", "disproved")
     rows = [
         (
-            Cell(one.robot + (", free" if one.floating else ""), "name"),
-            str(one.coordinates),
-            str(one.bodies),
-            *map(_difference, (one.mass_matrix, one.bias, one.forces)),
-            f"{one.proved} of {one.proved + one.disproved}",
-            f"{one.prove_seconds:.1f}",
-            f"{one.passed} of {one.passed + one.failed}",
-            f"{one.share:.0%}",
+            Cell(record.settings["robot"], "name"),
+            *(str(record.counts[name]) for name in names),
+            *(f"{seconds:.1f}" for seconds in record.errors.values()),
         )
-        for one in rows_of(found, Robot)
+        for record in done
     ]
-    columns = (
-        *("robot", "n", "bodies", "M", "B", "Q", "proved", "seconds"),
-        *("passed", "of what rounding allows"),
-    )
-    yield Sheet("robots", "Robots from their files, against what Pinocchio reads", columns, rows)
+    heads = ("robot", "coordinates", "checks passed", "failed", "identities proved", "disproved")
+    yield Sheet("robots", "Our equations of each robot", (*heads, "checks, s", "proof, s"), rows)
+    reads = rows_of(done, Read)
+    libraries = list(dict.fromkeys(_key(one) for one in reads))
+    rows = []
+    for record in done:
+        name = record.settings["robot"]
+        mine = {_key(one): one for one in reads if one.robot == name}
+        rows.append((Cell(name, "name"), *(_cell(mine.get(key)) for key in libraries)))
+    title = "The same file by others: largest difference of M from ours, and what they differ in"
+    yield Sheet("robots-by-library", title, ("robot", *libraries), rows)
 
 
-def _difference(x: float | None) -> Cell:
-    return Cell("-", "none") if x is None else Cell(f"{x:.0e}")
+def _key(one: Read) -> str:
+    return one.library.partition(" ")[0]
+
+
+def _cell(one: Read | None) -> Cell:
+    if one is None:
+        return Cell("-", "none")
+    if not one.apart:
+        return Cell("no answer", "open")
+    if one.verdict == "agrees":
+        return Cell(f"{one.apart['M']:.0e}", "passed")
+    return Cell(f"{one.apart['M']:.0e} {one.verdict}", "failed")
 
 
 def said(found: Sequence[Record]) -> Iterator[str]:
-    """Yield what was refused, and why."""
-    for record in found:
-        if record.status == "refused":
-            yield f"refused: {record.reason}"
-    yield from unfinished([record for record in found if record.status != "refused"])
+    """Yield why libraries differ or gave no answer."""
+    yield from unfinished(found)
+    for one in rows_of(found, Read):
+        if one.verdict not in ("agrees", "no damping"):
+            apart = ", ".join(f"{name} {one.apart[name]:.0e}" for name in QUANTITIES if one.apart)
+            yield f"{one.robot}, {one.library}: {', '.join(filter(None, (apart, one.why)))}"
 
 
 def alarm(found: Sequence[Record]) -> bool:
-    """Return whether something was disproved, or failed."""
-    return failed(found) or any(one.failed or one.disproved for one in rows_of(found, Robot))
+    """Return whether our own equations of a robot failed."""
+    return any(one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
 
 
 STUDY = Study(
@@ -188,7 +187,6 @@ STUDY = Study(
     said=said,
     label="looking at robots",
     alarm=alarm,
-    reading="M, B, Q: largest difference, relative to the largest entry.",
+    reading="`no damping`: the library's algorithms leave out the dampers of the file.",
     small=True,
-    spread_by=("robot", "floating"),
 )
