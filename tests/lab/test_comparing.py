@@ -173,10 +173,12 @@ def test_a_robot_with_other_parameters_than_its_file_is_read_by_no_library(tmp_p
     assert PinocchioFile.represents(scene)
     changed = scene.changed(mass=2 * scene.mass)  # type: ignore[attr-defined]
     assert not PinocchioFile.represents(changed)
-    with pytest.raises(InputError, match="no robot description"):
+    with pytest.raises(InputError, match="no robot on a fixed base"):
         compare(changed)
-    with pytest.raises(InputError, match="no robot description"):
-        compare(ChainPendulum.rods(1))
+    free = from_urdf(tmp_path / "arm.urdf", floating=True)
+    for other in (ChainPendulum.rods(1), free):
+        with pytest.raises(InputError, match="no robot on a fixed base"):
+            compare(other)
 
 
 def test_an_unknown_library_is_refused_by_name(tmp_path: Path):

@@ -13,7 +13,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import check
 from eomcheck.engines import Answers, Engine
 from eomcheck.engines.files import READERS, FileEngine
-from eomcheck.engines.files.description import described
+from eomcheck.engines.files.description import file_of
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
@@ -112,8 +112,8 @@ def compare(
         EngineError: a library that was named is not installed.
         UnknownNameError: there is none of a name.
     """
-    if getattr(scene, "file", None) is None:
-        raise InputError(f"{scene.name} is no robot description, such as robot.urdf")
+    if file_of(scene) is None:
+        raise InputError(f"{scene.name} is no robot on a fixed base as its file describes it")
     found, made = Comparison(scene), {}
     for key, kind in readers(engines).items():
         try:
@@ -161,7 +161,7 @@ def _look(found: Comparison, made: dict[str, FileEngine], state: State) -> None:
         before = found.findings.get((key, one.claim))
         if before is None or one.ratio > before.ratio:
             found.findings[key, one.claim] = one
-    description = described(scene.file)  # type: ignore[attr-defined]
+    description = next(iter(made.values())).description
     bad = {key for (key, _), one in found.findings.items() if one.verdict == "failed"}
     for key, told in theirs.items():
         if key not in bad:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
-from eomcheck.engines.files.description import Description, described
+from eomcheck.engines.files.description import Description, described, file_of
 from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.errors import EngineError
@@ -34,9 +34,10 @@ class FileEngine(TreeEngine):
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        if not self.represents(scene):
+        file = file_of(scene)
+        if file is None:
             raise EngineError(f"{self.key} reads files; {scene.name} is not as its file says")
-        self.description = described(scene.file)  # type: ignore[attr-defined]
+        self.description = described(file)
         gravity = scene.gravity  # type: ignore[attr-defined]
         self._gravity = np.zeros(3) if gravity is None else np.array(gravity)
         library = self._library()
@@ -75,7 +76,7 @@ class FileEngine(TreeEngine):
     @classmethod
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a file, with the parameters that stand there."""
-        return getattr(scene, "file", None) is not None
+        return file_of(scene) is not None
 
     @abstractmethod
     def _read(self, library: Any, description: Description) -> None:

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eomcheck.mechanics.described.words import Joint, Link
+from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.urdf import read_urdf
 from eomcheck.scenes.urdf_xml import root_of
 
@@ -33,6 +34,14 @@ class Description(NamedTuple):
     """Links that are moved and have no inertia at all."""
     impossible: tuple[str, ...]
     """Links with moments of inertia that no body has: one exceeds the sum of the others."""
+
+
+def file_of(scene: Scene) -> Path | None:
+    """Return the file of a robot with a fixed base and the parameters of its file; None of others."""
+    made = getattr(scene, "made", None)
+    if made is None or not made.source or made.floating or repr(scene) != made.code:
+        return None
+    return Path(made.source)
 
 
 def described(path: Path) -> Description:
