@@ -175,7 +175,9 @@ def test_a_robot_with_other_parameters_than_its_file_is_read_by_no_library(tmp_p
     assert not PinocchioFile.represents(changed)
     with pytest.raises(InputError, match="no robot on a fixed base"):
         compare(changed)
-    free = from_urdf(tmp_path / "arm.urdf", floating=True)
+    heavy = arm(tmp_path / "arm.urdf").read_text().replace('<link name="base"/>', body("base"))
+    (tmp_path / "heavy.urdf").write_text(heavy)
+    free = from_urdf(tmp_path / "heavy.urdf", floating=True)
     for other in (ChainPendulum.rods(1), free):
         with pytest.raises(InputError, match="no robot on a fixed base"):
             compare(other)
