@@ -16,7 +16,7 @@ import pytest
 
 from eomcheck.claims.proof import prove
 from eomcheck.engines.answers import Answers
-from eomcheck.engines.parsed import ParsedByPinocchio
+from eomcheck.engines.files import PinocchioFile
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.scenes import from_urdf
 
@@ -44,7 +44,7 @@ def test_a_public_robot_agrees_with_what_pinocchio_reads_and_is_proved(name: str
     if path is None:
         pytest.skip(f"no {name}.urdf: neither example-robot-data nor pybullet is installed")
     scene = from_urdf(path, floating=floating)
-    answers, random = Answers(ParsedByPinocchio(scene)), np.random.default_rng(0)
+    answers, random = Answers(PinocchioFile(scene)), np.random.default_rng(0)
     for _ in range(5):
         q, v = random.uniform(-1.2, 1.2, scene.n), random.uniform(-3.0, 3.0, scene.n)
         M, Q, B, *_ = Evaluation(scene, q, v).terms

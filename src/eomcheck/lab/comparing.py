@@ -113,7 +113,7 @@ def compare(
         UnknownNameError: there is none of a name.
     """
     if file_of(scene) is None:
-        raise InputError(f"{scene.name} is no robot on a fixed base as its file describes it")
+        raise InputError(f"{scene.name} is no robot as its file describes it")
     found, made = Comparison(scene), {}
     for key, kind in readers(engines).items():
         try:
@@ -122,6 +122,10 @@ def compare(
             if engines is not None:
                 raise
             found.refused[key] = str(error)
+            continue
+        if not kind.represents(scene):
+            del found.versions[key]
+            found.refused[key] = "looked at with a fixed base only"
             continue
         try:
             made[key] = kind(scene)

@@ -55,13 +55,18 @@ class Parting(NamedTuple):
 
     @property
     def leaves_out_damping(self) -> bool:
-        """Whether all that forces differ by at rest or not is against the velocity of dampers."""
-        if not self.damped or self.same("forces"):
+        """Whether all that accelerations differ by is what dampers take.
+
+        M times that difference is then against the velocity, at joints with dampers alone.
+        """
+        if not (self.damped and self.terms_agree) or self.same("q̈"):
             return False
-        error = self.error("forces") - self.error("gravity")
-        others = np.delete(error, self.damped)
-        against = error[self.damped] * self.v[self.damped] >= 0
-        return largest(others) <= CLOSE * largest(self.ours["forces"]) and bool(against.all())
+        missing = self.ours["M"] @ self.error("q̈")
+        others = np.delete(missing, self.damped)
+        along = missing[self.damped] * self.v[self.damped] >= 0
+        taken = largest(self.ours["forces"] - self.ours["gravity"])
+        close = CLOSE * max(largest(self.ours["M"] @ self.ours["q̈"]), taken)
+        return largest(others) <= close and bool(along.all())
 
 
 class Why(NamedTuple):
@@ -103,8 +108,7 @@ def _digits(at: Parting) -> Iterator[Why]:
 def _damping(at: Parting) -> Iterator[Why]:
     """Yield that it knows no damping."""
     if at.leaves_out_damping:
-        label = "no damping" if at.terms_agree else ""
-        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", label)
+        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
 
 
 @_reason

@@ -15,4 +15,4 @@ READERS: dict[str, type[FileEngine]] = {
 }
 """Key of the library -> class."""
 
-__all__ = ["READERS", "FileEngine"]
+__all__ = ["READERS", "FileEngine", "PinocchioFile"]

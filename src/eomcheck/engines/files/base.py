@@ -6,12 +6,12 @@ They are the engines that build their model from the scene's tree, but for how t
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
-from eomcheck.engines.files.description import Description, described, file_of
+from eomcheck.engines.files.description import Description, described, file_of, is_free
 from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.errors import EngineError
@@ -20,6 +20,9 @@ from eomcheck.numbers.contract import Array
 
 FILE = "_file"
 """How the key of an engine ends that reads files."""
+
+FREE = 6
+"""Coordinates of a free base, which come first."""
 
 
 class FileEngine(TreeEngine):
@@ -32,14 +35,18 @@ class FileEngine(TreeEngine):
         said: lines that the library wrote while it read the file.
     """
 
+    floats: ClassVar[bool] = False
+    """Whether it takes robots with a free base; if not, only those whose base is held."""
+
     def __init__(self, scene: Scene):
         self.scene = scene
         file = file_of(scene)
-        if file is None:
-            raise EngineError(f"{self.key} reads files; {scene.name} is not as its file says")
-        self.description = described(file)
-        gravity = scene.gravity  # type: ignore[attr-defined]
-        self._gravity = np.zeros(3) if gravity is None else np.array(gravity)
+        if file is None or not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
+        self.description, self.base = described(file), FREE if is_free(scene) else 0
+        self._gravity = np.zeros(3)
+        if (gravity := getattr(scene, "gravity", None)) is not None:
+            self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
         library = self._library()
         with listening() as self.said:
             self._read(library, self.description)
@@ -52,9 +59,11 @@ class FileEngine(TreeEngine):
         Raises:
             EngineError: it has another joint than the file, or lacks one.
         """
-        places = {name: i for i, name in enumerate(self.scene.coordinate_names)}
-        S, shift = np.zeros((len(joints), self.scene.n)), np.zeros(len(joints))
-        for i, name in enumerate(joints):
+        names, base = self.scene.coordinate_names, self.base
+        places = {name: i for i, name in enumerate(names)}
+        S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
+        S[:base, :base] = np.eye(base)
+        for i, name in enumerate(joints, base):
             factor, of = 1.0, name
             while of in self.description.follows:
                 of, ratio, offset = self.description.follows[of]
@@ -76,7 +85,7 @@ class FileEngine(TreeEngine):
     @classmethod
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a file, with the parameters that stand there."""
-        return file_of(scene) is not None
+        return file_of(scene) is not None and (cls.floats or not is_free(scene))
 
     @abstractmethod
     def _read(self, library: Any, description: Description) -> None:
@@ -89,7 +98,7 @@ class FileEngine(TreeEngine):
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (S q + shift, S, 0)."""
         x = self.coordinates @ q + self.shift
-        return VelocityMap(x, self.coordinates, np.zeros(len(x)))
+        return VelocityMap(x, self.coordinates.copy(), np.zeros(len(x)))
 
     def acceleration(
         self,
@@ -106,7 +115,7 @@ class FileEngine(TreeEngine):
         library's own M, B and Q.
         """
         S = self.coordinates
-        if len(S) == self.scene.n:
+        if len(S) == self.scene.n:  # no joint follows another
             return EngineAcceleration(self.free_acceleration(q, v))
         F = self.forces(q, v, t) - self.bias(q, v, t)
         return EngineAcceleration(S @ np.linalg.solve(S.T @ self.mass_matrix(q, t) @ S, S.T @ F))

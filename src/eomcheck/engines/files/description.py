@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.urdf import read_urdf
@@ -37,11 +38,18 @@ class Description(NamedTuple):
 
 
 def file_of(scene: Scene) -> Path | None:
-    """Return the file of a robot with a fixed base and the parameters of its file; None of others."""
-    made = getattr(scene, "made", None)
-    if made is None or not made.source or made.floating or repr(scene) != made.code:
+    """Return the file of a robot that has the parameters of its file; None of any other scene."""
+    if not (isinstance(scene, Mechanism) and scene.made.source and scene.as_described):
         return None
-    return Path(made.source)
+    first = 6 if is_free(scene) else 0
+    # What has more coordinates has names of its own for them.
+    named = {slot.name for slot in scene.plan.slots[:first]}
+    return Path(scene.made.source) if set(scene.made.several) <= named else None
+
+
+def is_free(scene: Scene) -> bool:
+    """Return whether a robot's base is free because that was asked for."""
+    return isinstance(scene, Mechanism) and bool(scene.made.floating)
 
 
 def described(path: Path) -> Description:
