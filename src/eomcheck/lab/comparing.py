@@ -35,6 +35,8 @@ QUANTITIES = {
 }
 """What is compared -> what an engine is asked; gravity is what forces are at rest."""
 
+FIXED_ONLY = "looked at with a fixed base only"
+
 
 @dataclass
 class Comparison:
@@ -125,7 +127,7 @@ def compare(
             continue
         if not kind.represents(scene):
             del found.versions[key]
-            found.refused[key] = "looked at with a fixed base only"
+            found.refused[key] = FIXED_ONLY
             continue
         try:
             made[key] = kind(scene)

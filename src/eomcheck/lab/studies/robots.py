@@ -13,7 +13,7 @@ from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.comparing import QUANTITIES, compare
+from eomcheck.lab.comparing import FIXED_ONLY, QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.records import Record, Settings, rows_of
@@ -36,6 +36,9 @@ ROBOTS = {
     "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
 }
 """Name -> package on PyPI that its description comes with, and how the path there ends."""
+
+WALKING = "solo12", "anymal"
+"""Those that are looked at with a free base as well."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ def located(robot: str) -> Path:
 def cells(
     *,
     robot: Annotated[list[str] | None, "Robot by name, or its file; repeat for more."] = None,
+    free: Annotated[list[str] | None, "The same, its base free; repeat for more."] = None,
     states: Annotated[int, "Random states of a robot."] = 20,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
@@ -85,17 +89,20 @@ def cells(
         InputError: no such robot, or no states.
     """
     at_least_one(states=states)
-    for name in ROBOTS if robot is None else robot:
+    if robot is free is None:
+        robot, free = [*ROBOTS], [*WALKING]
+    for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
         if name not in ROBOTS:
             located(name)
-        yield {"robot": name, "states": states, "seed": seed}
+        yield {"robot": name, "free": floating, "states": states, "seed": seed}
 
 
 def _look(settings: Settings) -> Record:
     """Check, prove and compare one robot."""
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
+    called = _called(settings)
     try:
-        scene = from_urdf(located(name))
+        scene = from_urdf(located(name), floating=settings["free"])
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     start = time.perf_counter()
@@ -117,10 +124,15 @@ def _look(settings: Settings) -> Record:
     for i, (key, version) in enumerate(found.versions.items()):
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
-        rows.append(Read(name, version, found.verdict(key), apart, why))
-    rows += [Read(name, key, "no answer", {}, why) for key, why in found.refused.items()]
+        rows.append(Read(called, version, found.verdict(key), apart, why))
+    refused = {key: why for key, why in found.refused.items() if why != FIXED_ONLY}
+    rows += [Read(called, key, "no answer", {}, why) for key, why in refused.items()]
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
+
+
+def _called(settings: Settings) -> str:
+    return settings["robot"] + (", free" if settings["free"] else "")
 
 
 # ---- What it comes to ----------------------------------------------------------------------------
@@ -132,7 +144,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     names = ("coordinates", "passed", "failed", "proved", "disproved")
     rows = [
         (
-            Cell(record.settings["robot"], "name"),
+            Cell(_called(record.settings), "name"),
             *(str(record.counts[name]) for name in names),
             *(f"{seconds:.1f}" for seconds in record.errors.values()),
         )
@@ -144,7 +156,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     libraries = list(dict.fromkeys(_key(one) for one in reads))
     rows = []
     for record in done:
-        name = record.settings["robot"]
+        name = _called(record.settings)
         mine = {_key(one): one for one in reads if one.robot == name}
         rows.append((Cell(name, "name"), *(_cell(mine.get(key)) for key in libraries)))
     title = "The same file by others: largest difference of M from ours, and what they differ in"
