@@ -22,6 +22,8 @@ class Planar(Engine):
     @classmethod
     def represents(cls, scene):
         tree = scene.tree()
+        if tree is not None and not {"px", "py", "rz"}.issuperset(tree.joint):
+            return False  # it leaves the plane
         return tree is not None and list(tree.joint) == sorted(tree.joint)  # slides, then hinges
 
     def velocity_map(self, q, v):  # the joint coordinates are x = T q
@@ -41,7 +43,7 @@ class Planar(Engine):
                 J = J + np.outer(np.eye(2)["xy".index(kind[1])], own)
             placed[j] = angle, J, rest, spin
             J, rest = shifted(J, rest, spin, w, rotation(angle) @ tree.center[j][:2])
-            yield tree.mass[j], tree.inertia[j], J, rest, spin
+            yield tree.mass[j], tree.inertia[j][2, 2], J, rest, spin
 
     def mass_matrix(self, q, t=0.0):
         bodies = self.bodies(q, np.zeros(len(q)))

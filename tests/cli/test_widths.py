@@ -32,6 +32,7 @@ COMMANDS = {
     "acceleration": "acceleration pattern --links 60 --speeds 1,0.5",
     "simulate": "simulate paper 0.01 --formulation kane,au",
     "draws": "simulate paper 0.01 --draws 3",
+    "constraints": "constraints --scene four-bar-chain",
     "rhs": "bench rhs --scene sleigh --repeats 1 --formulation kane,au",
     "tolerance": "bench tolerance --links 1 --examples 2",
     "operations": "study operations --links 2..4",

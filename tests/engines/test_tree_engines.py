@@ -14,8 +14,9 @@ from eomcheck.engines.walk import Link
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.records import State, Tree
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.tree import Tree
 from eomcheck.scenes import SCENES, ChainPendulum
 
 TREES = [key for key, kind in SCENES.items() if kind.example().tree() is not None]

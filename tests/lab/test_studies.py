@@ -20,6 +20,7 @@ from eomcheck.lab.studies.agreement import REFERENCE, Agreement
 from eomcheck.lab.studies.rhs import TRIGONOMETRY
 from eomcheck.lab.study import failed, rows_of, unfinished
 
+ROBOTS = Path(__file__).parents[1] / "scenes" / "robots"
 SMALL = {
     "operations": {"links": "2..5", "formulation": ["kane", "au"]},
     "accuracy": {"links": "2..3", "examples": 3},
@@ -28,6 +29,12 @@ SMALL = {
     "motion": {"formulation": ["kane"]},
     "engines": {"engine": ["pinocchio"], "links": "2", "states": 2},
     "tolerance": {"links": "2", "examples": 2},
+    "robots": {
+        "robot": [str(ROBOTS / "arm.urdf"), str(ROBOTS / "gripper.urdf")],
+        "free": [str(ROBOTS / "walker.urdf")],
+        "states": 1,
+        "points": 1,
+    },
 }
 
 

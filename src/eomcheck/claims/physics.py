@@ -117,8 +117,8 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
 def power_balance(at: Quantities, look: Look) -> Iterator[Sides]:
     """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
-    if R is None and not at.scene.conserves_energy:
-        return
+    if not at.scene.conserves_energy and (R is None or at.terms.b is not None):
+        return  # what a clock drives takes and gives power that no R tells
     for f, x in look.solutions:
         shares = (*rates_of(at).power(x.vdot), 0 if R is None else rate(R))
         rounding = (0.0, 0.0) if look.exact else _of_power(look, f, rates_of, shares)

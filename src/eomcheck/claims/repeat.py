@@ -59,6 +59,8 @@ def python_of(
 
 def _place(kind: type) -> str:
     """Return the lines that make a class known, or a comment where there is none."""
+    if imported := getattr(getattr(kind, "made", None), "imported", ""):
+        return imported
     name, module = kind.__name__, kind.__module__
     if module.startswith("eomcheck."):
         home = "eomcheck.scenes" if issubclass(kind, Scene) and _in_scenes(kind) else module

@@ -91,7 +91,7 @@ def validate(
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import ALL, ROBOTS, kinds_of, scene_of
+    from eomcheck.scenes.named import ALL, ROBOTS, kinds_of, left_out, scene_of
 
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
@@ -138,6 +138,8 @@ def validate(
             _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
+    for said in left_out(kinds):
+        print(said)
     if json is not None:
         print(f"written: {json}")
     if interrupted:
@@ -178,6 +180,7 @@ def prove(
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.findings import print_proofs
     from eomcheck.lab.store.workers import check_place
+    from eomcheck.scenes.named import kinds_of, left_out
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)
@@ -196,6 +199,8 @@ def prove(
         if json is not None:
             proofs.write()
     print_proofs(proofs)
+    for said in left_out(kinds_of(scene)):
+        print(said)
     if json is not None:
         print(f"written: {json}")
     if proofs.failed:

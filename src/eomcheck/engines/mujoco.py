@@ -29,7 +29,7 @@ class MujocoEngine(TreeEngine):
     @classmethod
     def holds(cls, links: list[Link]) -> bool:
         """Return whether every link without mass carries exactly one other."""
-        return bodies_with_mass(links) is not None
+        return super().holds(links) and bodies_with_mass(links) is not None
 
     def _build(self, library: Any, links: list[Link]) -> None:
         self._mj = library

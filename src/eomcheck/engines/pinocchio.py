@@ -17,6 +17,11 @@ class PinocchioEngine(TreeEngine):
 
     module = "pinocchio"
 
+    @classmethod
+    def holds(cls, links: list[Link]) -> bool:
+        """Return True: of every tree."""
+        return True
+
     def _build(self, library: Any, links: list[Link]) -> None:
         self._pin = pin = library
         self.model = model = pin.Model()
@@ -26,7 +31,8 @@ class PinocchioEngine(TreeEngine):
             seat = pin.SE3(link.rotation, link.offset)
             # Joint 0 is Pinocchio's universe, where -1 is the ground here.
             joint = model.addJoint(link.parent + 1, kind(), seat, link.name)
-            if link.mass > 0:
+            model.armature[model.joints[joint].idx_v] = link.armature
+            if link.mass > 0 or link.turns_without_mass:
                 body = pin.Inertia(link.mass, link.center, link.inertia)
                 model.appendBodyToJoint(joint, body, pin.SE3.Identity())
         self.data = model.createData()

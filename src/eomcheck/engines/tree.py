@@ -10,8 +10,8 @@ import numpy as np
 from eomcheck.engines.base import Engine, VelocityMap
 from eomcheck.engines.walk import Link, links_of
 from eomcheck.errors import EngineError, required
-from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Array
 
 
@@ -34,6 +34,8 @@ class TreeEngine(Engine):
             raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
         self.coordinates: Array = tree.coordinates
         """T (n, n)."""
+        self.shift: Array = tree.shift
+        """x where q = 0 (n,)."""
         self._n = scene.n
         self._build(self._library(), self.links(tree))
 
@@ -50,7 +52,7 @@ class TreeEngine(Engine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is described as a tree that the library can hold."""
         tree = scene.tree()
-        return tree is not None and cls.holds(cls.links(tree))
+        return tree is not None and own_coordinates(tree) and cls.holds(cls.links(tree))
 
     @classmethod
     def links(cls, tree: Tree) -> list[Link]:
@@ -59,13 +61,22 @@ class TreeEngine(Engine):
 
     @classmethod
     def holds(cls, links: list[Link]) -> bool:
-        """Return whether the library can hold such a tree."""
-        return True
+        """Return whether the library can hold such a tree.
+
+        By default none with rotors, nor with a link that has inertia but no mass.
+        """
+        return not any(link.armature or link.turns_without_mass for link in links)
 
     @abstractmethod
     def _build(self, library: Any, links: list[Link]) -> None:
         """Build the library's model, without gravity and forces."""
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (T q, T, 0)."""
-        return VelocityMap(self.coordinates @ q, self.coordinates, np.zeros(self._n))
+        """Return (T q + shift, T, 0)."""
+        return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
+
+
+def own_coordinates(tree: Tree) -> bool:
+    """Return whether every joint has a coordinate of its own, and none follows another's."""
+    joints, coordinates = tree.coordinates.shape
+    return joints == coordinates

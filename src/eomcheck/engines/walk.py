@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Array
 
 
@@ -25,7 +25,7 @@ class Link(NamedTuple):
     parent: int
     """Position of the link that it sits on, always an earlier one, or -1: the ground."""
     kind: str
-    """Slides along ("p") or turns about ("r") an axis of its frame: "px", "py", "rz"."""
+    """Slides along ("p") or turns about ("r") an axis of its frame: "px" ... "rz"."""
     rotation: Array
     """Orientation of the seat in the frame of the parent (3, 3)."""
     offset: Array
@@ -36,6 +36,13 @@ class Link(NamedTuple):
     """Centre of mass in the joint's frame (3,), m."""
     inertia: Array
     """About the centre of mass, along the axes of the joint's frame (3, 3), kg m²."""
+    armature: float = 0.0
+    """What the joint's coordinate has to move besides, kg m² or kg."""
+
+    @property
+    def turns_without_mass(self) -> bool:
+        """Whether it has inertia but no mass, which most libraries drop or refuse."""
+        return self.mass == 0 and bool(self.inertia.any())
 
     @property
     def slides(self) -> bool:
@@ -59,21 +66,18 @@ class Link(NamedTuple):
 
 
 def links_of(tree: Tree) -> list[Link]:
-    """Return the links of a tree, each after the one that it sits on.
-
-    In the plane only the moment of inertia about z counts. It is given to all three axes, because
-    many libraries refuse a body that cannot exist, such as one with (0, 0, I).
-    """
+    """Return the links of a tree, each after the one that it sits on."""
     return [
         Link(
             name=f"link_{j}",
             parent=tree.parent[j],
             kind=tree.joint[j],
-            rotation=np.eye(3),
+            rotation=np.array(tree.rotation[j], np.float64),
             offset=np.asarray(tree.offset[j], np.float64),
             mass=float(tree.mass[j]),
             center=np.asarray(tree.center[j], np.float64),
-            inertia=float(tree.inertia[j]) * np.eye(3),
+            inertia=np.array(tree.inertia[j], np.float64),
+            armature=float(tree.armature[j]),
         )
         for j in range(len(tree.joint))
     ]

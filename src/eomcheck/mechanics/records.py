@@ -118,29 +118,6 @@ class Chain(NamedTuple):
     """d_k (n_b-1, 2)."""
 
 
-class Tree(NamedTuple):
-    """A neutral description of a tree of rigid bodies, for engines that build their own model.
-
-    Joint j hangs on joint `parent[j]` (-1: the ground), displaced by `offset[j]`, and carries one
-    body. Depth first: what hangs on a joint follows it before anything else does. Joint coordinates
-    are `coordinates @ q`.
-    """
-
-    parent: tuple[int, ...]
-    joint: tuple[str, ...]
-    """Kind of each joint: "px", "py" (prismatic along x, y) or "rz" (revolute about z)."""
-    offset: Array
-    """Position of each joint in the frame of its parent (n_j, 3), m."""
-    mass: Array
-    """(n_j,), kg."""
-    center: Array
-    """Centre of mass in the frame of the joint (n_j, 3), m."""
-    inertia: Array
-    """About the centre of mass, around z (n_j,), kg m²."""
-    coordinates: Array
-    """(n_j, n)."""
-
-
 class State(NamedTuple):
     """Where a scene is looked at."""
 

@@ -36,8 +36,9 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics.composed import compose
-from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.generic import generic
 
@@ -96,7 +97,7 @@ class Scene(ABC):
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
       -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
-      it loses energy in no other way
+      it loses energy in no other way, unless a clock drives its constraints
     - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
       rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
 

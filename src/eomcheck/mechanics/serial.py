@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.generic import generic
 
@@ -33,7 +33,7 @@ def serial_tree(mass: Array, length: Array, inertia: Array, free: bool) -> Tree:
     offset[before + 1 :, 0], center[before:, 0] = length[:-1], length / 2
     coordinates = np.eye(n)
     coordinates[before:, before:] -= np.eye(links, k=-1)
-    return Tree(
+    return planar_tree(
         parent=tuple(range(-1, n - 1)),
         joint=(*("px", "py")[:before], *["rz"] * links),
         offset=offset,

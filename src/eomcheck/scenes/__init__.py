@@ -13,6 +13,7 @@ from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
 from eomcheck.scenes.turntable_ball import TurntableBall
+from eomcheck.scenes.urdf import from_urdf
 
 SCENES: dict[str, type[Scene]] = {
     scene.key: scene
@@ -43,4 +44,5 @@ __all__ = [
     "Sleigh",
     "Snake",
     "TurntableBall",
+    "from_urdf",
 ]

@@ -32,7 +32,7 @@ from eomcheck.mechanics.linkage import (
     rate_of_turn,
 )
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Range, Tree
+from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
@@ -45,6 +45,7 @@ from eomcheck.mechanics.sketch import (
     direction,
     turned_by,
 )
+from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Array
 
 JOINT = 6, 0, 1, 2, 3, 4, 5
@@ -254,7 +255,7 @@ class Andrews(Parametric, functions=globals()):
         for j, k in enumerate(order):
             offset[j, :2] = self.tip[CARRIER[k]] if CARRIED[k] else self.pins[PIN[k]]
             center[j, :2] = self.center[k]
-        return Tree(
+        return planar_tree(
             parent=tuple(order.index(CARRIER[k]) if CARRIED[k] else -1 for k in order),
             joint=("rz",) * 7,
             offset=offset,

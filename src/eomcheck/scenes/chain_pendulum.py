@@ -17,7 +17,6 @@ from eomcheck.errors import whole_number
 from eomcheck.mechanics.gravity import height_energy
 from eomcheck.mechanics.linkage import halved, pinned_jacobians, rods
 from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
-from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.serial import passed_on, serial_tree
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -30,6 +29,7 @@ from eomcheck.mechanics.sketch import (
     fixed_axes,
     turned_by,
 )
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes.snake_terms import carried
 

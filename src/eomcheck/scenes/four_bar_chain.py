@@ -26,7 +26,7 @@ from eomcheck.mechanics.gravity import height_energy, weights
 from eomcheck.mechanics.linkage import backwards, halved, rods, with_row
 from eomcheck.mechanics.parameters import OfLinks, parameter
 from eomcheck.mechanics.plane import full_turns
-from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
@@ -39,6 +39,7 @@ from eomcheck.mechanics.sketch import (
     fixed_axes,
     turned_by,
 )
+from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Arithmetic, Array
 
 # ---- How the links move --------------------------------------------------------------------------
@@ -228,7 +229,7 @@ class FourBarChain(OfLinks, functions=globals()):
         offset, center = np.zeros((2, self.n, 3))
         offset[:, 0] = np.where(is_coupler, self.length, self.span * (np.arange(self.n) // 2))
         center[:, 0] = np.where(is_coupler, self.span, self.length) / 2
-        return Tree(
+        return planar_tree(
             parent=tuple(j - 1 if coupler else -1 for j, coupler in enumerate(is_coupler)),
             joint=("rz",) * self.n,
             offset=offset,

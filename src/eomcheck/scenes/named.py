@@ -5,7 +5,7 @@ What `--scene` says is understood here and in `eomcheck.lookup`, and nowhere els
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lookup import Kind, looked_up
@@ -13,6 +13,7 @@ from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.snake import Snake
+from eomcheck.scenes.urdf import urdf_kind
 
 ALL = "all"
 
@@ -34,15 +35,25 @@ def _paper(links: int | None) -> Snake:
     return Snake.paper()
 
 
+def left_out(kinds: Iterable[type[Scene]]) -> Iterator[str]:
+    """Yield, a sentence each, what is left out of the files that kinds of scenes are read from."""
+    for kind in kinds:
+        made = getattr(kind, "made", None)
+        if made is not None and made.left_out:
+            yield f"{made.source}: {made.left_out}"
+
+
 def kinds_of(name: str) -> tuple[type[Scene], ...]:
     """Return the kinds of scenes that `name` stands for.
 
     Args:
-        name: "all" of the registry, or a name as `eomcheck.lookup.looked_up` understands it.
+        name: "all" of the registry, a robot's file.urdf, or a name as `eomcheck.lookup.looked_up`
+            understands it.
 
     Raises:
         UnknownNameError: there is no such key.
-        InputError: no such file, or no such scene in it; or one snake instead of a kind.
+        InputError: no such file, no such scene in it, or a robot that `from_urdf` refuses; or one
+            snake instead of a kind.
     """
     if name in ROBOTS:
         raise InputError(f"scene = {name!r} is a single snake, expected a kind such as 'snake'")
@@ -51,7 +62,7 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
 
 def _looked_up(name: str) -> type[Scene]:
     """Return the kind of scene that a name stands for, whatever it is the name of."""
-    return looked_up(SCENE, name)
+    return urdf_kind(name) if name.lower().endswith(".urdf") else looked_up(SCENE, name)
 
 
 def kind_of(name: str) -> type[Scene]:

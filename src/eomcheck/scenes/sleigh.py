@@ -15,7 +15,7 @@ import numpy as np
 
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms, Tree
+from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -31,6 +31,7 @@ from eomcheck.mechanics.sketch import (
     place,
     turned_by,
 )
+from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
@@ -138,7 +139,7 @@ class Sleigh(Parametric, functions=globals()):
         center, mass, inertia = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         center[2, 0], mass[2], inertia[2] = self.offset, self.mass, self.inertia
         joints = "px", "py", "rz"
-        return Tree((-1, 0, 1), joints, np.zeros((3, 3)), mass, center, inertia, np.eye(3))
+        return planar_tree((-1, 0, 1), joints, np.zeros((3, 3)), mass, center, inertia, np.eye(3))
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:

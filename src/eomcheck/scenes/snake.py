@@ -27,7 +27,7 @@ from eomcheck.mechanics.parameters import (
     parameter,
     stretched,
 )
-from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.serial import serial_tree
 from eomcheck.mechanics.sketch import (
     Body,
@@ -42,6 +42,7 @@ from eomcheck.mechanics.sketch import (
     place,
     turned_by,
 )
+from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms

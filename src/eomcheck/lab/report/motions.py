@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from eomcheck.errors import RefusedError, distinct
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.rank import rank_of

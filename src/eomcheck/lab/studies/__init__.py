@@ -23,6 +23,7 @@ STUDIES: dict[str, str] = {
     "accuracy": "Certify how many digits each formulation delivers in doubles, against ball "
     "arithmetic.",
     "engines": "Ask every engine at random states, and measure how far it is from the scenes' own.",
+    "robots": "Check and prove robot descriptions, and compare how libraries read them.",
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",

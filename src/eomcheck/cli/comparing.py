@@ -1,0 +1,50 @@
+"""`eomcheck compare`: one robot description as several libraries read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eomcheck.cli.app import app
+from eomcheck.cli.options import Json, Seed
+from eomcheck.files import check_writable
+from eomcheck.lab.options import at_least_one
+
+
+@app.command()
+def compare(
+    robot: Annotated[Path, typer.Argument(help="Robot description: robot.urdf.")],
+    engine: Annotated[
+        list[str] | None,
+        typer.Option(help="Library to compare with; repeat for more. Default all installed."),
+    ] = None,
+    states: Annotated[int, typer.Option(help="Number of random states.")] = 20,
+    seed: Seed = 0,
+    pairs: Annotated[
+        bool, typer.Option("--pairs", help="Also print each library beside each other.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Compare how libraries read one file, by M, bias, forces and accelerations.
+
+    Exit code 1 if some differ by more than rounding.
+    """
+    at_least_one(states=states)
+    check_writable(json)
+    from eomcheck.console import progress
+    from eomcheck.lab.comparing import compare as compared
+    from eomcheck.lab.report.comparison import print_comparison, write_comparison
+    from eomcheck.scenes import from_urdf
+
+    scene = from_urdf(robot)
+    with progress("comparing", states) as advance:
+        found = compared(scene, engine, states, seed, advance)
+    if json is not None:
+        write_comparison(found, json)
+    print_comparison(found, pairs)
+    if json is not None:
+        print(f"written: {json}")
+    if found.failed:
+        raise typer.Exit(1)

@@ -1,0 +1,18 @@
+"""The engines that read a robot description themselves: one file each, one line each here."""
+
+from __future__ import annotations
+
+from eomcheck.engines.files.base import FILE, FileEngine
+from eomcheck.engines.files.drake import DrakeFile
+from eomcheck.engines.files.idyntree import IdyntreeFile
+from eomcheck.engines.files.mujoco import MujocoFile
+from eomcheck.engines.files.pinocchio import PinocchioFile
+from eomcheck.engines.files.pybullet import PybulletFile
+
+READERS: dict[str, type[FileEngine]] = {
+    engine.key.removesuffix(FILE): engine
+    for engine in (PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile)
+}
+"""Key of the library -> class."""
+
+__all__ = ["READERS", "FileEngine", "PinocchioFile"]

@@ -1,0 +1,125 @@
+"""What engines have in common that read the file of a scene by a parser of their own.
+
+They are the engines that build their model from the scene's tree, but for how the model is made.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from eomcheck.engines.base import EngineAcceleration, VelocityMap
+from eomcheck.engines.files.description import Description, described, file_of, is_free
+from eomcheck.engines.files.said import listening
+from eomcheck.engines.tree import TreeEngine
+from eomcheck.errors import EngineError
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+FILE = "_file"
+"""How the key of an engine ends that reads files."""
+
+FREE = 6
+"""Coordinates of a free base, which come first."""
+
+
+class FileEngine(TreeEngine):
+    """A scene that is a robot description, as the library itself reads the file.
+
+    Its coordinates are those of the library's joints, in the library's order: x = S q + shift, S
+    constant. A joint that follows another one is a coordinate of its own to most libraries.
+
+    Attributes:
+        said: lines that the library wrote while it read the file.
+    """
+
+    floats: ClassVar[bool] = False
+    """Whether it takes robots with a free base; if not, only those whose base is held."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        file = file_of(scene)
+        if file is None or not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
+        self.description, self.base = described(file), FREE if is_free(scene) else 0
+        self._gravity = np.zeros(3)
+        if (gravity := getattr(scene, "gravity", None)) is not None:
+            self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
+        library = self._library()
+        with listening() as self.said:
+            self._read(library, self.description)
+        self.coordinates, self.shift = self._followed(self.joints())
+        self._n, self._place = len(self.shift), np.arange(len(self.shift))
+
+    def _followed(self, joints: list[str]) -> tuple[Array, Array]:
+        """Return S (m, n) and shift (m,), x = S q + shift, for joints of these names.
+
+        Raises:
+            EngineError: it has another joint than the file, or lacks one.
+        """
+        names, base = self.scene.coordinate_names, self.base
+        places = {name: i for i, name in enumerate(names)}
+        S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
+        S[:base, :base] = np.eye(base)
+        for i, name in enumerate(joints, base):
+            factor, of = 1.0, name
+            while of in self.description.follows:
+                of, ratio, offset = self.description.follows[of]
+                shift[i] += factor * offset
+                factor *= ratio
+            if of not in places:
+                raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
+            S[i, places[of]] = factor
+        for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
+            if not column.any():
+                raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")
+        return S, shift
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return super().version().replace(FILE, "")
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is a file, with the parameters that stand there."""
+        return file_of(scene) is not None and (cls.floats or not is_free(scene))
+
+    @abstractmethod
+    def _read(self, library: Any, description: Description) -> None:
+        """Make the library's model by its own parser, the base held."""
+
+    @abstractmethod
+    def joints(self) -> list[str]:
+        """Return the names of its joints, one for each entry of its velocity."""
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (S q + shift, S, 0)."""
+        x = self.coordinates @ q + self.shift
+        return VelocityMap(x, self.coordinates.copy(), np.zeros(len(x)))
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return ẍ under the library's own forces.
+
+        Where joints follow others, which most libraries leave to a constraint solver, of the
+        library's own M, B and Q.
+        """
+        S = self.coordinates
+        if len(S) == self.scene.n:  # no joint follows another
+            return EngineAcceleration(self.free_acceleration(q, v))
+        F = self.forces(q, v, t) - self.bias(q, v, t)
+        return EngineAcceleration(S @ np.linalg.solve(S.T @ self.mass_matrix(q, t) @ S, S.T @ F))
+
+    def free_acceleration(self, q: Array, v: Array) -> Array:
+        """Return ẍ (m,); by M, B and Q unless the library has a way of its own."""
+        return np.linalg.solve(self.mass_matrix(q), self.forces(q, v) - self.bias(q, v))

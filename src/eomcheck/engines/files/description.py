@@ -1,0 +1,88 @@
+"""A robot description for libraries that read it themselves, and what is odd about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.mechanics.described.words import Joint, Link
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes.urdf import read_urdf
+from eomcheck.scenes.urdf_xml import root_of
+
+SHAPES = "visual", "collision"
+TOUCHING = 1e-9
+"""Relative: a plate's largest moment is the sum of the others, and files have few digits."""
+
+
+class Description(NamedTuple):
+    """A URDF without shapes: meshes are often not there, and no equation of motion needs them."""
+
+    text: str
+    root: str
+    """Name of the link that no joint moves."""
+    follows: dict[str, tuple[str, float, float]]
+    """Joint -> the one that it follows, ratio and shift."""
+    damped: frozenset[str]
+    """Joints with viscous damping."""
+    massless: tuple[str, ...]
+    """Links without mass that have moments of inertia all the same."""
+    empty: tuple[str, ...]
+    """Links that are moved and have no inertia at all."""
+    impossible: tuple[str, ...]
+    """Links with moments of inertia that no body has: one exceeds the sum of the others."""
+
+
+def file_of(scene: Scene) -> Path | None:
+    """Return the file of a robot that has the parameters of its file; None of any other scene."""
+    if not (isinstance(scene, Mechanism) and scene.made.source and scene.as_described):
+        return None
+    first = 6 if is_free(scene) else 0
+    # What has more coordinates has names of its own for them.
+    named = {slot.name for slot in scene.plan.slots[:first]}
+    return Path(scene.made.source) if set(scene.made.several) <= named else None
+
+
+def is_free(scene: Scene) -> bool:
+    """Return whether a robot's base is free because that was asked for."""
+    return isinstance(scene, Mechanism) and bool(scene.made.floating)
+
+
+def described(path: Path) -> Description:
+    """Return what is in a URDF.
+
+    Raises:
+        InputError: see `eomcheck.scenes.from_urdf`.
+    """
+    robot, xml = read_urdf(path), root_of(path)
+    for link in xml.findall("link"):
+        for shape in [x for kind in SHAPES for x in link.findall(kind)]:
+            link.remove(shape)
+    children = {joint.child for joint in robot.joints}
+    return Description(
+        ElementTree.tostring(xml, encoding="unicode"),
+        next(link.name for link in robot.links if link.name not in children),
+        {joint.name: joint.follows for joint in robot.joints if joint.follows is not None},
+        frozenset(joint.name for joint in robot.joints if _damped(joint)),
+        tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
+        tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
+        tuple(link.name for link in robot.links if _impossible(link)),
+    )
+
+
+def _damped(joint: Joint) -> bool:
+    return bool(joint.damping)
+
+
+def _heavy(link: Link) -> bool:
+    return link.mass > 0 or any(link.moments)
+
+
+def _impossible(link: Link) -> bool:
+    (x, y, z), (xy, xz, yz) = link.moments, link.products
+    moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING) or moments[0] < 0)

@@ -1,0 +1,206 @@
+"""One robot description as several libraries read it: where they differ, how much, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.run import check
+from eomcheck.engines import Answers, Engine
+from eomcheck.engines.files import READERS, FileEngine
+from eomcheck.engines.files.description import file_of
+from eomcheck.errors import EngineError, InputError, UnknownNameError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.draws import draw
+from eomcheck.lab.reasons import Parting, Why, reasons
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+OURS = "eomcheck"
+
+QUANTITIES = {
+    "M": "mass_matrix",
+    "bias": "bias",
+    "gravity": "forces",
+    "forces": "forces",
+    "q̈": "acceleration",
+}
+"""What is compared -> what an engine is asked; gravity is what forces are at rest."""
+
+FIXED_ONLY = "looked at with a fixed base only"
+
+
+@dataclass
+class Comparison:
+    """What came of one robot.
+
+    Attributes:
+        scene: the robot, with the parameters of its file.
+        versions: key of a library that took part -> its version.
+        refused: key of one that did not -> why.
+        apart: quantity -> the largest difference of any two at any state (k, k), relative to the
+            largest entry; eomcheck first, then as in `versions`.
+        findings: the worst one by library and claim, of ours and theirs.
+        why: library -> what explains its differences, as far as that is known.
+        said: library -> what it wrote while it read the file.
+        states: number of states looked at.
+    """
+
+    scene: Scene
+    versions: dict[str, str] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    apart: dict[str, Array] = field(default_factory=dict)
+    findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
+    why: dict[str, list[Why]] = field(default_factory=dict)
+    said: dict[str, list[str]] = field(default_factory=dict)
+    states: int = 0
+
+    @property
+    def failed(self) -> list[Finding]:
+        """The findings on what differs by more than rounding."""
+        return [one for one in self.findings.values() if one.verdict == "failed"]
+
+    def of(self, library: str) -> list[Finding]:
+        """Return what a library differs in by more than rounding."""
+        mine = (one for (key, _), one in self.findings.items() if key == library)
+        return [one for one in mine if one.verdict == "failed"]
+
+    def verdict(self, library: str) -> str:
+        """Return a word or two on a library that answered."""
+        if not self.of(library):
+            return "agrees"
+        labels = [one.label for one in self.why[library]]
+        return ", ".join(labels) if labels and all(labels) else "differs"
+
+
+def readers(names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
+    """Return the libraries of these names, by default all.
+
+    Raises:
+        UnknownNameError: there is none of a name.
+    """
+    for name in names or ():
+        if name not in READERS:
+            raise UnknownNameError("engine", name, READERS)
+    return READERS if names is None else {name: READERS[name] for name in names}
+
+
+def compare(
+    scene: Scene,
+    engines: Iterable[str] | None = None,
+    states: int = 20,
+    seed: int = 0,
+    advance: Callable[[], None] = lambda: None,
+) -> Comparison:
+    """Compare how libraries read the file of a scene, and their equations of motion.
+
+    Args:
+        scene: of `eomcheck.scenes.from_urdf`.
+        engines: keys of `eomcheck.engines.files.READERS`; by default those that are installed.
+        states: number of random states.
+        seed: of their draws.
+        advance: called after each state.
+
+    Raises:
+        InputError: the scene is no file, or no library is left to compare with.
+        EngineError: a library that was named is not installed.
+        UnknownNameError: there is none of a name.
+    """
+    if file_of(scene) is None:
+        raise InputError(f"{scene.name} is no robot as its file describes it")
+    found, made = Comparison(scene), {}
+    for key, kind in readers(engines).items():
+        try:
+            found.versions[key] = kind.version()
+        except EngineError as error:
+            if engines is not None:
+                raise
+            found.refused[key] = str(error)
+            continue
+        if not kind.represents(scene):
+            del found.versions[key]
+            found.refused[key] = FIXED_ONLY
+            continue
+        try:
+            made[key] = kind(scene)
+            found.said[key], found.why[key] = made[key].said, []
+        except Exception as error:  # whatever a library makes of a file it cannot read
+            found.refused[key] = " ".join(str(error).split())
+            del found.versions[key]
+    if not made:
+        raise InputError(f"nothing to compare {scene.name} with: " + _told(found.refused))
+    for state in draw(strategies.states(scene), states, seed):
+        _look(found, made, state)
+        found.states += 1
+        advance()
+    return found
+
+
+def _told(refused: dict[str, str]) -> str:
+    return "; ".join(f"{key}: {why}" for key, why in refused.items())
+
+
+def _look(found: Comparison, made: dict[str, FileEngine], state: State) -> None:
+    """Compare at one state."""
+    scene = found.scene
+    at = Evaluation(scene, *state)
+    ours = _ours(at)
+    theirs = {key: _theirs(Answers(engine), at) for key, engine in made.items()}
+    for name in QUANTITIES:
+        said = [ours[name], *(one.get(name) for one in theirs.values())]
+        table = np.array([[_apart(x, y) for y in said] for x in said])
+        found.apart[name] = np.fmax(found.apart.get(name, table), table)
+    asked = [one.id for one in CLAIMS.values() if one.asks in QUANTITIES.values()]
+    kinds: dict[type[Engine], str] = {type(engine): key for key, engine in made.items()}
+    for one in check(scene, *state, engines=kinds, claims=asked, formulations=["gw"]):
+        key = kinds.get(one.engine) if one.engine is not None else None
+        if key is None or one.verdict == "not looked at":
+            continue
+        before = found.findings.get((key, one.claim))
+        if before is None or one.ratio > before.ratio:
+            found.findings[key, one.claim] = one
+    description = next(iter(made.values())).description
+    bad = {key for (key, _), one in found.findings.items() if one.verdict == "failed"}
+    for key, told in theirs.items():
+        if key not in bad:
+            continue
+        parting = Parting(description, scene.coordinate_names, state.v, ours, told)
+        for why in reasons(parting):
+            if why not in found.why[key]:
+                found.why[key].append(why)
+
+
+def _ours(at: Evaluation) -> dict[str, Array]:
+    rest = Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
+    vdot = at.acceleration(FORMULATIONS["gw"]).vdot
+    terms = at.terms.M, at.terms.B, rest.terms.Q, at.terms.Q, vdot
+    zero = np.zeros(at.scene.n)
+    said = (zero if one is None else one for one in terms)
+    return dict(zip(QUANTITIES, said, strict=True))
+
+
+def _theirs(answers: Answers, at: Evaluation) -> dict[str, Array]:
+    q, v, t, zero = at.q, at.v, at.t, np.zeros(at.scene.n)
+    said = (
+        answers.mass_matrix(q, t),
+        answers.bias(q, v, t),
+        answers.forces(q, zero, t),
+        answers.forces(q, v, t),
+        answers.acceleration(q, v, zero, None, None, t).vdot,
+    )
+    return dict(zip(QUANTITIES, said, strict=True))
+
+
+def _apart(x: Array | None, y: Array | None) -> float:
+    if x is None or y is None:
+        return np.nan
+    scale = max(largest(x), largest(y))
+    return largest(x - y) / scale if scale > 0 else 0.0

@@ -1,0 +1,178 @@
+"""Why libraries differ on one file: what is known to be read in more than one way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.engines.files.description import Description
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.numbers.contract import Array
+
+CLOSE, ROUNDED = 1e-8, 1e-13
+"""Relative: what agrees to this agrees but for digits; but for rounding."""
+
+TERMS = "M", "bias", "gravity"
+
+
+class Parting(NamedTuple):
+    """What we and a library say at one state.
+
+    Attributes:
+        description: of the file.
+        joints: names of the coordinates.
+        v: velocities (n,).
+        ours: quantity -> value.
+        theirs: quantity -> value.
+    """
+
+    description: Description
+    joints: tuple[str, ...]
+    v: Array
+    ours: dict[str, Array]
+    theirs: dict[str, Array]
+
+    def error(self, name: str) -> Array:
+        """Return theirs - ours."""
+        return self.theirs[name] - self.ours[name]
+
+    def same(self, name: str, tolerance: float = CLOSE) -> bool:
+        """Return whether they agree but for digits."""
+        return largest(self.error(name)) <= tolerance * max(largest(self.ours[name]), 1e-300)
+
+    @property
+    def terms_agree(self) -> bool:
+        """Whether M, bias and gravity agree but for digits."""
+        return all(self.same(name) for name in TERMS)
+
+    @property
+    def damped(self) -> list[int]:
+        """Coordinates of joints with dampers."""
+        return [i for i, name in enumerate(self.joints) if name in self.description.damped]
+
+    @property
+    def leaves_out_damping(self) -> bool:
+        """Whether all that accelerations differ by is what dampers take.
+
+        M times that difference is then against the velocity, at joints with dampers alone.
+        """
+        if not (self.damped and self.terms_agree) or self.same("q̈"):
+            return False
+        missing = self.ours["M"] @ self.error("q̈")
+        others = np.delete(missing, self.damped)
+        along = missing[self.damped] * self.v[self.damped] >= 0
+        taken = largest(self.ours["forces"] - self.ours["gravity"])
+        close = CLOSE * max(largest(self.ours["M"] @ self.ours["q̈"]), taken)
+        return largest(others) <= close and bool(along.all())
+
+
+class Why(NamedTuple):
+    """What explains a difference.
+
+    Attributes:
+        sentence: what it is.
+        label: the same in a word or two, where it explains all that differs; "" where it may not.
+    """
+
+    sentence: str
+    label: str = ""
+
+
+Reason = Callable[[Parting], Iterator[Why]]
+_REASONS: list[Reason] = []
+
+
+def _reason(function: Reason) -> Reason:
+    _REASONS.append(function)
+    return function
+
+
+def reasons(parting: Parting) -> list[Why]:
+    """Return what explains a difference, as far as it is known."""
+    return [said for one in _REASONS for said in one(parting)]
+
+
+@_reason
+def _digits(at: Parting) -> Iterator[Why]:
+    """Yield that terms agree to many digits."""
+    if at.terms_agree and not all(at.same(name, ROUNDED) for name in TERMS):
+        whole = all(at.same(name) for name in at.ours) or at.leaves_out_damping
+        said = "the same but for digits: more than doubles round, less than 1e-8"
+        yield Why(said, "fewer digits" if whole else "")
+
+
+@_reason
+def _damping(at: Parting) -> Iterator[Why]:
+    """Yield that it knows no damping."""
+    if at.leaves_out_damping:
+        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
+
+
+@_reason
+def _armature(at: Parting) -> Iterator[Why]:
+    """Yield that M differs on its diagonal alone."""
+    if at.same("M"):
+        return
+    error = at.error("M")
+    beside = error - np.diag(np.diagonal(error))
+    if largest(beside) <= CLOSE * largest(at.ours["M"]) and at.same("bias"):
+        where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > 1e-12)]
+        yield Why(f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}")
+
+
+@_reason
+def _gravity(at: Parting) -> Iterator[Why]:
+    """Yield that gravity is another number."""
+    ours, theirs = at.ours["gravity"], at.theirs["gravity"]
+    if at.same("gravity") or not ours.any():
+        return
+    factor = float(ours @ theirs / (ours @ ours))
+    if largest(theirs - factor * ours) <= CLOSE * largest(ours):
+        yield Why(f"has {factor:.6g} times our gravity")
+
+
+@_reason
+def _axes(at: Parting) -> Iterator[Why]:
+    """Yield that some joints turn the other way round."""
+    ours, theirs = at.ours["M"], at.theirs["M"]
+    if at.same("M"):
+        return
+    for count in (1, 2):
+        for flipped in combinations(range(len(ours)), count):
+            signs = np.ones(len(ours))
+            signs[list(flipped)] = -1
+            if largest(theirs - np.outer(signs, signs) * ours) <= CLOSE * largest(ours):
+                yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
+                return
+
+
+@_reason
+def _odd_bodies(at: Parting) -> Iterator[Why]:
+    """Yield what bodies the file has that libraries make something else of."""
+    if at.same("M"):
+        return
+    if at.description.massless:
+        names = few(at.description.massless)
+        yield Why(
+            f"the file has moments of inertia without mass ({names}), which libraries may drop"
+        )
+    if at.description.impossible:
+        names = few(at.description.impossible)
+        yield Why(
+            f"the file has inertias that no body can have ({names}), which libraries may change"
+        )
+    if at.description.empty:
+        names = few(at.description.empty)
+        yield Why(f"the file has links without inertia ({names}), to which libraries may give some")
+
+
+def _joints(at: Parting, places: list[int]) -> str:
+    return few([at.joints[i] for i in places])
+
+
+def few(names: Sequence[str]) -> str:
+    """Return at most three names, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

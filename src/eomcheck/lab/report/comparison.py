@@ -1,0 +1,90 @@
+"""What came of comparing libraries on one robot description: tables of differences, and a file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from eomcheck.console import console
+from eomcheck.files import write_text
+from eomcheck.lab.comparing import OURS, Comparison
+from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
+
+MOST_LINES = 4
+"""Of what a library says while it reads a file."""
+
+
+def library_sheet(found: Comparison) -> Sheet:
+    """Return the table of libraries: how far from us they are, where, and why."""
+    rows = []
+    for i, (key, version) in enumerate(found.versions.items()):
+        verdict = Cell(found.verdict(key), "failed" if found.of(key) else "passed")
+        apart = [_cell(table[0, i + 1]) for table in found.apart.values()]
+        rows.append([Cell(version, "name"), *apart, verdict])
+    nothing = [*"-" * len(found.apart), Cell("no answer", "open")]
+    rows += [[Cell(key, "name"), *nothing] for key in found.refused]
+    title = f"{found.scene.name}: {found.scene.n} coordinates, {found.states} states"
+    heads = ["library", *found.apart, "verdict"]
+    note = "Largest difference from eomcheck, relative to the largest entry."
+    return Sheet("libraries", title, heads, rows, note=note)
+
+
+def pair_sheets(found: Comparison) -> Iterator[Sheet]:
+    """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
+    names = [OURS, *found.versions]
+    for quantity, table in found.apart.items():
+        rows = [
+            [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
+            for i, (name, row) in enumerate(zip(names, table, strict=True))
+        ]
+        yield Sheet(quantity, f"{quantity}, each library beside each other", ["", *names], rows)
+
+
+def sentences(found: Comparison) -> Iterator[str]:
+    """Yield what is to be said of each library that differs or gave no answer."""
+    for key, version in found.versions.items():
+        if failed := found.of(key):
+            where = "; ".join(one.detail for one in failed)
+            why = "; ".join(one.sentence for one in found.why[key]) or "no reason known"
+            yield f"{version} differs: {where}. Why: {why}."
+            if found.said[key]:
+                more = len(found.said[key]) - MOST_LINES
+                said = " / ".join(found.said[key][:MOST_LINES])
+                yield f"    It said: {said}" + (f" (and {more} lines more)" if more > 0 else "")
+    for key, why in found.refused.items():
+        yield f"{key} gave no answer: {why}"
+
+
+def _cell(x: float) -> str:
+    return "-" if math.isnan(x) else f"{x:.0e}" if x else "0"
+
+
+def print_comparison(found: Comparison, pairs: bool = False) -> None:
+    """Print how far libraries are from us, and from each other if asked for."""
+    print_sheets([library_sheet(found), *(pair_sheets(found) if pairs else ())])
+    for said in sentences(found):
+        say(said)
+    if not found.failed:
+        console.print("all that answered agree to rounding")
+
+
+def write_comparison(found: Comparison, path: Path) -> None:
+    """Write all that was found as JSON."""
+    plain = {
+        "scene": found.scene.name,
+        "coordinates": list(found.scene.coordinate_names),
+        "states": found.states,
+        "versions": found.versions,
+        "refused": found.refused,
+        "libraries": [OURS, *found.versions],
+        "apart": {
+            name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
+            for name, table in found.apart.items()
+        },
+        "findings": [one.as_dict() for one in found.findings.values()],
+        "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
+        "said": found.said,
+    }
+    write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")

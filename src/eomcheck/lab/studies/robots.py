@@ -1,0 +1,204 @@
+"""Robot descriptions that come with packages: checked, proved, and read by several libraries."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+from eomcheck.claims.proof import prove_structure
+from eomcheck.claims.run import validate
+from eomcheck.errors import EngineError, InputError
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.comparing import FIXED_ONLY, QUANTITIES, compare
+from eomcheck.lab.options import Seed, at_least_one
+from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.store.records import Record, Settings, rows_of
+from eomcheck.lab.study import Study, unfinished
+from eomcheck.scenes.urdf import from_urdf
+
+ROBOTS = {
+    "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
+    "ur5-gripper": ("example-robot-data", "ur_description/urdf/ur5_gripper.urdf"),
+    "iiwa": ("pybullet", "pybullet_data/kuka_iiwa/model.urdf"),
+    "panda": ("example-robot-data", "panda_description/urdf/panda.urdf"),
+    "z1": ("example-robot-data", "z1_description/urdf/z1.urdf"),
+    "xarm7": ("example-robot-data", "xarm_description/urdf/xarm7.urdf"),
+    "kinova": ("example-robot-data", "kinova_description/robots/kinova.urdf"),
+    "allegro-hand": ("example-robot-data", "allegro_hand_description/urdf/allegro_right_hand.urdf"),
+    "solo12": ("example-robot-data", "solo_description/robots/solo12.urdf"),
+    "anymal": ("example-robot-data", "anymal_b_simple_description/robots/anymal.urdf"),
+    "icub": ("example-robot-data", "icub_description/robots/icub_reduced.urdf"),
+    "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
+    "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+}
+"""Name -> package on PyPI that its description comes with, and how the path there ends."""
+
+WALKING = "solo12", "anymal"
+"""Those that are looked at with a free base as well."""
+
+
+@dataclass(frozen=True)
+class Read:
+    """What one library makes of one robot: largest differences from us, relative."""
+
+    robot: str
+    library: str
+    verdict: str
+    apart: dict[str, float]
+    why: str
+
+
+def located(robot: str) -> Path:
+    """Return the file of a robot of `ROBOTS`, or the path that `robot` is.
+
+    Raises:
+        EngineError: the package that it comes with is not installed.
+        InputError: it is neither a known name nor a file.
+    """
+    if robot not in ROBOTS:
+        path = Path(robot)
+        if not path.is_file():
+            known = ", ".join(ROBOTS)
+            raise InputError(f"robot = {robot!r}, expected a file or one of: {known}")
+        return path
+    package, end = ROBOTS[robot]
+    try:
+        files = metadata.files(package) or []
+    except metadata.PackageNotFoundError:
+        raise EngineError(f"{robot} comes with {package}, which is not installed") from None
+    for file in files:
+        if str(file).endswith(end):
+            return Path(str(file.locate()))
+    raise EngineError(f"{package} {metadata.version(package)} has no {end}")
+
+
+def cells(
+    *,
+    robot: Annotated[list[str] | None, "Robot by name, or its file; repeat for more."] = None,
+    free: Annotated[list[str] | None, "The same, its base free; repeat for more."] = None,
+    states: Annotated[int, "Random states of a robot."] = 20,
+    seed: Seed = 0,
+) -> Iterator[Settings]:
+    """Yield a cell for each robot.
+
+    Raises:
+        InputError: no such robot, or no states.
+    """
+    at_least_one(states=states)
+    if robot is free is None:
+        robot, free = [*ROBOTS], [*WALKING]
+    for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
+        if name not in ROBOTS:
+            located(name)
+        yield {"robot": name, "free": floating, "states": states, "seed": seed}
+
+
+def _look(settings: Settings) -> Record:
+    """Check, prove and compare one robot."""
+    name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
+    called = _called(settings)
+    try:
+        scene = from_urdf(located(name), floating=settings["free"])
+    except EngineError as missing:
+        return Record(STUDY.key, settings, "refused", str(missing))
+    start = time.perf_counter()
+    checked = [one.verdict for one in validate(scene, examples=states, seed=seed)]
+    validated = time.perf_counter()
+    formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
+    proved = [one.verdict for one in prove_structure(scene, formulations, 4, seed)]
+    done = time.perf_counter()
+    counts = {
+        "coordinates": scene.n,
+        "passed": checked.count("passed"),
+        "failed": checked.count("failed"),
+        "proved": proved.count("passed"),
+        "disproved": proved.count("failed"),
+    }
+    seconds = {"checks, s": validated - start, "proof, s": done - validated}
+    found = compare(scene, None, states, seed)
+    rows = []
+    for i, (key, version) in enumerate(found.versions.items()):
+        apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
+        why = "; ".join(one.sentence for one in found.why[key])
+        rows.append(Read(called, version, found.verdict(key), apart, why))
+    refused = {key: why for key, why in found.refused.items() if why != FIXED_ONLY}
+    rows += [Read(called, key, "no answer", {}, why) for key, why in refused.items()]
+    series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
+    return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
+
+
+def _called(settings: Settings) -> str:
+    return settings["robot"] + (", free" if settings["free"] else "")
+
+
+# ---- What it comes to ----------------------------------------------------------------------------
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield what came of our own equations, and what each library makes of each robot."""
+    done = [record for record in found if record.status == "done"]
+    names = ("coordinates", "passed", "failed", "proved", "disproved")
+    rows = [
+        (
+            Cell(_called(record.settings), "name"),
+            *(str(record.counts[name]) for name in names),
+            *(f"{seconds:.1f}" for seconds in record.errors.values()),
+        )
+        for record in done
+    ]
+    heads = ("robot", "coordinates", "checks passed", "failed", "identities proved", "disproved")
+    yield Sheet("robots", "Our equations of each robot", (*heads, "checks, s", "proof, s"), rows)
+    reads = rows_of(done, Read)
+    libraries = list(dict.fromkeys(_key(one) for one in reads))
+    rows = []
+    for record in done:
+        name = _called(record.settings)
+        mine = {_key(one): one for one in reads if one.robot == name}
+        rows.append((Cell(name, "name"), *(_cell(mine.get(key)) for key in libraries)))
+    title = "The same file by others: largest difference of M from ours, and what they differ in"
+    yield Sheet("robots-by-library", title, ("robot", *libraries), rows)
+
+
+def _key(one: Read) -> str:
+    return one.library.partition(" ")[0]
+
+
+def _cell(one: Read | None) -> Cell:
+    if one is None:
+        return Cell("-", "none")
+    if not one.apart:
+        return Cell("no answer", "open")
+    if one.verdict == "agrees":
+        return Cell(f"{one.apart['M']:.0e}", "passed")
+    return Cell(f"{one.apart['M']:.0e} {one.verdict}", "failed")
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield why libraries differ or gave no answer."""
+    yield from unfinished(found)
+    for one in rows_of(found, Read):
+        if one.verdict not in ("agrees", "no damping"):
+            apart = ", ".join(f"{name} {one.apart[name]:.0e}" for name in QUANTITIES if one.apart)
+            yield f"{one.robot}, {one.library}: {', '.join(filter(None, (apart, one.why)))}"
+
+
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether our own equations of a robot failed."""
+    return any(one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
+
+
+STUDY = Study(
+    key="robots",
+    cells=cells,
+    worker=lambda known: _look,
+    sheets=sheets,
+    said=said,
+    label="looking at robots",
+    alarm=alarm,
+    reading="`no damping`: the library's algorithms leave out the dampers of the file.",
+    small=True,
+)

@@ -1,0 +1,153 @@
+"""Constraints by declaration, and their rows.
+
+What a row is made of are vectors, points of frames and directions that turn with them. Here it is
+said once what rows follow from their values, rates, columns and rests; each derivation brings its
+own vectors.
+
+- "pin": a point of one frame is a point of another: 2 rows in the plane, 3 in space
+- "weld": and they do not turn against each other: 1 row more in the plane, 3 in space
+- "hinge": a pin in space about a direction of the second frame: 2 rows more
+- "distance": two points keep their distance
+- "on-plane": a point of the first frame stays on a plane of the second
+- "coupling": q_i = ratio q_j + shift
+- "drive": q_i = p + r t + a t²/2
+- "edge": a point does not move along a direction of its frame, and the position is free
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from eomcheck.mechanics.described.absent import (
+    AXES,
+    dot,
+    minus,
+    plus,
+    vector,
+)
+from eomcheck.mechanics.described.rows import Derivation, Read, Row, product
+from eomcheck.mechanics.described.topology import Closure, Plan
+
+
+def pin(read: Read) -> list[Row]:
+    """Return that two points are one."""
+    a = read.apart
+    return [
+        Row(a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.rest[i])
+        for i in range(2 if read.planar else 3)
+    ]
+
+
+def weld(read: Read) -> list[Row]:
+    """Return that two frames are one."""
+    x, *others = read.directions
+    along_x, along_y, along_z = read.second
+    rows = [*pin(read), product(x, along_y)]
+    if not read.planar:
+        y, z = others
+        rows += [product(y, along_z), product(z, along_x)]
+    return rows
+
+
+def hinge(read: Read) -> list[Row]:
+    """Return that two points are one, and a direction across two others."""
+    first, second, axis = read.directions
+    return [*pin(read), product(first, axis), product(second, axis)]
+
+
+def distance(read: Read) -> list[Row]:
+    """Return that (d² - L²)/2 = 0."""
+    square = product(read.apart, read.apart)
+    length = read.given.lengths[read.closure.number]
+    return [
+        Row(
+            minus(_half(square.position), length * length / 2),
+            _half(square.rate),
+            {i: _half(x) for i, x in square.columns.items()},
+            _half(square.rest),
+        )
+    ]
+
+
+def _half(x: Any) -> Any:
+    return None if x is None else x / 2
+
+
+def on_plane(read: Read) -> list[Row]:
+    """Return that a point is on the plane across a direction through another."""
+    return [product(read.apart, read.directions[0])]
+
+
+def edge(read: Read) -> list[Row]:
+    """Return that a point has no velocity along a direction."""
+    (point,), (along,) = read.points, read.directions
+    return [
+        Row(
+            None,
+            dot(point.rate, along.value),
+            {i: dot(x, along.value) for i, x in point.columns.items()},
+            plus(dot(point.rest, along.value), dot(point.rate, along.rate)),
+        )
+    ]
+
+
+def coupling(read: Read) -> list[Row]:
+    """Return that one coordinate follows another."""
+    (i, j), (ratio, shift) = read.closure.coordinates, read.given.couplings[read.closure.number]
+    q, v = read.at.q, read.at.v
+    rate = None if v is None else v[i] - ratio * v[j]
+    return [Row(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
+
+
+def drive(read: Read) -> list[Row]:
+    """Return that a coordinate follows a clock."""
+    (i,) = read.closure.coordinates
+    position, rate, acceleration = read.at.driven[:, read.closure.number]
+    moved = None if read.at.v is None else read.at.v[i] - rate
+    return [Row(read.at.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
+
+
+class Closing(NamedTuple):
+    """A kind of closure."""
+
+    rows: Callable[[Read], list[Row]]
+    planar: int
+    """Number of rows in the plane."""
+    spatial: int
+    points: int = 0
+    holonomic: bool = True
+
+
+KINDS = {
+    "pin": Closing(pin, 2, 3, 2),
+    "weld": Closing(weld, 3, 6, 2),
+    "hinge": Closing(hinge, 0, 5, 2),
+    "distance": Closing(distance, 1, 1, 2),
+    "on-plane": Closing(on_plane, 1, 1, 2),
+    "coupling": Closing(coupling, 1, 1),
+    "drive": Closing(drive, 1, 1),
+    "edge": Closing(edge, 1, 1, 1, holonomic=False),
+}
+
+
+def rows_of(closure: Closure, planar: bool) -> int:
+    """Return how many rows a closure has."""
+    kind = KINDS[closure.kind]
+    return kind.planar if planar else kind.spatial
+
+
+def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
+    """Return all rows, closure by closure."""
+    found = []
+    for closure in plan.topology.closures:
+        points = [at.point(k, vector(given.points[i])) for k, i in closure.points]
+        directions = [at.direction(k, vector(given.directions[i])) for k, i in closure.directions]
+        second = (
+            [at.direction(closure.points[1][0], x) for x in AXES]
+            if (closure.kind == "weld")
+            else []
+        )
+        read = Read(points, directions, second, closure, given, at, plan.topology.planar)
+        found += KINDS[closure.kind].rows(read)
+    return found

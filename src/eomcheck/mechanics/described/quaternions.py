@@ -1,0 +1,75 @@
+"""Rotations as quaternions (w, x, y, z) of any length: products of them stay rational."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from eomcheck.numbers.contract import Array
+
+Quaternion = tuple[float, float, float, float]
+
+ONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+def multiplied(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the rotation b in the frame that a turns."""
+    w, x, y, z = a
+    p, i, j, k = b
+    return (
+        w * p - x * i - y * j - z * k,
+        w * i + x * p + y * k - z * j,
+        w * j - x * k + y * p + z * i,
+        w * k + x * j - y * i + z * p,
+    )
+
+
+def of_length_one(a: Quaternion) -> Quaternion:
+    """Return the same rotation by a quaternion of length 1."""
+    length = math.hypot(*a)
+    w, x, y, z = (part / length for part in a)
+    return w, x, y, z
+
+
+def turns(a: Quaternion) -> bool:
+    """Return whether it turns anything."""
+    return any(a[1:])
+
+
+def rotation(a: Quaternion) -> Array:
+    """Return the rotation matrix (3, 3)."""
+    w, x, y, z = a
+    size = w * w + x * x + y * y + z * z
+    return (
+        np.array(
+            [
+                [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+            ]
+        )
+        / size
+    )
+
+
+def about(axis: int, angle: float) -> Quaternion:
+    """Return the turn by an angle, rad, about an axis of the frame."""
+    if angle == 0:
+        return ONE
+    parts = [math.cos(angle / 2), 0.0, 0.0, 0.0]
+    parts[axis + 1] = math.sin(angle / 2)
+    return parts[0], parts[1], parts[2], parts[3]
+
+
+def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return turns about x, then y, then z of axes that stay, rad."""
+    return multiplied(multiplied(about(2, yaw), about(1, pitch)), about(0, roll))
+
+
+def to_z(axis: tuple[float, float, float]) -> Quaternion:
+    """Return a turn that brings z to a direction of any length."""
+    x, y, z = axis
+    if z < 0:  # half a turn first, for z and the axis are nearly opposite
+        return multiplied(to_z((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
+    return of_length_one((math.hypot(x, y, z) + z, -y, x, 0.0))

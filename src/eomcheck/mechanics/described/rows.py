@@ -1,0 +1,100 @@
+"""One constraint as a row, and the moving vectors that rows are made of."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from eomcheck.mechanics.described.absent import (
+    NOTHING,
+    Vector,
+    dot,
+    plus,
+    subtracted,
+    times,
+)
+from eomcheck.mechanics.described.topology import Closure
+
+Columns = dict[int, Vector]
+
+
+class Moving(NamedTuple):
+    """A vector along the axes of the ground, and what a derivation knows of its motion."""
+
+    value: Vector
+    rate: Vector
+    columns: Columns
+    """∂(rate)/∂v by coordinate; none in the second derivation."""
+    rest: Vector
+    """Second rate at v̇ = 0; nothing in the second derivation."""
+
+
+class Row(NamedTuple):
+    """One constraint; what is absent is 0."""
+
+    position: Any
+    rate: Any
+    """c, the rate of the position."""
+    columns: dict[int, Any]
+    """Its row of a."""
+    rest: Any
+    """gamma."""
+    b: Any = None
+
+
+class Derivation(Protocol):
+    """What a row is made of."""
+
+    def point(self, k: int, a: Vector) -> Moving:
+        """Return the point a of frame k, -1 for the ground."""
+        ...
+
+    def direction(self, k: int, a: Vector) -> Moving:
+        """Return the direction a of frame k."""
+        ...
+
+    q: Any
+    v: Any
+    driven: Any
+
+
+class Read(NamedTuple):
+    """What the rows of a closure are made of."""
+
+    points: list[Moving]
+    directions: list[Moving]
+    second: list[Moving]
+    """Axes of the second frame."""
+    closure: Closure
+    given: Any
+    """Parameters."""
+    at: Derivation
+    planar: bool
+
+    @property
+    def apart(self) -> Moving:
+        """The first point as seen from the second."""
+        a, b = self.points
+        return Moving(
+            subtracted(a.value, b.value),
+            subtracted(a.rate, b.rate),
+            {
+                i: subtracted(a.columns.get(i, NOTHING), b.columns.get(i, NOTHING))
+                for i in {**a.columns, **b.columns}
+            },
+            subtracted(a.rest, b.rest),
+        )
+
+
+def product(a: Moving, b: Moving) -> Row:
+    """Return that a · b = 0."""
+    columns = {
+        i: plus(dot(a.columns.get(i, NOTHING), b.value), dot(a.value, b.columns.get(i, NOTHING)))
+        for i in {**a.columns, **b.columns}
+    }
+    rest = plus(dot(a.rest, b.value), dot(a.value, b.rest))
+    return Row(
+        dot(a.value, b.value),
+        plus(dot(a.rate, b.value), dot(a.value, b.rate)),
+        columns,
+        plus(rest, times(2, dot(a.rate, b.rate))),
+    )

@@ -1,0 +1,140 @@
+"""The words of a description: links, joints and constraints, by name, in SI units."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from eomcheck.mechanics.described.quaternions import ONE, Quaternion, rotation, to_z
+
+Triple = tuple[float, float, float]
+
+ORIGIN: Triple = (0.0, 0.0, 0.0)
+
+COORDINATES = {
+    "revolute": ("",),
+    "prismatic": ("",),
+    "fixed": (),
+    "planar": ("_x", "_y", "_turn"),
+    "spherical": ("_yaw", "_pitch", "_roll"),
+    "floating": ("_x", "_y", "_z", "_yaw", "_pitch", "_roll"),
+}
+"""Kind of joint -> what its coordinates are called, behind its own name."""
+
+
+class Link(NamedTuple):
+    """A rigid body, or a frame without inertia."""
+
+    name: str
+    mass: float = 0.0
+    """kg."""
+    center: Triple = ORIGIN
+    """Centre of mass, m."""
+    moments: Triple = ORIGIN
+    """I_xx, I_yy, I_zz about the centre of mass, along the axes of the link, kg m²."""
+    products: Triple = ORIGIN
+    """Entries xy, xz, yz of that matrix, kg m²."""
+
+
+class Joint(NamedTuple):
+    """How one link moves against another.
+
+    Positive, it turns the child about the axis, or slides it along, as seen from the parent. A
+    planar joint slides along x and y and then turns about z of the frame whose z is the axis; a
+    spherical one turns about z, y and x in a row; a floating one slides along x, y, z before.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    place: Triple = ORIGIN
+    """Of the child in the frame of the parent where all coordinates are 0, m."""
+    turn: Quaternion = ONE
+    """Its orientation there, of any length."""
+    axis: Triple = (0.0, 0.0, 1.0)
+    """In the frame of the child, of any length."""
+    damping: float | None = None
+    """N m s/rad or N s/m; None without a damper."""
+    stiffness: float | None = None
+    """N m/rad or N/m; None without a spring."""
+    relaxed: float = 0.0
+    """Where the spring rests, rad or m."""
+    armature: float | None = None
+    """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
+    follows: tuple[str, float, float] | None = None
+    """Another joint, ratio and shift: its coordinate is ratio times the other's, plus shift."""
+
+
+class Constraint(NamedTuple):
+    """What else holds; made by the functions below."""
+
+    kind: str
+    name: str
+    points: tuple[tuple[str, Triple], ...] = ()
+    """Links, and where on them, m."""
+    directions: tuple[tuple[str, Triple], ...] = ()
+    joints: tuple[str, ...] = ()
+    numbers: Any = None
+
+
+def pin(
+    name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN
+) -> Constraint:
+    """Return that a point of one link is a point of another."""
+    return Constraint("pin", name, ((link, at), (other, at_other)))
+
+
+def weld(
+    name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
+    turn: Quaternion = ONE,
+) -> Constraint:  # fmt: skip
+    """Return that two frames are one: the other's, and what `at` and `turn` make of the link's."""
+    axes = tuple((link, _triple(one)) for one in rotation(turn).T)
+    return Constraint("weld", name, ((link, at), (other, at_other)), axes)
+
+
+def hinge(
+    name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
+    axis: Triple = (0.0, 0.0, 1.0), axis_of_other: Triple = (0.0, 0.0, 1.0),
+) -> Constraint:  # fmt: skip
+    """Return a pin about an axis of both."""
+    across = rotation(to_z(axis)).T[:2]
+    directions = tuple((link, _triple(one)) for one in across)
+    points = (link, at), (other, at_other)
+    return Constraint("hinge", name, points, (*directions, (other, axis_of_other)))
+
+
+def distance(
+    name: str, link: str, other: str, length: float, at: Triple = ORIGIN, at_other: Triple = ORIGIN
+) -> Constraint:
+    """Return a massless rod between two points."""
+    return Constraint("distance", name, ((link, at), (other, at_other)), numbers=length)
+
+
+def on_plane(
+    name: str, link: str, other: str, across: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
+) -> Constraint:
+    """Return that a point of one link stays on a plane of another, given by what is across it."""
+    return Constraint("on-plane", name, ((link, at), (other, at_other)), ((other, across),))
+
+
+def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0) -> Constraint:
+    """Return that one joint's coordinate is ratio times another's, plus shift: gears."""
+    return Constraint("coupling", name, joints=(joint, other), numbers=(ratio, shift))
+
+
+def drive(
+    name: str, joint: str, position: float = 0.0, rate: float = 0.0, acceleration: float = 0.0
+) -> Constraint:
+    """Return that a joint's coordinate follows position + rate t + acceleration t²/2."""
+    return Constraint("drive", name, joints=(joint,), numbers=(position, rate, acceleration))
+
+
+def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
+    """Return that a point of a link does not move along a direction of the link."""
+    return Constraint("edge", name, ((link, at),), ((link, across),))
+
+
+def _triple(a: Any) -> Triple:
+    x, y, z = (float(part) for part in a)
+    return x, y, z

@@ -1,0 +1,266 @@
+"""Mechanisms by description: every kind of joint and constraint is proved, and its faults seen."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from tests.mechanics.descriptions import (
+    ALL,
+    CLOSED,
+    GROUND,
+    TREES,
+    Arm,
+    FourBar,
+    Skate,
+    rod,
+    turning,
+)
+
+import eomcheck
+from eomcheck.claims.proof import prove
+from eomcheck.claims.repeat import python_of
+from eomcheck.claims.run import Run, Selection
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.mechanics.described import (
+    closures,
+    constraints,
+    energies,
+    forces,
+    motion,
+    pose,
+    terms,
+)
+from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.mechanics.described.words import Link, coupling, pin
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
+
+every_kind = pytest.mark.parametrize("kind", ALL.values(), ids=ALL)
+
+
+def failed(kind: type[Mechanism]) -> set[str]:
+    return {f.claim for f in prove(kind(), points=1, seed=0) if f.verdict != "passed"}
+
+
+@every_kind
+def test_every_identity_is_proved(kind: type[Mechanism]):
+    findings = prove(kind(), points=1, seed=0)
+    assert [str(f) for f in findings if f.verdict != "passed"] == []
+    proved = {f.claim for f in findings}
+    assert {"mass-matrix", "bias", "equivalence", "equations-residual"} <= proved
+    if kind in CLOSED.values():
+        assert {"constraint-jacobian", "constraint-drift"} <= proved
+        assert ("position-rate" in proved) == (kind is not Skate)
+
+
+@every_kind
+def test_drawn_states_pass_every_claim_with_two_engines(kind: type[Mechanism]):
+    findings = eomcheck.validate(kind(), examples=2, seed=1)
+    assert [str(f) for f in findings if f.verdict == "failed"] == []
+    if kind in TREES.values() and kind is not ALL["Following"]:
+        assert any(f.subject == "pinocchio" for f in findings)
+
+
+@every_kind
+def test_it_starts_consistent_and_where_it_closes(kind: type[Mechanism]):
+    scene = kind()
+    q, v = scene.initial_state()
+    check_consistent(at := Evaluation(scene, q, v))
+    if scene.position_residual is not None:
+        residual = scene.position_residual(at.parameters, at.prepared, at.q)
+        assert np.abs(residual).max() < 1e-14
+
+
+@every_kind
+def test_scenes_and_their_kinds_are_pickled(kind: type[Mechanism]):
+    scene = kind(mass=2.0 * kind().mass)
+    again, known = pickle.loads(pickle.dumps((scene, kind)))
+    assert type(again) is known is kind
+    assert repr(again) == repr(scene)
+    with pytest.raises(ValueError, match="read-only"):
+        again.mass[0] = 1.0
+
+
+@every_kind
+def test_it_is_printed_as_the_code_that_makes_it_again(kind: type[Mechanism]):
+    for scene in (kind(), kind(mass=2.0 * kind().mass)):
+        again = eval(repr(scene), {kind.__name__: kind})
+        assert repr(again) == repr(scene)
+        assert again.mass.tolist() == scene.mass.tolist()
+    code = python_of(Arm(), State(np.zeros(3), np.zeros(3)))
+    assert "from tests.mechanics.descriptions import Arm" in code.replace("\n", " ")
+
+
+# ---- Mistakes in one derivation ------------------------------------------------------------------
+
+
+def without_rest(rates, arm):
+    return NOTHING
+
+
+def carried_only(rates, arm):
+    return cross(rates.alpha, arm)
+
+
+def no_moment(inertia, rates):
+    return terms.applied(inertia, rates.alpha)
+
+
+def not_shifted(one, away):
+    return one
+
+
+def still(inertia, omega):
+    return NOTHING
+
+
+def halved(a, b):
+    row = RIGHT["product"](a, b)
+    return row._replace(rest=None)
+
+
+def other_way(axes, axis, cos, sin):
+    return RIGHT["hinged"](axes, axis, cos, -sin)
+
+
+def upwards(plan, parameters, prepared, Q):
+    RIGHT["weigh"](plan, parameters._replace(gravity=-parameters.gravity), prepared, Q)
+
+
+def standing(rates, k, a):
+    return rates[k][0] if k >= 0 else NOTHING
+
+
+def twice(plan, frames, k):
+    return {i: scaled(2, x) for i, x in RIGHT["turning_columns"](plan, frames, k).items()}
+
+
+RIGHT = {
+    "product": closures.product,
+    "hinged": pose.hinged,
+    "weigh": forces.weigh,
+    "turning_columns": motion.turning_columns,
+}
+
+
+@pytest.mark.parametrize(
+    ("places", "wrong", "kind", "claim"),
+    [
+        ([(terms, "swung")], without_rest, "Arm", "bias"),
+        ([(terms, "swung")], carried_only, "Arm", "bias"),
+        ([(motion, "swung")], carried_only, "Arm", "kane-ml-force"),
+        ([(terms, "whirl")], no_moment, "Arm", "bias"),
+        ([(terms, "shifted")], not_shifted, "Branched", "mass-matrix"),
+        ([(motion, "momentum")], still, "Free", "kane-ml-force"),
+        ([(constraints, "swung")], carried_only, "Welded", "constraint-drift"),
+        ([(pose, "hinged")], other_way, "Arm", "mass-matrix"),
+        ([(forces, "weigh")], upwards, "Arm", "generalized-forces"),
+        ([(energies, "moved_point")], standing, "Arm", "mass-matrix"),
+        ([(closures, "product")], halved, "Rodded", "constraint-drift"),
+        ([(constraints, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
+    ],
+)
+def test_a_mistake_in_one_derivation_is_disproved_and_named(
+    places, wrong, kind, claim, monkeypatch
+):
+    for module, name in places:
+        monkeypatch.setattr(module, name, wrong)
+    assert claim in failed(ALL[kind])
+
+
+# ---- What it is ----------------------------------------------------------------------------------
+
+
+def test_what_stays_in_the_plane_has_no_third_component():
+    scene = FourBar()
+    assert scene.made.topology.planar
+    at = Evaluation(scene, *scene.initial_state())
+    jacobians = scene.jacobians(at.parameters, at.prepared, at.q, at.v)
+    assert jacobians.linear.shape == (3, 2, 3)
+    assert jacobians.angular.shape == (3, 1, 3)
+    assert jacobians.gyroscopic is None
+    assert scene.offset.shape == (3, 2)
+
+
+def test_what_is_not_there_is_absent():
+    at = Evaluation(Skate(), np.ones(3), np.ones(3))
+    assert at.terms.Q is None
+    assert at.terms.b is None
+    at = Evaluation(Arm(), np.ones(3), np.ones(3))
+    assert at.terms[3:] == (None, None, None)
+    assert not hasattr(FourBar(), "damping")
+    assert FourBar.dissipation is None
+
+
+def test_a_mechanism_moves_in_machine_code_and_keeps_its_energy():
+    found = eomcheck.simulate(FourBar(), "em", 1.0)
+    assert found.status == "finished"
+    assert np.abs(found.energy - found.energy[0]).max() < 1e-6
+
+
+@every_kind
+def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
+    scene = kind()
+    sketch = scene.sketch(scene.initial_state()[0])
+    told = {part.name for part in sketch.parts if isinstance(part, Joint | Arrow)}
+    assert {slot.name.replace("_", " ") for slot in kind.plan.slots} <= told
+    rows = [i for part in sketch.parts if isinstance(part, Constraint) for i in part.rows]
+    assert len(set(rows)) == len(rows) <= scene.r
+    d = 2 if kind.made.topology.planar else 3
+    assert all(np.shape(part.at) == (d,) for part in sketch.parts if isinstance(part, Center))
+
+
+@pytest.mark.parametrize("key", ["Arm", "FourBar", "Free", "Lifted"])
+def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
+    kind, run = ALL[key], Run()
+    selection = Selection.of(scenes=[kind])
+    run.look_at_kind(kind, selection, (1, 1), 4, 0)
+    assert [str(f) for f in run.findings if f.verdict == "failed"] == []
+    assert run.cases == 6
+    drawn = [one.scene for one in run.drawn[1:]]
+    assert len({repr(one) for one in drawn}) == 4
+    if kind in CLOSED.values() and kind.made.closed:
+        assert all((one.offset == kind().offset).all() for one in drawn)
+
+
+# ---- What is refused -----------------------------------------------------------------------------
+
+BETA = turning("β", "a", "b")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joints": [BETA]}, "2 links are no joint's child"),
+        ({"links": []}, "joint 'α' has the parent 'ground', no such link"),
+        ({"links": [], "joints": []}, "there is no link"),
+        ({"joints": [BETA, turning("β", "ground", "a")]}, "two joints have the name 'β'"),
+        ({"first": ["γ"]}, "first names 'γ', expected one of: α, β"),
+        ({"pose": {"γ": 1.0}}, "pose names 'γ', expected one of: α, β"),
+        ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
+        ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
+        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p' has the number nan"),
+        ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
+        ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
+        ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),
+        ({"joints": [BETA._replace(kind="planar", damping=1.0)]}, "are for joints with one coord"),
+        ({"joints": [BETA._replace(follows=("β", 1.0, 0.0))]}, "joint 'β' follows itself"),
+        ({"joints": [BETA._replace(name="α_x"), turning("α", "ground", "a")._replace(
+            kind="planar")]}, "two coordinates have the name 'α_x'"),
+        ({"links": [GROUND, Link("a"), Link("b")]}, "nothing that moves has inertia"),
+        ({"links": [GROUND, rod("a"), Link("b")]}, "joint 'β' moves nothing that has inertia"),
+        ({"links": [GROUND, rod("a"), rod("b")._replace(mass=-1.0)]}, "mass = -1 kg"),
+    ],
+)  # fmt: skip
+def test_a_description_that_contradicts_itself_is_refused(change, said):
+    given = {"links": [GROUND, rod("a"), rod("b")], "joints": [turning("α", "ground", "a"), BETA]}
+    if "joints" in change and len(change["joints"]) == 1 and "2 links" not in said:
+        change = {**change, "joints": [turning("α", "ground", "a"), *change["joints"]]}
+    with pytest.raises(InputError, match=said):
+        mechanism("Wrong", **(given | change))

@@ -1,0 +1,126 @@
+"""Descriptions of what scenes write by hand: the same terms modulo primes, at no higher price."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eomcheck.evaluation.point import Quantities
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.mechanics.described.pose import Prepared
+from eomcheck.mechanics.described.words import Joint, Link
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.counting import Counting, Tally
+from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.scenes import ChainPendulum, Snake
+
+ROD = (1.0 / 12.0,) * 3
+
+
+def chain(links: int, free: bool = False, away: float = 0.0, **more: Any) -> type[Mechanism]:
+    """Return rods in a row on a pin, or the first of them free in the plane."""
+    names = [f"rod {i + 1}" for i in range(links)]
+    joints = [
+        Joint(f"φ_{i + 1}", "revolute", before, name, (float(i > 0), 0.0, 0.0))
+        for i, (before, name) in enumerate(zip(["ground", *names], names, strict=False))
+    ]
+    if free:
+        joints[0] = joints[0]._replace(name="first", kind="planar")
+    bodies = [Link(name, 1.0, (0.5, 0.0, away), ROD) for name in names]
+    more = {"gravity": (0.0, -9.81, 0.0)} | more
+    return mechanism("Chain", [Link("ground"), *bodies], joints, **more)
+
+
+# ---- The same terms ------------------------------------------------------------------------------
+
+
+def relative(angles: Angles) -> tuple[Any, Any]:
+    """Return cosines and sines of each angle against the one before."""
+    cos, sin = angles.cos + 0, angles.sin + 0
+    for i in range(1, cos.size):
+        c, s, C, S = angles.cos[i], angles.sin[i], angles.cos[i - 1], angles.sin[i - 1]
+        cos[i], sin[i] = c * C + s * S, s * C - c * S
+    return cos, sin
+
+
+@pytest.mark.parametrize("links", [1, 2, 3, 7])
+@pytest.mark.parametrize("hand", [Snake.coil, ChainPendulum.rods])
+def test_a_chain_by_description_has_the_terms_of_the_scene_by_hand(links: int, hand: Any):
+    scene, kind = hand(links), chain(links, free=hand == Snake.coil, gravity=None)
+    source = random.Random(links)
+    field = FiniteField(random_prime(source), source)
+    theirs = Quantities(scene, field, field.vector(scene.n))
+    theirs.v = field.vector(scene.n)
+    given, mechanism = theirs.parameters, kind()
+    assert mechanism.made.topology.planar
+    center, offset = np.zeros((2, links, 2), object)
+    center[:, 0], offset[1:, 0] = given.length / field.literal(2), given.length[:-1]
+    T = np.array(scene.tree().coordinates, int)
+    ours = mechanism.parameters(field)._replace(
+        mass=given.mass,
+        center=center,
+        offset=np.concatenate([np.zeros((0, 2), object), offset]),
+        inertia=given.inertia.reshape(links, 1, 1),
+    )
+    cos, sin = relative(theirs.prepared)
+    prepared = Prepared(T @ theirs.q, Angles(None, cos, sin), None)
+    M, _, B, *_ = mechanism.terms(ours, prepared, T @ theirs.q, T @ theirs.v)
+    zero = 0 * theirs.v
+    expected = zero if theirs.terms.B is None else theirs.terms.B
+    assert (T.T @ M @ T == theirs.terms.M).all()
+    assert (expected == T.T @ B).all()
+
+
+# ---- What it costs -------------------------------------------------------------------------------
+
+
+def counted(scene: Scene) -> Tally:
+    """Return what Lagrange's terms cost."""
+    counting = Counting()
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at.v = counting.vector(scene.n)
+    assert at.parameters is not None
+    assert at.prepared is not None
+    counting.tally.clear()
+    assert at.terms.M is not None
+    return counting.tally
+
+
+def cost(scene: Scene) -> int:
+    tally = counted(scene)
+    return tally.additions + tally.multiplications + tally.divisions
+
+
+@pytest.mark.parametrize(("links", "share"), [(3, 1.3), (7, 0.6), (20, 0.4)])
+def test_in_the_plane_a_description_costs_hardly_more_than_a_scene_by_hand(links, share):
+    assert cost(chain(links)()) <= share * cost(ChainPendulum.rods(links))
+
+
+def test_space_costs_more_than_the_plane_and_what_is_absent_nothing():
+    plane, space = chain(4)(), chain(4, away=0.1)()
+    assert plane.made.topology.planar
+    assert not space.made.topology.planar
+    assert cost(plane) < 0.6 * cost(space)
+    weightless = chain(4, gravity=None)()
+    assert cost(weightless) < cost(plane)
+    assert cost(plane.changed(gravity=None)) == cost(weightless)
+
+
+def test_only_joints_on_the_way_to_a_body_are_paid_for():
+    names = [f"arm {i}" for i in range(8)]
+    star = mechanism(
+        "Star",
+        [Link("ground"), *(Link(name, 1.0, (0.5, 0.1, 0.2), ROD) for name in names)],
+        [Joint(f"φ_{i}", "revolute", "ground", name) for i, name in enumerate(names)],
+    )()
+    single = mechanism(
+        "Single",
+        [Link("ground"), Link("arm", 1.0, (0.5, 0.1, 0.2), ROD)],
+        [Joint("φ", "revolute", "ground", "arm")],
+    )()
+    assert cost(star) == 8 * cost(single)

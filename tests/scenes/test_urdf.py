@@ -1,0 +1,256 @@
+"""Robots from their files: against Pinocchio's own parser, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.claims.proof import prove
+from eomcheck.claims.repeat import python_of
+from eomcheck.engines.answers import Answers
+from eomcheck.engines.files import PinocchioFile
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import from_urdf
+from eomcheck.scenes.named import kinds_of
+
+ROBOTS = Path(__file__).parent / "robots"
+CASES = [("arm", False), ("arm", True), ("gripper", False), ("walker", True)]
+every_robot = pytest.mark.parametrize(("name", "floating"), CASES)
+
+
+def robot(name: str, floating: bool = False, **more):
+    return from_urdf(ROBOTS / f"{name}.urdf", floating=floating, **more)
+
+
+# ---- What is read --------------------------------------------------------------------------------
+
+
+@every_robot
+def test_a_robot_agrees_with_what_pinocchio_reads_to_1e_13(name: str, floating: bool):
+    scene = robot(name, floating, gravity=(1.0, -2.0, -9.0))
+    answers, random = Answers(PinocchioFile(scene)), np.random.default_rng(0)
+    for _ in range(20):
+        q, v = random.uniform(-1.2, 1.2, scene.n), random.uniform(-3.0, 3.0, scene.n)
+        M, Q, B, *_ = Evaluation(scene, q, v).terms
+        for found, expected in (
+            (M, answers.mass_matrix(q)),
+            (B, answers.bias(q, v)),
+            (Q, answers.forces(q, v)),
+        ):
+            assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+@every_robot
+def test_all_identities_of_a_robot_are_proved(name: str, floating: bool):
+    findings = prove(robot(name, floating), points=1, seed=0)
+    assert [str(f) for f in findings if f.verdict != "passed"] == []
+
+
+@every_robot
+def test_the_claims_hold_for_a_robot_with_pinocchio_on_trial(name: str, floating: bool):
+    engines = ["casadi", PinocchioFile]
+    findings = eomcheck.validate(robot(name, floating), examples=2, engines=engines)
+    # Pinocchio's accelerations leave out the dampers that it reads.
+    damped = getattr(robot(name, floating), "damping", None) is not None
+    failed = {f.claim for f in findings if f.verdict == "failed"}
+    assert failed == ({"engine-acceleration"} if damped else set())
+    told = {f.claim for f in findings if "pinocchio_file" in f.subject and f.verdict == "passed"}
+    assert {"mass-matrix", "bias", "generalized-forces"} <= told
+
+
+def test_coordinates_are_the_joints_in_the_order_of_the_file():
+    assert robot("arm").coordinate_names == ("wrist", "shoulder", "elbow", "reach")
+    base = tuple(f"trunk_{part}" for part in ("x", "y", "z", "yaw", "pitch", "roll"))
+    legs = "right_hip", "right_knee", "left_hip", "left_knee"
+    assert robot("walker", True).coordinate_names == (*base, *legs)
+    assert robot("gripper").coordinate_names == ("palm_turn", "left_slide")
+
+
+def test_what_is_left_out_is_said():
+    said = robot("arm").made.left_out
+    for part in ("limits of joints (3)", "friction of joints (1)", "transmissions (1)", "Gazebo"):
+        assert part in said
+    assert said.startswith("Left out: ")
+    assert said.count(".") == 1
+
+
+def test_parameters_are_those_of_the_file_until_they_are_changed():
+    scene = robot("arm")
+    assert scene.as_described
+    assert scene.mass.tolist() == [2.5, 1.5, 0.7, 0.4]
+    assert scene.damping.tolist() == [0.5, 0.02]
+    assert PinocchioFile.represents(scene)
+    other = scene.changed(gravity=None, mass=[1.0, 2.0, 3.0, 4.0])
+    assert not other.as_described
+    assert not PinocchioFile.represents(other)
+
+
+def test_a_robot_is_printed_as_code_that_makes_it_again():
+    for scene in (robot("walker", True), robot("walker", True).changed(gravity=None)):
+        again = eval(repr(scene), {"from_urdf": from_urdf})
+        assert repr(again) == repr(scene)
+        assert pickle.loads(pickle.dumps(scene)).mass.tolist() == again.mass.tolist()
+    weightless = robot("arm", gravity=None)
+    assert repr(weightless).endswith("arm.urdf', gravity=None)")
+    code = python_of(scene, State(*scene.initial_state()))
+    assert "from eomcheck.scenes import from_urdf" in code
+    exec(code, {})
+
+
+def test_a_file_is_a_kind_of_scene_wherever_a_name_is():
+    (kind,) = kinds_of(str(ROBOTS / "arm.urdf"))
+    assert kind is type(robot("arm"))
+    assert kind.example().as_described
+    assert kind.structure.fget(kind()) == "arm"
+
+
+# ---- What is refused -----------------------------------------------------------------------------
+
+LINK = '<link name="a"/>'
+BODY = """<link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
+JOINT = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint>'
+SOUND = LINK + BODY + JOINT
+
+
+def written(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "robot.urdf"
+    data = text if isinstance(text, bytes) else text.encode()
+    path.write_bytes(data)
+    return path
+
+
+def test_the_file_that_the_others_are_made_of_is_read(tmp_path):
+    scene = from_urdf(written(tmp_path, f"<robot>{SOUND}</robot>"))
+    assert scene.coordinate_names == ("j",)
+    assert scene.key == "robot"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('value="1"', 'value="-1"', r"link 'b': mass = -1 kg, expected a number that is not neg"),
+        ('value="1"', 'value="nan"', "link 'b': value of <mass> is 'nan', expected a finite"),
+        ('value="1"', 'value="inf"', "expected a finite number"),
+        ('value="1"', 'value="1e999"', "expected a finite number"),
+        ('value="1"', 'value="1_0"', "is '1_0', expected a number"),
+        ('value="1"', "", "link 'b': <mass> has no attribute 'value'"),
+        ('<mass value="1"/>', "", "link 'b': <inertial> has no <mass>"),
+        ('iyz="0"', "", "<inertia> has no attribute 'iyz'"),
+        ('izz="1"', 'izz="-1"', "principal moment of inertia -1 kg m², expected none below 0"),
+        ("revolute", "hinge", "joint 'j' has the type 'hinge', expected one of: revolute"),
+        (' type="revolute"', "", "<joint> has no attribute 'type'"),
+        ('<link name="a"/>', "<link/>", "<link> has no attribute 'name'"),
+        ('<parent link="a"/>', "", "joint 'j' has no <parent>"),
+        ('<parent link="a"/>', '<parent link="x"/>', "joint 'j' has the parent 'x', no such link"),
+        ('<child link="b"/>', '<child link="x"/>', "joint 'j' has the child 'x', no such link"),
+        ('<child link="b"/>', '<child link="b"/><axis xyz="0 0 0"/>', "the axis .0, 0, 0."),
+        ('<child link="b"/>', '<child link="b"/><axis xyz="0 0"/>', "expected three numbers"),
+        ('<child link="b"/>', '<child link="b"/><mimic joint="x"/>', "follows 'x', no such joint"),
+        ('<child link="b"/>', '<child link="b"/><mimic joint="j"/>', "follows itself"),
+        ('<child link="b"/>', '<child link="b"/><wheel/>', "joint 'j' holds <wheel>, which is no"),
+        ('<child link="b"/>', '<child link="b"/><dynamics damping="-1"/>', "damping = -1, expect"),
+        ("<robot>", "<robot><loop/>", "holds <loop>, which is no part of a URDF"),
+        ("<robot>", '<robot><link name="c"/>', "2 links are no joint's child .'c', 'a'., expected"),
+        ("<robot>", '<robot><link name="a"/>', "two links have the name 'a'"),
+        ("revolute", "fixed", "no joint of it moves"),
+        ("<mass", "<mass value='2'/><mass", "has 2 of <mass>, expected one"),
+        ("<robot>", '<!DOCTYPE robot [<!ENTITY x "y">]><robot>', "declares a document type"),
+        ("<robot>", "<sdf>", "is no XML"),
+        ("<robot>", "<robot x='${pi}'>", "template for xacro"),
+        ("ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"",
+         "ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\"",
+         "joint 'j' moves nothing that has inertia"),
+    ],
+)  # fmt: skip
+def test_what_a_file_must_not_say_is_refused_in_one_sentence(tmp_path, old, new, said):
+    text = f"<robot>{SOUND}</robot>"
+    assert old in text
+    path = written(tmp_path, text.replace(old, new, 1))
+    with pytest.raises(InputError, match=said) as refused:
+        from_urdf(path)
+    assert "\n" not in str(refused.value)
+    assert "robot.urdf" in str(refused.value)
+
+
+RING = "".join(
+    f'<link name="l{i}"/><joint name="j{i}" type="fixed"><parent link="l{i}"/>'
+    f'<child link="l{(i + 1) % 3}"/></joint>'
+    for i in range(3)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("  \n", "is empty"),
+        (b"\xff\xfe\x00", "is no XML"),
+        ("<sdf/>", "holds <sdf>, expected <robot>"),
+        ("<robot/>", "has no link"),
+        (f"<robot>{LINK}</robot>", "has no joint"),
+        (f"<robot>{RING}</robot>", "every link is a joint's child: 'l0' <- "),
+        (f"<robot>{SOUND}{RING}</robot>", "links go round in a circle"),
+        (
+            f'<robot>{SOUND}<joint name="k" type="fixed"><parent link="a"/><child link="b"/>'
+            "</joint></robot>",
+            "link 'b' is the child of two joints, 'j' and 'k'",
+        ),
+    ],
+)
+def test_a_file_that_is_no_tree_is_refused(tmp_path, text, said):
+    with pytest.raises(InputError, match=said):
+        from_urdf(written(tmp_path, text))
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"cannot be read: No such file"):
+        from_urdf(tmp_path / "none.urdf")
+    with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
+        from_urdf(tmp_path)
+    with pytest.raises(InputError, match=r"path = 3, expected the path"):
+        from_urdf(3)
+    with pytest.raises(InputError, match=r"gravity"):
+        robot("arm", gravity=(0.0, 1.0))
+
+
+def test_a_root_without_inertia_cannot_be_free():
+    with pytest.raises(InputError, match="mass matrix is singular: joint 'palm_turn' can move"):
+        robot("gripper", True)
+
+
+def chain_of(count: int, kind: str) -> str:
+    joint = '<joint name="j{0}" type="{2}"><parent link="l{0}"/><child link="l{1}"/></joint>'
+    links = "".join(BODY.replace('"b"', f'"l{i}"') for i in range(count + 1))
+    return links + "".join(joint.format(i, i + 1, kind) for i in range(count))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (chain_of(10_000, "revolute"), "10001 links, expected at most 5000"),
+        (chain_of(300, "revolute"), "300 coordinates, expected at most 200"),
+        ("<a>" * 100_000, "more than 60 inside"),
+        ("<a/>" * 300_000, "more than 200000 elements"),
+        (" " * 30_000_000, "more than 20 million bytes"),
+    ],
+)
+def test_what_is_too_large_is_refused_at_once(tmp_path, text, said):
+    start = time.process_time()
+    with pytest.raises(InputError, match=said):
+        from_urdf(written(tmp_path, f"<robot>{text}</robot>"))
+    assert time.process_time() - start < 5.0
+
+
+def test_many_fixed_links_are_one_body(tmp_path):
+    text = chain_of(1000, "fixed").replace('type="fixed"', 'type="revolute"', 1)
+    scene = from_urdf(written(tmp_path, f"<robot>{text}</robot>"))
+    assert scene.n == 1
+    assert scene.mass.tolist() == [1000.0]
