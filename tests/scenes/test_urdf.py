@@ -133,6 +133,25 @@ def test_the_file_that_the_others_are_made_of_is_read(tmp_path):
     assert scene.key == "robot"
 
 
+SIX = ("j_x", "j_y", "j_z", "j_yaw", "j_pitch", "j_roll")
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [("floating", SIX), ("planar", ("j_x", "j_y", "j_turn")), ("spherical", SIX[3:])],
+)
+def test_joints_with_more_coordinates_are_proved_and_keep_away_from_singular_angles(
+    tmp_path, kind, names
+):
+    scene = from_urdf(written(tmp_path, f"<robot>{SOUND}</robot>".replace("revolute", kind)))
+    assert scene.coordinate_names == names
+    assert {f.verdict for f in prove(scene, points=1, seed=0)} == {"passed"}
+    pitch = dict(zip(names, scene.coordinate_ranges(), strict=True)).get("j_pitch")
+    assert pitch is None or pitch.high == -pitch.low == 1.2
+    # Its coordinates are none of Pinocchio's.
+    assert not ParsedByPinocchio.represents(scene)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -195,13 +195,13 @@ def _no_constraints(parameters, prepared, q):
     return None, None
 
 
-@lru_cache(64)
+@lru_cache(256)
 def _planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
     plan = Plan(topology)
     return plan, functions_of(plan)
 
 
-@lru_cache(64)
+@lru_cache(256)
 def kind_of(made: Made) -> type[Mechanism]:
     """Return the class of scenes of a description; the same one for the same description."""
     plan, functions = _planned(made.topology)
