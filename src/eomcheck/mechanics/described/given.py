@@ -59,22 +59,6 @@ def fields_of(made: Made) -> dict[str, Any]:
 
 
 @generic
-def rotations(orientation):
-    """Return the rotations (k, 3, 3) that quaternions (k, 4) of any length stand for."""
-    R = np.zeros((orientation.shape[0], 3, 3), orientation.dtype)
-    for k in range(orientation.shape[0]):
-        w, x, y, z = orientation[k, 0], orientation[k, 1], orientation[k, 2], orientation[k, 3]
-        size = w * w + x * x + y * y + z * z
-        R[k, 0, 0] = (w * w + x * x - y * y - z * z) / size
-        R[k, 1, 1] = (w * w - x * x + y * y - z * z) / size
-        R[k, 2, 2] = (w * w - x * x - y * y + z * z) / size
-        R[k, 0, 1], R[k, 1, 0] = 2 * (x * y - w * z) / size, 2 * (x * y + w * z) / size
-        R[k, 0, 2], R[k, 2, 0] = 2 * (x * z + w * y) / size, 2 * (x * z - w * y) / size
-        R[k, 1, 2], R[k, 2, 1] = 2 * (y * z - w * x) / size, 2 * (y * z + w * x) / size
-    return R
-
-
-@generic
 def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
     """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
     counts = [0 if one is None else one.shape[0] for one in (moments, armature)]

@@ -16,10 +16,11 @@ from eomcheck.mechanics.described.closures import KINDS, rows_of
 from eomcheck.mechanics.described.constraints import constraints_of
 from eomcheck.mechanics.described.drawing import sketched
 from eomcheck.mechanics.described.forces import forces_of
-from eomcheck.mechanics.described.given import NOT_READ, fields_of, inertias, rotations
+from eomcheck.mechanics.described.given import NOT_READ, fields_of, inertias
 from eomcheck.mechanics.described.motion import jacobians_of
 from eomcheck.mechanics.described.neutral import tree_of
 from eomcheck.mechanics.described.pose import prepare_of
+from eomcheck.mechanics.described.quaternions import rotations
 from eomcheck.mechanics.described.start import started
 from eomcheck.mechanics.described.terms import terms_of
 from eomcheck.mechanics.described.topology import Plan, Topology

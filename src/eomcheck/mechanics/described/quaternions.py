@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import generic
 
 Quaternion = tuple[float, float, float, float]
 
@@ -37,20 +38,25 @@ def turns(a: Quaternion) -> bool:
     return any(a[1:])
 
 
+@generic
+def rotations(orientation):
+    """Return the rotations (k, 3, 3) that quaternions (k, 4) of any length stand for."""
+    R = np.zeros((orientation.shape[0], 3, 3), orientation.dtype)
+    for k in range(orientation.shape[0]):
+        w, x, y, z = orientation[k, 0], orientation[k, 1], orientation[k, 2], orientation[k, 3]
+        size = w * w + x * x + y * y + z * z
+        R[k, 0, 0] = (w * w + x * x - y * y - z * z) / size
+        R[k, 1, 1] = (w * w - x * x + y * y - z * z) / size
+        R[k, 2, 2] = (w * w - x * x - y * y + z * z) / size
+        R[k, 0, 1], R[k, 1, 0] = 2 * (x * y - w * z) / size, 2 * (x * y + w * z) / size
+        R[k, 0, 2], R[k, 2, 0] = 2 * (x * z + w * y) / size, 2 * (x * z - w * y) / size
+        R[k, 1, 2], R[k, 2, 1] = 2 * (y * z - w * x) / size, 2 * (y * z + w * x) / size
+    return R
+
+
 def rotation(a: Quaternion) -> Array:
     """Return the rotation matrix (3, 3)."""
-    w, x, y, z = a
-    size = w * w + x * x + y * y + z * z
-    return (
-        np.array(
-            [
-                [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-            ]
-        )
-        / size
-    )
+    return rotations(np.array([a], np.float64))[0]
 
 
 def about(axis: int, angle: float) -> Quaternion:
