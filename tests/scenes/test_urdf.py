@@ -149,7 +149,7 @@ def test_joints_with_more_coordinates_are_proved_and_keep_away_from_singular_ang
     pitch = dict(zip(names, scene.coordinate_ranges(), strict=True)).get("j_pitch")
     assert pitch is None or pitch.high == -pitch.low == 1.2
     # Its coordinates are none of Pinocchio's.
-    assert not ParsedByPinocchio.represents(scene)
+    assert not PinocchioFile.represents(scene)
 
 
 @pytest.mark.parametrize(
