@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from hypothesis import HealthCheck, reject
@@ -32,8 +32,10 @@ from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.scenes import Snake
+from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree
 
 S = TypeVar("S", bound=Scene)
+T = TypeVar("T")
 
 settings = hypothesis_settings(
     deadline=None,
@@ -145,7 +147,75 @@ def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrat
         InputError: numbers of links that no such scene can have.
     """
     links = _links(min_links, max_links) if kind.has_links else st.none()
-    return links.flatmap(lambda n: _from_ranges(kind, kind.ranges(n)))
+    return links.flatmap(lambda n: _topologies(kind, n).flatmap(lambda one: _of_kind(one, n)))
+
+
+def _of_kind(kind: type[S], links: int | None) -> SearchStrategy[S]:
+    return _from_ranges(kind, kind.ranges(links))
+
+
+class _Choices:
+    """Choices by hypothesis, which shrinks them."""
+
+    def __init__(self, draw: Callable[[SearchStrategy[T]], T]):
+        self._draw = draw
+
+    def one_of(self, among: Sequence[T]) -> T:
+        return self._draw(st.sampled_from(among))
+
+    def whole(self, low: int, high: int) -> int:
+        return self._draw(st.integers(low, high))
+
+    def number(self, low: float, high: float) -> float:
+        return self._draw(_entry(Range(low, high)))
+
+
+@st.composite
+def _topologies(draw: Any, kind: type[S], links: int | None) -> type[S]:
+    """Return a strategy for kinds whose scenes hang together in one way each."""
+    choices: Any = _Choices(draw)
+    entry = choices.one_of(kind.topologies(links))
+    ways = {name: choices.one_of(of) for name, of in entry.items()}
+    try:
+        return kind.of_topology(links, ways, choices)
+    except RefusedError:
+        reject()
+
+
+def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomTree]:
+    """Return a strategy for trees of rigid bodies, each of which hangs together in another way.
+
+    In the plane or in space, with joints of all kinds, axes, placements and inertias of any
+    direction, massless carriers, springs, dampers, rotors, joints that follow others, and gravity,
+    or without; closed by nothing. The scene's `made.description` is what it was made of.
+
+    Args:
+        min_bodies: smallest number of links, the ground not counted.
+        max_bodies: largest number of links.
+
+    Raises:
+        InputError: numbers that no such tree has.
+    """
+    return _random(RandomTree, min_bodies, max_bodies)
+
+
+def random_mechanisms(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomMechanism]:
+    """Return a strategy for such trees with constraints whose rows are independent.
+
+    Pins, welds, hinges, rods and points on planes, which make loops; couplings; knife edges; and
+    joints that a clock drives. For arguments and errors see `random_trees`.
+    """
+    return _random(RandomMechanism, min_bodies, max_bodies)
+
+
+def _random(kind: type[S], min_bodies: int, max_bodies: int) -> SearchStrategy[S]:
+    for name, bodies in (("min_bodies", min_bodies), ("max_bodies", max_bodies)):
+        if whole_number(name, bodies) > (kind.most_links or bodies):
+            raise InputError(f"{name} = {bodies}, expected at most {kind.most_links}")
+    if min_bodies > max_bodies:
+        said = f"min_bodies, max_bodies = {min_bodies}, {max_bodies}"
+        raise InputError(f"{said}, expected min_bodies <= max_bodies")
+    return scenes(kind, min_bodies, max_bodies)
 
 
 def _from_ranges(kind: type[S], ranges: dict[str, Range]) -> SearchStrategy[S]:

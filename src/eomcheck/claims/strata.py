@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError, whole_number
+from eomcheck.mechanics.choices import FromGenerator, Ways
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -37,8 +38,6 @@ ABSENT, PRESENT = "absent", "present"
 ZERO, POSITIVE, NEGATIVE, BOTH = "zero", "positive", "negative", "both signs"
 MOVING, AT_REST = "moving", "at rest"
 
-Ways = dict[str, tuple[str, ...]]
-"""Name of a stratum -> the ways there are."""
 Row = dict[str, str]
 """Name of a stratum -> the way of one case."""
 Pair = tuple[tuple[str, str], tuple[str, str]]
@@ -66,14 +65,17 @@ def way_of(value: Any) -> str:
     return ZERO
 
 
-def strata(kind: type[Scene], links: int | None) -> Ways:
+def strata(kind: type[Scene], links: int | None) -> list[Ways]:
     """Return the strata of scenes of a kind, those with one way only included.
 
-    Where the clock drives a scene nothing is drawn at rest.
+    Where scenes of a kind hang together in many ways, not all of which go with each other, there
+    are as many entries as `Scene.topologies` has. Where the clock drives a scene nothing is drawn
+    at rest.
     """
     found: Ways = {} if links is None else {LINKS: (str(links),)}
     found[MOTION] = (MOVING,) if kind.depends_on_time else (MOVING, AT_REST)
-    return found | {name: ways_of(one) for name, one in kind.ranges(links).items()}
+    found |= {name: ways_of(one) for name, one in kind.ranges(links).items()}
+    return [found | ways for ways in kind.topologies(links)]
 
 
 def strata_of(scene: Scene, state: State) -> Row:
@@ -82,6 +84,7 @@ def strata_of(scene: Scene, state: State) -> Row:
     ranges = type(scene).ranges(links)
     found = {} if links is None else {LINKS: str(links)}
     found[MOTION] = MOVING if state.v.any() else AT_REST
+    found |= scene.topology
     for name, one in ranges.items():
         if hasattr(scene, name):
             way = way_of(getattr(scene, name))
@@ -97,7 +100,7 @@ def measured(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
     counts: dict[str, dict[str, int]] = {}
     for scene, state in cases:
         links = links_of(scene)
-        for name, ways in strata(type(scene), links).items():
+        for name, ways in chain.from_iterable(x.items() for x in strata(type(scene), links)):
             of = counts.setdefault(name, {})
             for way in ways:
                 of.setdefault(way, 0)
@@ -205,15 +208,15 @@ def scene_cases(
     """
     random = _generator(examples, seed)
     numbers = range(links[0], links[1] + 1) if kind.has_links else (None,)
-    for row in rows([strata(kind, n) for n in numbers], examples, random):
-        ranges = kind.ranges(int(row[LINKS]) if LINKS in row else None)
-        yield _drawn(partial(_scene, kind, ranges, row, random), row[MOTION], random)
+    choices = list(chain.from_iterable(strata(kind, n) for n in numbers))
+    for row in rows(choices, examples, random):
+        yield _drawn(partial(_scene, kind, row, random), row[MOTION], random)
 
 
 def state_cases(scene: Scene, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
     """Yield `scene` in random states; for arguments and errors see `scene_cases`."""
     random = _generator(examples, seed)
-    ways = {MOTION: strata(type(scene), links_of(scene))[MOTION]}
+    ways = {MOTION: (MOVING,) if scene.depends_on_time else (MOVING, AT_REST)}
     for row in rows([ways], examples, random):
         yield _drawn(lambda: scene, row[MOTION], random)
 
@@ -229,23 +232,25 @@ def _drawn(
 ) -> tuple[Scene, State]:
     refused = ""
     for _ in range(ATTEMPTS):
-        scene = make()
-        coordinates, *rest = state_ranges(scene)
-        q = [_entries(one, random) for one in coordinates]
-        heading, speeds, time = (_entries(one, random) for one in rest)
-        if motion == AT_REST:
-            speeds = np.zeros_like(speeds)
+        scene = None
         try:
+            scene = make()
+            coordinates, *rest = state_ranges(scene)
+            q = [_entries(one, random) for one in coordinates]
+            heading, speeds, time = (_entries(one, random) for one in rest)
+            if motion == AT_REST:
+                speeds = np.zeros_like(speeds)
             return scene, ordinary_state(scene, q, float(heading), speeds, float(time))
         except RefusedError as refusal:
-            refused = f"{scene.name}: {refusal}"
+            refused = str(refusal) if scene is None else f"{scene.name}: {refusal}"
     raise InputError(f"no position near any of {ATTEMPTS} draws is closed; {refused}")
 
 
-def _scene(
-    kind: type[Scene], ranges: dict[str, Range], row: Row, random: np.random.Generator
-) -> Scene:
-    return kind(**{name: _value(one, row[name], random) for name, one in ranges.items()})
+def _scene(kind: type[Scene], row: Row, random: np.random.Generator) -> Scene:
+    links = int(row[LINKS]) if LINKS in row else None
+    one = kind.of_topology(links, row, FromGenerator(random))
+    ranges = one.ranges(links)
+    return one(**{name: _value(of, row[name], random) for name, of in ranges.items()})
 
 
 def _value(one: Range, way: str, random: np.random.Generator) -> Any:

@@ -91,7 +91,9 @@ def numbers_of_links(
         InputError: `links` are given for a scene, called by its `name`, that has none.
     """
     if kind.has_links:
-        return LINKS if links is None else links
+        most = kind.most_links
+        few = [count for count in LINKS if most is None or count <= most]
+        return few if links is None else links
     return (None,) if links is None or name == ALL else links
 
 

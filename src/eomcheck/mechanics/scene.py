@@ -27,7 +27,7 @@ Numbered, so that an error or a note can point at a rule.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from inspect import get_annotations, isfunction
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
@@ -35,6 +35,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.mechanics.choices import Choices, Ways
 from eomcheck.mechanics.composed import compose
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
@@ -124,6 +125,8 @@ class Scene(ABC):
     """Names of the functions that the scene does not write but are made of those it does."""
     has_links: ClassVar[bool] = False
     """Whether scenes of this kind have a number of links to choose."""
+    most_links: ClassVar[int | None] = None
+    """The largest number of links; None where any will do."""
     holonomic: ClassVar[slice] = slice(None)
     """Which constraints are rates of `position_residual`, where there is one."""
     angle_coordinates: ClassVar[slice] = slice(0, 0)
@@ -261,6 +264,38 @@ class Scene(ABC):
         Args:
             links: number of links, for a kind of scene that has one.
         """
+        return {}
+
+    @classmethod
+    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+        """Return in which ways scenes of this kind hang together, where that is drawn too.
+
+        Each entry names properties and, of each, the ways that go with all others of the entry.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+        """
+        return ({},)
+
+    @classmethod
+    def of_topology(
+        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+    ) -> type[Scene]:
+        """Return a kind of scenes that hang together in these ways; itself where there is one.
+
+        Args:
+            links: number of links, for a kind of scene that has one.
+            ways: one of each property in an entry of `topologies`; other names do not count.
+            choices: what chooses all else.
+
+        Raises:
+            RefusedError: what was chosen does not fit together.
+        """
+        return cls
+
+    @property
+    def topology(self) -> dict[str, str]:
+        """The ways in which it hangs together, as it is; see `topologies`."""
         return {}
 
     @property

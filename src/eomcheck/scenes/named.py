@@ -12,12 +12,13 @@ from eomcheck.lookup import Kind, looked_up
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
+from eomcheck.scenes.random import RANDOM
 from eomcheck.scenes.snake import Snake
 from eomcheck.scenes.urdf import urdf_kind
 
 ALL = "all"
 
-SCENE: Kind[Scene] = Kind("scene", Scene, SCENES)
+SCENE: Kind[Scene] = Kind("scene", Scene, {**SCENES, **RANDOM})
 
 ROBOT_LINKS = 7
 
@@ -49,6 +50,8 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
     Args:
         name: "all" of the registry, a robot's file.urdf, or a name as `eomcheck.lookup.looked_up`
             understands it.
+
+    Those of `RANDOM` hang together in another way with every draw, and are not among all.
 
     Raises:
         UnknownNameError: there is no such key.

@@ -63,6 +63,10 @@ class Made(NamedTuple):
     """The file that it was read from."""
     floating: str = ""
     """Name of the link of the file that is free to move because that was asked for."""
+    base: Any = None
+    """The class that it derives from and has its `key` of; by default `Mechanism`."""
+    description: Any = None
+    """What it was made of, where that is kept."""
 
     def kind(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""
@@ -219,7 +223,7 @@ def kind_of(made: Made) -> type[Mechanism]:
         "__module__": made.module,
         "made": made,
         "plan": plan,
-        "key": made.key,
+        **({"key": made.key} if made.base is None else {}),
         "named_constraints": tuple(names),
         "holonomic": slice(0, held),
         "depends_on_time": any(one.kind == "drive" for one in closures),
@@ -232,5 +236,5 @@ def kind_of(made: Made) -> type[Mechanism]:
     body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
     if body["depends_on_time"]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
-    found: Any = _Kind(made.key, (Mechanism,), body)
+    found: Any = _Kind(made.key, (made.base or Mechanism,), body)
     return found

@@ -1,0 +1,208 @@
+"""Random constraints of random trees: closed where the tree is, and no row depends on others.
+
+A constraint is made to fit the pose of the tree, whatever that is, by where the links are there
+(`poses`). It is kept if its rows of a, with those before, are far from dependent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr
+
+from eomcheck.errors import RefusedError
+from eomcheck.mechanics.choices import Choices
+from eomcheck.mechanics.described.closures import KINDS
+from eomcheck.mechanics.described.quaternions import multiplied
+from eomcheck.mechanics.described.words import (
+    COORDINATES,
+    Constraint,
+    Triple,
+    coupling,
+    distance,
+    drive,
+    hinge,
+    knife_edge,
+    on_plane,
+    pin,
+    weld,
+)
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.scenes.random import parts
+from eomcheck.scenes.random.description import GROUND, Description, Pose, poses
+
+INDEPENDENT = 0.05
+"""Smallest singular value, every row of length 1, of rows that are kept: those of states nearby are
+seldom dependent."""
+
+ATTEMPTS = 12
+"""Constraints of one kind that are tried."""
+
+
+def rows_of(kind: str, planar: bool) -> int:
+    """Return how many rows a constraint has."""
+    return KINDS[kind].planar if planar else KINDS[kind].spatial
+
+
+def posed(tree: Description, choices: Choices) -> Description:
+    """Return a tree in a pose that is no special one."""
+    slides = {f"{joint.name}{part}" for joint in tree.joints for part in _slides(joint.kind)}
+    pose = [
+        (name, choices.number(-0.5, 0.5) if name in slides else choices.number(-1.0, 1.0))
+        for name in tree.coordinates
+    ]
+    return tree._replace(pose=tuple(pose))
+
+
+def _slides(kind: str) -> tuple[str, ...]:
+    return {"prismatic": ("",), "planar": ("_x", "_y"), "floating": ("_x", "_y", "_z")}.get(
+        kind, ()
+    )
+
+
+def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Description:
+    """Return a tree in a pose, with one more constraint of a kind; coordinates in good order.
+
+    Raises:
+        RefusedError: those that were tried have rows that depend on others.
+    """
+    size = 0.0
+    for _ in range(ATTEMPTS):
+        more = _constraint(tree, kind, planar, choices)
+        if more is None:
+            continue
+        found = tree._replace(constraints=(*tree.constraints, more), first=())
+        a = _jacobian(found)
+        a = a / np.maximum(np.abs(a).max(axis=1, keepdims=True), 1e-300)
+        a = a / np.linalg.norm(a, axis=1, keepdims=True)
+        size = np.linalg.svd(a, compute_uv=False)[-1] if np.isfinite(a).all() else 0.0
+        if size >= INDEPENDENT:
+            order = qr(a, mode="r", pivoting=True)[1][: len(a)]
+            return found._replace(first=tuple(found.coordinates[i] for i in order))
+    said = f"no independent {kind} is found among {ATTEMPTS}"
+    raise RefusedError("a", float(size), INDEPENDENT, said)
+
+
+def _jacobian(description: Description) -> Array:
+    """Return a (r, n) in the pose, columns in the order of the joints."""
+    scene = description.made("Closed").kind()()
+    given, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
+    return scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)[0]
+
+
+# ---- Constraints that fit a pose -----------------------------------------------------------------
+
+
+def _constraint(tree: Description, kind: str, planar: bool, choices: Choices) -> Constraint | None:
+    """Return a constraint that is closed in the pose; None where no two links can have it."""
+    name = f"c{len(tree.constraints) + 1}"
+    if kind in ("coupling", "drive"):
+        return _of_coordinates(tree, kind, name, choices)
+    pairs = _pairs(tree, rows_of(kind, planar), kind == "edge")
+    if not pairs:
+        return None
+    link, other = choices.one_of(pairs)
+    there = poses(tree)
+    at = parts.anywhere(choices, planar)
+    make = _FITTING[kind]
+    return make(name, link, other, at, there[link], there[other], planar, choices)
+
+
+def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
+    """Return the pairs of links that `rows` coordinates at least move against each other."""
+    before: dict[str, frozenset[str]] = {GROUND: frozenset()}
+    for joint in tree.joints:
+        own = joint.name if joint.follows is None else joint.follows[0]
+        here = {own + part for part in COORDINATES[joint.kind]}
+        before[joint.child] = before[joint.parent] ^ here
+    names = list(before)
+    found = []
+    for i, link in enumerate(names):
+        for other in names[:1] if alone else names[:i]:
+            if link != other and len(before[link] ^ before[other]) >= rows:
+                found.append((link, other))
+    return found
+
+
+def _of_coordinates(
+    tree: Description, kind: str, name: str, choices: Choices
+) -> Constraint | None:
+    """Return a constraint of coordinates; not of hinges that have to stay away from a pose."""
+    q = {one: x for one, x in tree.pose if not one.endswith("_pitch")}
+    if len(q) < (1 if kind == "drive" else 2):
+        return None
+    i = choices.one_of(list(q))
+    if kind == "drive":
+        return drive(name, i, q[i], choices.number(-1.0, 1.0), choices.number(-0.1, 0.1))
+    j = choices.one_of([one for one in q if one != i])
+    ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
+    return coupling(name, i, j, ratio, q[i] - ratio * q[j])
+
+
+Fitting = Callable[..., Constraint]
+
+
+def _pin(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
+) -> Constraint:
+    return pin(name, link, other, at, there.own_point(here.point(at)))
+
+
+def _weld(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
+) -> Constraint:
+    w, x, y, z = here.turn
+    turn = multiplied((w, -x, -y, -z), there.turn)
+    return weld(name, link, other, at, there.own_point(here.point(at)), turn)
+
+
+def _hinge(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    axis = parts.direction(choices, planar=False)
+    own = there.own_point(here.point(at)), axis, there.own_direction(here.direction(axis))
+    return hinge(name, link, other, at, *own)
+
+
+def _distance(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    at_other = parts.anywhere(choices, planar)
+    rod = here.point(at) - there.point(at_other)
+    if np.linalg.norm(rod) < 5 * parts.SMALLEST:
+        rod = np.array([1.0, 0.0, 0.0])
+        at_other = there.own_point(here.point(at) - rod)
+    return distance(name, link, other, float(np.linalg.norm(rod)), at, at_other)
+
+
+def _on_plane(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    across = parts.direction(choices, planar)
+    normal, away = np.asarray(across), np.asarray(parts.anywhere(choices, planar))
+    along = away - away @ normal / (normal @ normal) * normal
+    x, y, z = (np.asarray(there.own_point(here.point(at))) - along).tolist()
+    return on_plane(name, link, other, across, at, (x, y, z))
+
+
+def _edge(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    return knife_edge(name, link, parts.direction(choices, planar), at)
+
+
+_FITTING: dict[str, Fitting] = {
+    "pin": _pin,
+    "weld": _weld,
+    "hinge": _hinge,
+    "distance": _distance,
+    "on-plane": _on_plane,
+    "edge": _edge,
+}

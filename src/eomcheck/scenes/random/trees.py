@@ -1,0 +1,293 @@
+"""Random trees of rigid bodies: what there may be, and a tree that has what is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.mechanics.choices import Choices, Ways
+from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, Triple
+from eomcheck.scenes.random import parts
+from eomcheck.scenes.random.description import GROUND, Description
+
+SPACE, ROOT, SHAPE, AXES, FIXED = "space", "root joint", "shape", "axes", "fixed links"
+CARRIERS, FOLLOWERS = "massless carriers", "mimic joints"
+SPRINGS, DAMPERS, ROTORS, GRAVITY = "springs", "dampers", "rotors", "gravity"
+ABSENT, PRESENT = "absent", "present"
+PLANE, SOLID = "plane", "in space"
+CHAIN, BRANCHED, OBLIQUE, STRAIGHT = "chain", "branched", "oblique", "straight"
+
+SINGLE = ("revolute", "prismatic")
+"""Kinds of joints with one coordinate."""
+
+KINDS = {
+    PLANE: ("revolute", "prismatic", "planar"),
+    SOLID: ("revolute", "prismatic", "planar", "spherical", "floating"),
+}
+"""Kinds of joints that move."""
+
+PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
+"""What only joints with one coordinate have."""
+
+
+class Room(NamedTuple):
+    """How many joints there are, and of which kinds they have to be."""
+
+    space: str
+    root: str
+    fixed: int
+    """Joints that are fixed for sure."""
+    singles: int
+    """Joints with one coordinate that there are for sure, the root among them; 2 suffice."""
+    free: int
+    """Joints of any kind."""
+
+    @property
+    def coordinates(self) -> int:
+        """So many at least can be had, one joint with one coordinate following another."""
+        followed = int(self.singles > 1)
+        most = 3 if self.space == PLANE else 6
+        return len(COORDINATES[self.root]) + self._others - followed + most * self.free
+
+    @property
+    def _others(self) -> int:
+        return self.singles - int(self.root in SINGLE)
+
+
+def rooms(links: int) -> Iterator[Room]:
+    """Yield what there is room for with so many links."""
+    for space, kinds in KINDS.items():
+        for root in kinds:
+            for fixed in (0, 1) if links > 1 else (0,):
+                others, own = links - 1 - fixed, int(root in SINGLE)
+                needed = min(2 - own, others)
+                yield Room(space, root, fixed, own + needed, others - needed)
+
+
+def tree_ways(room: Room, links: int) -> Ways:
+    """Return the ways in which trees of so many links may be, with this room."""
+    either = ABSENT, PRESENT
+    single, pair = ((either if room.singles >= count else (ABSENT,)) for count in (1, 2))
+    some_axis = room.singles > 0 or room.root == "planar"
+    return {
+        SPACE: (room.space,),
+        ROOT: (room.root,),
+        FIXED: (PRESENT if room.fixed else ABSENT,),
+        SHAPE: (CHAIN, BRANCHED) if links > 2 else (CHAIN,),
+        AXES: (STRAIGHT, OBLIQUE) if room.space == SOLID and some_axis else (STRAIGHT,),
+        CARRIERS: pair,
+        FOLLOWERS: pair,
+        **dict.fromkeys(PROPERTIES, single),
+        GRAVITY: either,
+    }
+
+
+def measured(description: Description, planar: bool) -> dict[str, str]:
+    """Return the ways in which a description is, whatever was asked for."""
+    joints, links = description.joints, {one.name: one for one in description.links}
+    parents = [one.parent for one in joints]
+    axes = [one.axis for one in joints if one.kind in (*SINGLE, "planar")]
+    moving = {one.child for one in joints if one.kind != "fixed"}
+
+    def there(*flags: bool) -> str:
+        return PRESENT if any(flags) else ABSENT
+
+    return {
+        SPACE: PLANE if planar else SOLID,
+        ROOT: joints[0].kind,
+        FIXED: there(*(one.kind == "fixed" for one in joints)),
+        SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
+        AXES: STRAIGHT if all(one in parts.STRAIGHT for one in axes) else OBLIQUE,
+        CARRIERS: there(*(links[name].mass == 0 for name in moving)),
+        FOLLOWERS: there(*(one.follows is not None for one in joints)),
+        SPRINGS: there(*(one.stiffness is not None for one in joints)),
+        DAMPERS: there(*(one.damping is not None for one in joints)),
+        ROTORS: there(*(one.armature is not None for one in joints)),
+        GRAVITY: there(description.gravity is not None),
+    }
+
+
+# ---- A tree --------------------------------------------------------------------------------------
+
+
+def tree(ways: Mapping[str, str], links: int, choices: Choices, least: int = 1) -> Description:
+    """Return a tree that is in all `ways`.
+
+    Args:
+        ways: one of each property of an entry of `tree_ways`.
+        links: number of links, the ground not counted.
+        choices: what chooses all else.
+        least: number of coordinates that it has at least, if there is room for them.
+    """
+    return _Tree(ways, links, choices, least).description()
+
+
+@dataclass
+class _Tree:
+    """A tree while it grows. Links are numbered as their joints are, from 1; the ground is 0."""
+
+    ways: Mapping[str, str]
+    links: int
+    choices: Choices
+    least: int
+    kinds: list[str] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    carrier: int | None = None
+    """Position of the joint whose link has no mass; the next joint is on it."""
+    follower: int | None = None
+    last_axis: Triple = (0.0, 0.0, 1.0)
+    """Of the joint before."""
+
+    def __post_init__(self):
+        self.planar = self.ways[SPACE] == PLANE
+        self._choose_kinds()
+        self._choose_parents()
+        if self._has(FOLLOWERS):
+            self.follower = self.choices.one_of(self._singles()[1:])
+
+    def _has(self, name: str) -> bool:
+        return self.ways[name] == PRESENT
+
+    def _singles(self) -> list[int]:
+        return [i for i, kind in enumerate(self.kinds) if kind in SINGLE]
+
+    # ---- Kinds of joints, and how they hang together ---------------------------------------------
+
+    def _choose_kinds(self) -> None:
+        root, fixed = self.ways[ROOT], int(self._has(FIXED))
+        (room,) = (
+            one
+            for one in rooms(self.links)
+            if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
+        )
+        wanted = any(map(self._has, PROPERTIES))
+        pair = self._has(CARRIERS) or self._has(FOLLOWERS)
+        # Joints with one coordinate that are needed beside the root.
+        single = max(0, min(2 if pair else int(wanted), room.singles) - int(root in SINGLE))
+        free = self.links - 1 - fixed - single
+        blocks = [["fixed"]] * fixed + self._free_kinds(free, room, root, single)
+        on_root = self._has(CARRIERS) and root in SINGLE
+        if self._has(CARRIERS) and not on_root:
+            blocks.append([self.choices.one_of(SINGLE) for _ in range(2)])
+        elif not on_root:
+            blocks += [[self.choices.one_of(SINGLE)] for _ in range(single)]
+        shuffled = []
+        while blocks:
+            shuffled.append(blocks.pop(self.choices.whole(0, len(blocks) - 1)))
+        self.kinds = [root]
+        if on_root:
+            self.carrier = 0
+            self.kinds.append(self.choices.one_of(SINGLE))
+        for block in shuffled:
+            if len(block) == 2:
+                self.carrier = len(self.kinds)
+            self.kinds += block
+        if self.carrier is not None and self.kinds[self.carrier] == "prismatic":
+            self.kinds[self.carrier + 1] = "revolute"  # two slides may be along one line
+
+    def _free_kinds(self, free: int, room: Room, root: str, single: int) -> list[list[str]]:
+        """Return kinds of joints that may be any, with as many coordinates as are wanted."""
+        kinds = KINDS[room.space]
+        among = ("revolute", "revolute", *kinds, *(("fixed",) if room.fixed else ()))
+        found = [self.choices.one_of(among) for _ in range(free)]
+        sizes = {kind: len(parts_) for kind, parts_ in COORDINATES.items()}
+        known = sizes[root] + single - int(self._has(FOLLOWERS))
+        for i in range(free):
+            if known + sum(sizes[kind] for kind in found) >= self.least:
+                break
+            found[i] = kinds[-1]
+        return [[kind] for kind in found]
+
+    def _choose_parents(self) -> None:
+        branched = self.ways[SHAPE] == BRANCHED
+        self.parents = list(range(self.links))
+        if not branched:
+            return
+        for i in range(1, self.links):
+            if not self._is_carried(i):
+                self.parents[i] = self.choices.whole(0, i)
+        if len(set(self.parents)) == self.links:
+            i = max(i for i in range(1, self.links) if not self._is_carried(i))
+            self.parents[i] = 0 if i == 1 else i - 1
+
+    def _is_carried(self, i: int) -> bool:
+        return self.carrier is not None and i == self.carrier + 1
+
+    # ---- What they are in numbers ----------------------------------------------------------------
+
+    def description(self) -> Description:
+        """Return the description."""
+        joints = tuple(map(self._joint, range(self.links)))
+        links = tuple(map(self._link, range(self.links)))
+        gravity = parts.direction(self.choices, self.planar, 10.0) if self._has(GRAVITY) else None
+        return Description((Link(GROUND), *links), joints, gravity=gravity)
+
+    def _link(self, i: int) -> Link:
+        frame = self.kinds[i] == "fixed" and self.choices.one_of((False, True))
+        if i == self.carrier or frame:
+            return Link(_link_name(i + 1))
+        return parts.body(self.choices, _link_name(i + 1), self.planar)
+
+    def _joint(self, i: int) -> Joint:
+        kind, at, choices = self.kinds[i], parts.place(self.choices, self.planar), self.choices
+        axis = self._axis(i)
+        if self._is_carried(i):
+            at = self._off_axis(at, i - 1)
+        self.last_axis = axis
+        turn = {} if self.planar else {"turn": parts.turn(choices)}
+        between = _link_name(self.parents[i]), _link_name(i + 1)
+        joint = Joint(f"j{i + 1}", kind, *between, at, axis=axis, **turn)
+        if kind not in SINGLE:
+            return joint
+        if self._is_there(SPRINGS, i):
+            joint = joint._replace(
+                stiffness=parts.size(choices, 0.0, 2.0), relaxed=choices.number(-1.0, 1.0)
+            )
+        if self._is_there(DAMPERS, i):
+            joint = joint._replace(damping=parts.size(choices, -1.0, 1.0))
+        if self._is_there(ROTORS, i):
+            joint = joint._replace(armature=parts.size(choices, -2.0, 0.0))
+        if i == self.follower:
+            leader = choices.one_of([k for k in self._singles() if k != i])
+            ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
+            return joint._replace(follows=(f"j{leader + 1}", ratio, choices.number(-1.0, 1.0)))
+        return joint
+
+    def _is_there(self, name: str, i: int) -> bool:
+        if not self._has(name):
+            return False
+        return i == self._singles()[0] or self.choices.one_of((False, True))
+
+    def _axis(self, i: int) -> Triple:
+        kind, choices = self.kinds[i], self.choices
+        if kind in ("fixed", "spherical", "floating"):
+            return 0.0, 0.0, 1.0
+        if self.planar:
+            return choices.one_of(
+                {"prismatic": parts.IN_PLANE, "revolute": parts.ACROSS}.get(
+                    kind, parts.ACROSS[:1]
+                )
+            )
+        first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
+        oblique = self.ways[AXES] == OBLIQUE
+        if oblique and (i == first or choices.one_of((False, True))):
+            x, y, z = parts.direction(choices, planar=False)
+            # Never along an axis of the frame, also where the numbers are as simple as can be.
+            return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
+        return choices.one_of(parts.STRAIGHT)
+
+    def _off_axis(self, at: Triple, before: int) -> Triple:
+        """Return a place away from the axis of the joint before, so that two hinges differ."""
+        axis, place = np.asarray(self.last_axis), np.asarray(at)
+        away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
+        if self.kinds[before] != "revolute" or away >= parts.SMALLEST:
+            return at
+        across = (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
+        return across
+
+
+def _link_name(i: int) -> str:
+    return GROUND if i == 0 else f"link{i}"
