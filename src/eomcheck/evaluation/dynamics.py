@@ -115,9 +115,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
         return v
     best, least, left = v, np.inf, v
     for relative in (*CORRECTIONS * (False,), *CORRECTIONS * (True,), None):
-        residual, allowed = violation(at, v)
-        with np.errstate(all="ignore"):
-            worst = np.max(np.abs(residual) / np.maximum(allowed, UNDERFLOW), initial=0.0)
+        residual, worst = _excess(at, v)
         if worst < least:
             best, least, left = v, worst, residual
         if relative is None or not least > 1 / 4:
@@ -127,7 +125,18 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
         rows[rows == 0] = 1.0
         matrix = a * units / rows[:, None]
         v = best - units * np.linalg.lstsq(matrix, left / rows, rcond=None)[0]
+    if least > 1 / 4:
+        # What cannot move at all moves by no rounding either.
+        still = np.where(np.abs(best) <= allowed_error(largest(best)), 0.0, best)
+        best = still if _excess(at, still)[1] < least else best
     return best
+
+
+def _excess(at: Evaluation, v: Array) -> tuple[Array, float]:
+    """Return a v + b (r,), and by which factor it exceeds what rounding allows, at worst."""
+    residual, allowed = violation(at, v)
+    with np.errstate(all="ignore"):
+        return residual, np.max(np.abs(residual) / np.maximum(allowed, UNDERFLOW), initial=0.0)
 
 
 def closed_position(scene: Scene, q, t: float = 0.0) -> Array:

@@ -6,12 +6,9 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree
 
 
-def _first(kind: type[RandomTree] | type[RandomMechanism]) -> type[Scene]:
-    """Return the kind by one of its scenes, which is its example: a class that has equations."""
-    return type(next(kind.structures(3)))
-
-
-RANDOM: dict[str, type[Scene]] = {kind.key: _first(kind) for kind in (RandomTree, RandomMechanism)}
-"""Key -> class."""
+RANDOM: dict[str, type[Scene]] = {
+    kind.key: type(kind.example()) for kind in (RandomTree, RandomMechanism)
+}
+"""Key -> class: that of its example, for only such a class has equations."""
 
 __all__ = ["RANDOM", "RandomMechanism", "RandomTree"]
