@@ -16,7 +16,7 @@ not when they are drawn from::
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -26,13 +26,14 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
-from eomcheck.errors import InputError, RefusedError, whole_number
+from eomcheck.errors import InputError, RefusedError, distinct, whole_number
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.scenes import Snake
-from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree
+from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree, checked_links
+from eomcheck.scenes.random.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
 
 S = TypeVar("S", bound=Scene)
 T = TypeVar("T")
@@ -157,7 +158,7 @@ def _of_kind(kind: type[S], links: int | None) -> SearchStrategy[S]:
 class _Choices:
     """Choices by hypothesis, which shrinks them."""
 
-    def __init__(self, draw: Callable[[SearchStrategy[T]], T]):
+    def __init__(self, draw: Any):
         self._draw = draw
 
     def one_of(self, among: Sequence[T]) -> T:
@@ -171,9 +172,9 @@ class _Choices:
 
 
 @st.composite
-def _topologies(draw: Any, kind: type[S], links: int | None) -> type[S]:
+def _topologies(draw: Any, kind: type[Scene], links: int | None) -> Any:
     """Return a strategy for kinds whose scenes hang together in one way each."""
-    choices: Any = _Choices(draw)
+    choices = _Choices(draw)
     entry = choices.one_of(kind.topologies(links))
     ways = {name: choices.one_of(of) for name, of in entry.items()}
     try:
@@ -196,7 +197,8 @@ def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[Ra
     Raises:
         InputError: numbers that no such tree has.
     """
-    return _random(RandomTree, min_bodies, max_bodies)
+    _bodies(min_bodies, max_bodies)
+    return scenes(RandomTree, min_bodies, max_bodies)
 
 
 def random_mechanisms(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomMechanism]:
@@ -205,17 +207,58 @@ def random_mechanisms(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrate
     Pins, welds, hinges, rods and points on planes, which make loops; couplings; knife edges; and
     joints that a clock drives. For arguments and errors see `random_trees`.
     """
-    return _random(RandomMechanism, min_bodies, max_bodies)
+    _bodies(min_bodies, max_bodies)
+    return scenes(RandomMechanism, min_bodies, max_bodies)
 
 
-def _random(kind: type[S], min_bodies: int, max_bodies: int) -> SearchStrategy[S]:
-    for name, bodies in (("min_bodies", min_bodies), ("max_bodies", max_bodies)):
-        if whole_number(name, bodies) > (kind.most_links or bodies):
-            raise InputError(f"{name} = {bodies}, expected at most {kind.most_links}")
-    if min_bodies > max_bodies:
-        said = f"min_bodies, max_bodies = {min_bodies}, {max_bodies}"
+def urdfs(
+    min_bodies: int = 1,
+    max_bodies: int = 8,
+    *,
+    joints: Iterable[str] = EVERYWHERE,
+    mimic: bool = True,
+    massless: bool = True,
+    dampers: bool = True,
+) -> SearchStrategy[str]:
+    """Return a strategy for texts of URDFs: random trees in space, joints in any order.
+
+    Each is read by `eomcheck.scenes.from_urdf`, and should be by any other parser.
+
+    Args:
+        min_bodies: smallest number of links, the root not counted.
+        max_bodies: largest number of links.
+        joints: kinds that there may be: "revolute", and any of "prismatic", "fixed", "planar",
+            "floating". Where revolute joints have no limits they are written as continuous ones.
+        mimic: whether some joints may follow others.
+        massless: whether some links may have no inertia: carriers of others, and fixed frames.
+        dampers: whether some joints may have dampers.
+
+    Raises:
+        InputError: numbers that no such tree has, or kinds of joints that a URDF has not.
+    """
+    kinds = distinct("joints", joints)
+    if "revolute" not in kinds or not URDF_JOINTS.issuperset(kinds):
+        known = ", ".join(sorted(URDF_JOINTS))
+        raise InputError(f"joints = {kinds!r}, expected 'revolute' and any of: {known}")
+    return _bodies(min_bodies, max_bodies).flatmap(
+        lambda links: _urdf(links, kinds, mimic, massless, dampers)
+    )
+
+
+@st.composite
+def _urdf(draw: Any, links: int, *options: Any) -> str:
+    return urdf_text(urdf_tree(links, _Choices(draw), *options))
+
+
+def _bodies(min_bodies: int, max_bodies: int) -> SearchStrategy[int]:
+    low, high = (
+        checked_links(value, name)
+        for name, value in (("min_bodies", min_bodies), ("max_bodies", max_bodies))
+    )
+    if low > high:
+        said = f"min_bodies, max_bodies = {low}, {high}"
         raise InputError(f"{said}, expected min_bodies <= max_bodies")
-    return scenes(kind, min_bodies, max_bodies)
+    return st.integers(low, high)
 
 
 def _from_ranges(kind: type[S], ranges: dict[str, Range]) -> SearchStrategy[S]:

@@ -21,10 +21,11 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.claims.trial import answer, compared
+from eomcheck.claims.trial import answer, compared, inertia_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
@@ -187,13 +188,16 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     def remainder(e: Quantities) -> Array:
         return kane_system(e)[1]
 
+    # What it differentiates may be told in frames that turn, as in B.
+    W = case.at.speeds.W
+    in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
     for engine in case.taking_part:
         said = answer(case, engine, *case.state)
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
             continue
         theirs, terms, condition = said
-        scale = sensitivity_of(case.at, remainder, coordinates=True) + terms
+        scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
         yield compared(
             case,
             engine,

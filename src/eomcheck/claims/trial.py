@@ -53,9 +53,22 @@ def inertia_size(at: Evaluation) -> float:
     appear and cancel, also where B itself is small or vanishes: B does not depend on how fast the
     whole scene translates. Of a scene that names no angles all velocities count.
     """
+    return _turning(at) * largest(np.abs(at.terms.M) @ np.abs(at.v))
+
+
+def drift_size(at: Evaluation) -> float:
+    """Return the size of what an engine may sum to gamma, m/s².
+
+    Rates of the constraints in frames that turn: what translates appears in them and cancels.
+    """
+    return 0.0 if at.terms.a is None else _turning(at) * largest(np.abs(at.terms.a) @ np.abs(at.v))
+
+
+def _turning(at: Evaluation) -> float:
+    """Return how fast anything may turn, rad/s."""
     v = np.abs(at.v)
     rates = v[at.scene.angle_coordinates]
-    return float((rates if rates.size else v).sum()) * largest(np.abs(at.terms.M) @ v)
+    return float((rates if rates.size else v).sum())
 
 
 def mass_size(at: Evaluation, S: Array) -> float:
@@ -73,6 +86,8 @@ def size_of(case: Case, engine: Engine, method: str) -> float:
     """Return the size of the terms that an engine may sum to an answer, where it cancels."""
     if method == "bias":
         return inertia_size(case.at)
+    if method == "constraint_drift":
+        return drift_size(case.at)
     if method != "mass_matrix" or not engine.offers("velocity_map"):
         return 0.0
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import weakref
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
 from eomcheck.files import write_text
+from eomcheck.mechanics.described.quaternions import roll_pitch_yaw_of
 from eomcheck.numbers.contract import Array
 
 BASE = 7
@@ -83,7 +85,7 @@ def _urdf(links: list[Link]) -> str:
         joint = ElementTree.SubElement(robot, "joint", name=f"joint_of_{link.name}", type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=link.name)
-        rpy = _text(_roll_pitch_yaw(link.rotation))
+        rpy = _text(roll_pitch_yaw_of(link.rotation))
         ElementTree.SubElement(joint, "origin", xyz=_text(link.offset), rpy=rpy)
         ElementTree.SubElement(joint, "axis", xyz=_text(link.axis))
         if link.slides:
@@ -98,22 +100,12 @@ def _add_body(
 ) -> None:
     inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=name), "inertial")
     # Along principal axes: Bullet turns to them itself, to 1e-11 only.
-    rpy = _text(_roll_pitch_yaw(axes))
+    rpy = _text(roll_pitch_yaw_of(axes))
     ElementTree.SubElement(inertial, "origin", xyz=_text(center), rpy=rpy)
     ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
     about = {f"i{axis}{axis}": repr(float(x)) for axis, x in zip("xyz", moments, strict=True)}
     ElementTree.SubElement(inertial, "inertia", about | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
 
 
-def _text(numbers: Array) -> str:
+def _text(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(x)) for x in numbers)
-
-
-def _roll_pitch_yaw(R: Array) -> Array:
-    """Return the angles (roll, pitch, yaw), rad, of R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    # Of what is left without yaw: right also where pitch is π/2 and yaw could be anything.
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    roll = np.arctan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
-    return np.array([roll, pitch, yaw])

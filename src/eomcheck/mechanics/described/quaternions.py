@@ -73,6 +73,16 @@ def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
     return multiplied(multiplied(about(2, yaw), about(1, pitch)), about(0, roll))
 
 
+def roll_pitch_yaw_of(R: Array) -> tuple[float, float, float]:
+    """Return angles, rad, of which `roll_pitch_yaw` makes the rotation R (3, 3)."""
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
+    # Of what is left without yaw: right also where pitch is π/2 and yaw could be anything.
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    roll = math.atan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
+    return roll, pitch, yaw
+
+
 def to_z(axis: tuple[float, float, float]) -> Quaternion:
     """Return a turn that brings z to a direction of any length."""
     x, y, z = axis

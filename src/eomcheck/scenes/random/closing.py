@@ -80,8 +80,9 @@ def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Desc
         a = a / np.linalg.norm(a, axis=1, keepdims=True)
         size = np.linalg.svd(a, compute_uv=False)[-1] if np.isfinite(a).all() else 0.0
         if size >= INDEPENDENT:
-            order = qr(a, mode="r", pivoting=True)[1][: len(a)]
-            return found._replace(first=tuple(found.coordinates[i] for i in order))
+            *_, order = qr(a, mode="r", pivoting=True)
+            first = (found.coordinates[i] for i in order[: len(a)])
+            return found._replace(first=tuple(first))
     said = f"no independent {kind} is found among {ATTEMPTS}"
     raise RefusedError("a", float(size), INDEPENDENT, said)
 
@@ -119,17 +120,15 @@ def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
         here = {own + part for part in COORDINATES[joint.kind]}
         before[joint.child] = before[joint.parent] ^ here
     names = list(before)
-    found = []
-    for i, link in enumerate(names):
-        for other in names[:1] if alone else names[:i]:
-            if link != other and len(before[link] ^ before[other]) >= rows:
-                found.append((link, other))
-    return found
+    return [
+        (link, other)
+        for i, link in enumerate(names)
+        for other in (names[:1] if alone else names[:i])
+        if len(before[link] ^ before[other]) >= rows
+    ]
 
 
-def _of_coordinates(
-    tree: Description, kind: str, name: str, choices: Choices
-) -> Constraint | None:
+def _of_coordinates(tree: Description, kind: str, name: str, choices: Choices) -> Constraint | None:
     """Return a constraint of coordinates; not of hinges that have to stay away from a pose."""
     q = {one: x for one, x in tree.pose if not one.endswith("_pitch")}
     if len(q) < (1 if kind == "drive" else 2):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from typing import Any, Self
 
@@ -172,10 +173,8 @@ class RandomMechanism(Random):
         left = len(found.coordinates) - rows_of(kind, planar)
         among = [one for one in _kinds(planar) if rows_of(one, planar) < left and one != "drive"]
         if among:
-            try:
+            with suppress(RefusedError):  # one constraint will do
                 found = closed(found, choices.one_of(among), planar, choices)
-            except RefusedError:
-                pass  # one constraint will do
         return cls.described_so(found)
 
 
@@ -189,16 +188,16 @@ def _fitting(room: Room) -> tuple[str, ...]:
     return tuple(kind for kind in _kinds(planar) if rows_of(kind, planar) < room.coordinates)
 
 
-def checked_links(links: int | None) -> int:
+def checked_links(links: object, name: str = "links") -> int:
     """Return a number of links.
 
     Raises:
         InputError: no random scene has so many.
     """
-    links = whole_number("links", links)
-    if links > MOST:
-        raise InputError(f"links = {links}, expected at most {MOST} of a random scene")
-    return links
+    number = whole_number(name, links)
+    if number > MOST:
+        raise InputError(f"{name} = {number}, expected at most {MOST} of a random scene")
+    return number
 
 
 def _class_name(key: str) -> str:

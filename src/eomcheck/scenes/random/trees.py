@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.mechanics.choices import Choices, Ways
+from eomcheck.mechanics.described.quaternions import ONE
 from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, Triple
 from eomcheck.scenes.random import parts
 from eomcheck.scenes.random.description import GROUND, Description
@@ -28,6 +29,9 @@ KINDS = {
     SOLID: ("revolute", "prismatic", "planar", "spherical", "floating"),
 }
 """Kinds of joints that move."""
+
+ALL = frozenset({*KINDS[SOLID], "fixed"})
+"""Kinds of joints that a tree may have."""
 
 PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
 """What only joints with one coordinate have."""
@@ -57,11 +61,11 @@ class Room(NamedTuple):
         return self.singles - int(self.root in SINGLE)
 
 
-def rooms(links: int) -> Iterator[Room]:
-    """Yield what there is room for with so many links."""
+def rooms(links: int, among: frozenset[str] = ALL) -> Iterator[Room]:
+    """Yield what there is room for with so many links, on joints of these kinds."""
     for space, kinds in KINDS.items():
-        for root in kinds:
-            for fixed in (0, 1) if links > 1 else (0,):
+        for root in (kind for kind in kinds if kind in among):
+            for fixed in (0, 1) if links > 1 and "fixed" in among else (0,):
                 others, own = links - 1 - fixed, int(root in SINGLE)
                 needed = min(2 - own, others)
                 yield Room(space, root, fixed, own + needed, others - needed)
@@ -113,7 +117,13 @@ def measured(description: Description, planar: bool) -> dict[str, str]:
 # ---- A tree --------------------------------------------------------------------------------------
 
 
-def tree(ways: Mapping[str, str], links: int, choices: Choices, least: int = 1) -> Description:
+def tree(
+    ways: Mapping[str, str],
+    links: int,
+    choices: Choices,
+    least: int = 1,
+    among: frozenset[str] = ALL,
+) -> Description:
     """Return a tree that is in all `ways`.
 
     Args:
@@ -121,8 +131,9 @@ def tree(ways: Mapping[str, str], links: int, choices: Choices, least: int = 1) 
         links: number of links, the ground not counted.
         choices: what chooses all else.
         least: number of coordinates that it has at least, if there is room for them.
+        among: kinds of joints that there may be, one with one coordinate among them.
     """
-    return _Tree(ways, links, choices, least).description()
+    return _Tree(ways, links, choices, least, among).description()
 
 
 @dataclass
@@ -133,6 +144,7 @@ class _Tree:
     links: int
     choices: Choices
     least: int
+    among: frozenset[str]
     kinds: list[str] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     carrier: int | None = None
@@ -158,9 +170,10 @@ class _Tree:
 
     def _choose_kinds(self) -> None:
         root, fixed = self.ways[ROOT], int(self._has(FIXED))
+        singles = [kind for kind in SINGLE if kind in self.among]
         (room,) = (
             one
-            for one in rooms(self.links)
+            for one in rooms(self.links, self.among)
             if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
         )
         wanted = any(map(self._has, PROPERTIES))
@@ -171,27 +184,28 @@ class _Tree:
         blocks = [["fixed"]] * fixed + self._free_kinds(free, room, root, single)
         on_root = self._has(CARRIERS) and root in SINGLE
         if self._has(CARRIERS) and not on_root:
-            blocks.append([self.choices.one_of(SINGLE) for _ in range(2)])
+            blocks.append([self.choices.one_of(singles) for _ in range(2)])
         elif not on_root:
-            blocks += [[self.choices.one_of(SINGLE)] for _ in range(single)]
+            blocks += [[self.choices.one_of(singles)] for _ in range(single)]
         shuffled = []
         while blocks:
             shuffled.append(blocks.pop(self.choices.whole(0, len(blocks) - 1)))
         self.kinds = [root]
         if on_root:
             self.carrier = 0
-            self.kinds.append(self.choices.one_of(SINGLE))
+            self.kinds.append(self.choices.one_of(singles))
         for block in shuffled:
             if len(block) == 2:
                 self.carrier = len(self.kinds)
             self.kinds += block
         if self.carrier is not None and self.kinds[self.carrier] == "prismatic":
-            self.kinds[self.carrier + 1] = "revolute"  # two slides may be along one line
+            # Two slides may be along one line.
+            self.kinds[self.carrier + 1] = "revolute"
 
     def _free_kinds(self, free: int, room: Room, root: str, single: int) -> list[list[str]]:
         """Return kinds of joints that may be any, with as many coordinates as are wanted."""
-        kinds = KINDS[room.space]
-        among = ("revolute", "revolute", *kinds, *(("fixed",) if room.fixed else ()))
+        kinds = [kind for kind in KINDS[room.space] if kind in self.among]
+        among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
         found = [self.choices.one_of(among) for _ in range(free)]
         sizes = {kind: len(parts_) for kind, parts_ in COORDINATES.items()}
         known = sizes[root] + single - int(self._has(FOLLOWERS))
@@ -237,9 +251,9 @@ class _Tree:
         if self._is_carried(i):
             at = self._off_axis(at, i - 1)
         self.last_axis = axis
-        turn = {} if self.planar else {"turn": parts.turn(choices)}
+        turn = ONE if self.planar else parts.turn(choices)
         between = _link_name(self.parents[i]), _link_name(i + 1)
-        joint = Joint(f"j{i + 1}", kind, *between, at, axis=axis, **turn)
+        joint = Joint(f"j{i + 1}", kind, *between, at, turn, axis)
         if kind not in SINGLE:
             return joint
         if self._is_there(SPRINGS, i):
@@ -267,9 +281,7 @@ class _Tree:
             return 0.0, 0.0, 1.0
         if self.planar:
             return choices.one_of(
-                {"prismatic": parts.IN_PLANE, "revolute": parts.ACROSS}.get(
-                    kind, parts.ACROSS[:1]
-                )
+                {"prismatic": parts.IN_PLANE, "revolute": parts.ACROSS}.get(kind, parts.ACROSS[:1])
             )
         first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
         oblique = self.ways[AXES] == OBLIQUE
@@ -285,8 +297,7 @@ class _Tree:
         away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
         if self.kinds[before] != "revolute" or away >= parts.SMALLEST:
             return at
-        across = (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
-        return across
+        return (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
 
 
 def _link_name(i: int) -> str:
