@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -155,6 +156,11 @@ def _of_kind(kind: type[S], links: int | None) -> SearchStrategy[S]:
     return _from_ranges(kind, kind.ranges(links))
 
 
+@cache
+def _number(low: float, high: float) -> SearchStrategy[float]:
+    return _entry(Range(low, high))
+
+
 class _Choices:
     """Choices by hypothesis, which shrinks them."""
 
@@ -168,7 +174,7 @@ class _Choices:
         return self._draw(st.integers(low, high))
 
     def number(self, low: float, high: float) -> float:
-        return self._draw(_entry(Range(low, high)))
+        return self._draw(_number(low, high))
 
 
 @st.composite

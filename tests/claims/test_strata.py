@@ -48,7 +48,8 @@ every_kind = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 
 def choices(kind) -> list:
     """Return the strata of a kind for each number of links of a default run."""
-    return [strata(kind, n) for n in (range(LEAST, MOST + 1) if kind.has_links else (None,))]
+    numbers = range(LEAST, MOST + 1) if kind.has_links else (None,)
+    return [ways for n in numbers for ways in strata(kind, n)]
 
 
 # ---- Rows ----------------------------------------------------------------------------------------
@@ -75,13 +76,13 @@ def test_at_most_a_tenth_is_at_rest_however_few_are_drawn(examples, seed):
 
 
 def test_links_motion_springs_dampers_and_wheels_are_strata_of_snakes():
-    assert strata(Snake, 3) == {
+    (three,), (one,) = strata(Snake, 3), strata(Snake, 1)
+    assert three == {
         **{LINKS: ("3",), MOTION: (MOVING, AT_REST)},
         **dict.fromkeys(("mass", "length", "inertia"), ("present",)),
         **dict.fromkeys(("stiffness", "damping"), ("absent", ZERO, POSITIVE)),
         "wheel_angle": (ZERO, POSITIVE, NEGATIVE, BOTH),
     }
-    one = strata(Snake, 1)
     assert one["stiffness"] == one["damping"] == ("absent",), "a link alone has no joints"
     assert one["wheel_angle"] == (ZERO, POSITIVE, NEGATIVE)
 

@@ -13,7 +13,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
-from eomcheck.numbers.ball import Balls, ball, midpoints, precision
+from eomcheck.numbers.ball import Balls, ball, nearest, precision
 from eomcheck.numbers.contract import Array
 
 GUARD_BITS = 64
@@ -46,8 +46,8 @@ class Enclosure:
     digits: float
 
     def doubles(self) -> Array:
-        """Return v̇ (n,), the midpoints rounded to doubles."""
-        return midpoints(self.vdot)
+        """Return v̇ (n,), the midpoints rounded to doubles, 0 where it may vanish."""
+        return nearest(self.vdot)
 
     def overlaps(self, other: Enclosure) -> Array:
         """Return (n,), whether the balls of v̇ have a point in common, entry by entry."""

@@ -63,6 +63,15 @@ def midpoints(x: Array) -> Array:
     return np.array([float(ball(y).mid()) for y in np.ravel(x)]).reshape(np.shape(x))
 
 
+def nearest(x: Array) -> Array:
+    """Return the balls x as doubles, same shape: their midpoints, and 0 where that is in a ball.
+
+    Of what vanishes exactly nothing but the width of a ball is left, and that is no number.
+    """
+    zero = np.array([ball(y).contains(0) for y in np.ravel(x)], bool).reshape(np.shape(x))
+    return np.where(zero, 0.0, midpoints(x))
+
+
 def ball(x) -> flint.arb:
     """Return x as a ball: generic functions leave literal integers among their results."""
     return x if isinstance(x, flint.arb) else flint.arb(x)

@@ -76,11 +76,12 @@ def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Desc
             continue
         found = tree._replace(constraints=(*tree.constraints, more), first=())
         a = _jacobian(found)
-        a = a / np.maximum(np.abs(a).max(axis=1, keepdims=True), 1e-300)
-        a = a / np.linalg.norm(a, axis=1, keepdims=True)
-        size = np.linalg.svd(a, compute_uv=False)[-1] if np.isfinite(a).all() else 0.0
+        rows = np.linalg.norm(a, axis=1, keepdims=True)
+        if not rows.all():
+            continue  # one that is held anyway
+        size = np.linalg.svd(a / rows, compute_uv=False)[-1]
         if size >= INDEPENDENT:
-            *_, order = qr(a, mode="r", pivoting=True)
+            *_, order = qr(a / rows, mode="r", pivoting=True)
             first = (found.coordinates[i] for i in order[: len(a)])
             return found._replace(first=tuple(first))
     said = f"no independent {kind} is found among {ATTEMPTS}"
