@@ -39,14 +39,7 @@ def together(bodies: list[Rigid]) -> Rigid:
 
 
 def rigid(link: Link, turn: Quaternion, offset: Array) -> Rigid | None:
-    """Return a link in the frame of the slot on which it sits; None where it has no inertia.
-
-    Raises:
-        InputError: its mass is negative.
-    """
-    if link.mass < 0:
-        said = f"mass = {link.mass:g} kg, expected a number that is not negative"
-        raise InputError(f"link {link.name!r}: {said}")
+    """Return a link in the frame of the slot on which it sits; None where it has no inertia."""
     if not any((link.mass, *link.moments, *link.products)):
         return None
     R, (xy, xz, yz) = rotation(turn), link.products

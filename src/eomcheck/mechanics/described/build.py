@@ -10,9 +10,9 @@ import numpy as np
 
 from eomcheck.errors import InputError, distinct
 from eomcheck.mechanics.described.bodies import Rigid, check_positive, together
+from eomcheck.mechanics.described.checked import all_of, check_words
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.frames import Frames, Place
-from eomcheck.mechanics.described.hanging import check_finite
 from eomcheck.mechanics.described.mechanism import Made, Mechanism
 from eomcheck.mechanics.described.quaternions import rotation
 from eomcheck.mechanics.described.topology import Closure, Slot, Topology
@@ -66,10 +66,12 @@ def described(
     pose: dict[str, float] | None = None,
 ) -> Made:
     """Return what the kind of a description is made of; see `mechanism`."""
-    frames, more = Frames(tuple(links), tuple(joints)), tuple(constraints)
-    for one in more:
-        check_finite("constraint", one)
-    made = _made(name, frames, more, gravity, distinct("first", first), pose or {})
+    bodies, between = all_of("link", Link, links), all_of("joint", Joint, joints)
+    more = all_of("constraint", Constraint, constraints)
+    pose = {} if pose is None else pose
+    check_words(bodies, between, more, gravity, pose)
+    frames = Frames(bodies, between)
+    made = _made(name, frames, more, gravity, distinct("first", first), pose)
     _check_regular(made)
     return made
 

@@ -96,8 +96,6 @@ class Frames:
 
     def _hang(self, joint: Joint) -> None:
         """Place the child of a joint, on slots of its own where it moves."""
-        if not any(joint.turn):
-            raise InputError(f"joint {joint.name!r} has the turn (0, 0, 0, 0)")
         before = self.places[joint.parent]
         turn = multiplied(before.turn, joint.turn)
         offset = before.offset + rotation(before.turn) @ np.array(joint.place)
@@ -117,8 +115,6 @@ class Frames:
     def _axis(self, joint: Joint) -> tuple[str, int, Quaternion]:
         if joint.kind in ("spherical", "floating"):
             return "z", 1, ONE
-        if not any(joint.axis):
-            raise InputError(f"joint {joint.name!r} has the axis (0, 0, 0)")
         x, y, z = joint.axis
         if joint.kind != "planar":
             for sense in (1, -1):

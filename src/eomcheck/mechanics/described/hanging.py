@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-import numpy as np
-
 from eomcheck.errors import InputError
 from eomcheck.mechanics.described.words import Joint, Link
 
@@ -67,23 +65,11 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
     """Return links or joints by their names.
 
     Raises:
-        InputError: two have the same, or a number in one is not finite.
+        InputError: two have the same.
     """
     found: dict[str, Any] = {}
     for one in things:
-        check_finite(what, one)
         if one.name in found:
             raise InputError(f"two {what}s have the name {one.name!r}")
         found[one.name] = one
     return found
-
-
-def check_finite(what: str, one: Any) -> None:
-    """Refuse a record with a number, perhaps in a tuple of it, that is not finite."""
-    waiting = list(one)
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, tuple | list):
-            waiting += part
-        elif isinstance(part, float) and not np.isfinite(part):
-            raise InputError(f"{what} {one.name!r} has the number {part}")

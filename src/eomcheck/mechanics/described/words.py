@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
+from eomcheck.errors import InputError
 from eomcheck.mechanics.described.quaternions import ONE, Quaternion, rotation, to_z
 
 Triple = tuple[float, float, float]
 
 ORIGIN: Triple = (0.0, 0.0, 0.0)
+
+SHORTEST, LONGEST = 1e-100, 1e100
+"""Lengths of quaternions and directions whose squares doubles hold."""
 
 COORDINATES = {
     "revolute": ("",),
@@ -89,6 +94,7 @@ def weld(
     turn: Quaternion = ONE,
 ) -> Constraint:  # fmt: skip
     """Return that two frames are one: the other's, and what `at` and `turn` make of the link's."""
+    _check_turns(name, turn)
     axes = tuple((link, _triple(one)) for one in rotation(turn).T)
     return Constraint("weld", name, ((link, at), (other, at_other)), axes)
 
@@ -98,6 +104,7 @@ def hinge(
     axis: Triple = (0.0, 0.0, 1.0), axis_of_other: Triple = (0.0, 0.0, 1.0),
 ) -> Constraint:  # fmt: skip
     """Return a pin about an axis of both."""
+    _check_turns(name, axis)
     across = rotation(to_z(axis)).T[:2]
     directions = tuple((link, _triple(one)) for one in across)
     points = (link, at), (other, at_other)
@@ -133,6 +140,21 @@ def drive(
 def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
     """Return that a point of a link does not move along a direction of the link."""
     return Constraint("edge", name, ((link, at),), ((link, across),))
+
+
+def _check_turns(name: str, parts: Any) -> None:
+    """Refuse what no rotation can be made of.
+
+    Raises:
+        InputError: zeros, or numbers that are none.
+    """
+    try:
+        length = math.hypot(*parts)
+    except TypeError:
+        length = math.nan
+    if not SHORTEST <= length <= LONGEST:
+        between = f"expected a length between {SHORTEST:g} and {LONGEST:g}"
+        raise InputError(f"constraint {name!r} is made of the direction {parts!r}, {between}")
 
 
 def _triple(a: Any) -> Triple:
