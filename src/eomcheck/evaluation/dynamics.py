@@ -120,15 +120,21 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
             best, least, left = v, worst, residual
         if relative is None or not least > 1 / 4:
             break
-        units = np.maximum(np.abs(best), EPS * largest(best)) if relative else np.ones(len(v))
+        # What has to vanish shrinks step by step, though never below its own rounding.
+        start, left = (v, residual) if relative else (best, left)
+        units = np.maximum(np.abs(start), EPS * largest(start)) if relative else np.ones(len(v))
         rows = np.abs(a * units).max(axis=1) if relative else np.ones(len(a))
         rows[rows == 0] = 1.0
         matrix = a * units / rows[:, None]
-        v = best - units * np.linalg.lstsq(matrix, left / rows, rcond=None)[0]
-    if least > 1 / 4:
-        # What cannot move at all moves by no rounding either.
-        still = np.where(np.abs(best) <= allowed_error(largest(best)), 0.0, best)
-        best = still if _excess(at, still)[1] < least else best
+        v = start - units * np.linalg.lstsq(matrix, left / rows, rcond=None)[0]
+    for power in (1, 2) if least > 1 / 4 else ():
+        # What cannot move at all moves by no rounding either, nor by the rounding of rounding.
+        negligible = allowed_error(1.0) ** power * largest(v)
+        for near in (best, v):
+            still = np.where(np.abs(near) <= negligible, 0.0, near)
+            worst = _excess(at, still)[1]
+            if worst < least:
+                best, least = still, worst
     return best
 
 

@@ -163,7 +163,9 @@ def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
     d, what = 2 if planar else 3, f"constraint {one.name!r}"
     if one.kind == "hinge" and planar:
         raise InputError(f"{what}: in the plane a hinge is a pin")
-    directions = one.directions[:1] if one.kind == "weld" and planar else one.directions
+    directions = one.directions
+    if one.kind == "weld":
+        directions = _welded(frames, one)[: 1 if planar else 3]
 
     def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
         if link not in frames.places:
@@ -179,6 +181,15 @@ def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
     number = None if name is None else frames.number(name, one.numbers)
     coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
     return Closure(one.kind, one.name, points, turned, coordinates, number)
+
+
+def _welded(frames: Frames, one: Constraint) -> tuple[tuple[str, Triple], ...]:
+    """Return the directions of a link that are the axes of the slot on which the other link is."""
+    (link, _), (other, _) = one.points
+    axes = np.array([along for _, along in one.directions])
+    if other in frames.places:
+        axes = rotation(frames.places[other].turn) @ axes
+    return tuple((link, (x, y, z)) for x, y, z in axes.tolist())
 
 
 def _check_regular(made: Made) -> None:

@@ -176,7 +176,8 @@ class _Tree:
             for one in rooms(self.links, self.among)
             if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
         )
-        wanted = any(map(self._has, PROPERTIES))
+        no_axis = self.ways[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
+        wanted = no_axis or any(map(self._has, PROPERTIES))
         pair = self._has(CARRIERS) or self._has(FOLLOWERS)
         # Joints with one coordinate that are needed beside the root.
         single = max(0, min(2 if pair else int(wanted), room.singles) - int(root in SINGLE))

@@ -1,0 +1,409 @@
+"""Random mechanisms: all that was asked for is there, nothing is constant, and all claims hold."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from functools import cache
+from pathlib import Path
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import Phase
+
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.repeat import python_of
+from eomcheck.claims.run import Run, Selection, case_at
+from eomcheck.claims.strata import (
+    AT_REST,
+    LINKS,
+    MOTION,
+    measured,
+    pairs,
+    pairs_in,
+    scene_cases,
+    strata,
+    strata_of,
+)
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
+from eomcheck.lab.draws import draw
+from eomcheck.mechanics.choices import FromGenerator
+from eomcheck.mechanics.described import motion
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.closures import KINDS
+from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_of, rotation
+from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, weld
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import from_urdf
+from eomcheck.scenes.named import kinds_of
+from eomcheck.scenes.random import RANDOM
+from eomcheck.scenes.random.closing import INDEPENDENT, rows_of
+from eomcheck.scenes.random.trees import BRANCHED, SHAPE
+from eomcheck.scenes.random.urdf import URDF_JOINTS, urdf_text, urdf_tree
+
+both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
+
+ENOUGH = 260
+"""Draws in which everything has been at least once."""
+
+
+@cache
+def drawn(key: str) -> list:
+    return list(scene_cases(RANDOM[key], (1, 12), ENOUGH, 4))
+
+
+@pytest.fixture(scope="module", params=RANDOM)
+def cases(request) -> list:
+    return drawn(request.param)
+
+
+# ---- What was asked for --------------------------------------------------------------------------
+
+
+@both_kinds
+def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
+    choices = FromGenerator(np.random.default_rng(0))
+    for links in (1, 2, 3, 4, 7):
+        entries = kind.topologies(links)
+        for _ in range(12):
+            ways = {name: choices.one_of(of) for name, of in choices.one_of(entries).items()}
+            scene = kind.of_topology(links, ways, choices)()
+            found = scene.topology | {MOTION: ways.get(MOTION)}
+            assert scene.links == links
+            assert {name: found[name] for name in ways} == ways
+
+
+def test_draws_have_every_pair_of_strata_and_hardly_rest(cases):
+    kind = type(cases[0][0])
+    wanted = [ways for n in range(1, 13) for ways in strata(kind, n)]
+    found = [strata_of(scene, state) for scene, state in cases]
+    assert set().union(*map(pairs_in, found)) >= pairs(wanted)
+    counts = measured(cases)
+    assert counts[MOTION][AT_REST] <= ENOUGH / 10
+    assert set(counts[LINKS]) == {str(n) for n in range(1, 13)}
+    assert all(states > 0 for of in counts.values() for states in of.values())
+
+
+def test_nearly_every_draw_hangs_together_in_another_way(cases):
+    assert len({scene.structure for scene, _ in cases}) > 0.9 * ENOUGH
+
+
+# ---- Variety -------------------------------------------------------------------------------------
+
+
+def signs(values) -> set[float]:
+    return set(np.sign(values).ravel().tolist())
+
+
+def test_joints_are_of_all_kinds_at_the_root_and_elsewhere(cases):
+    descriptions = [scene.made.description for scene, _ in cases]
+    elsewhere = {one.kind for d in descriptions for one in d.joints[1:]}
+    assert elsewhere == set(COORDINATES)
+    assert {d.joints[0].kind for d in descriptions} == set(COORDINATES) - {"fixed"}
+    assert any(scene.topology[SHAPE] == BRANCHED for scene, _ in cases)
+
+
+def test_no_number_of_a_description_is_constant_and_all_have_their_signs(cases):
+    descriptions = [scene.made.description for scene, _ in cases]
+    joints = [one for d in descriptions for one in d.joints]
+    bodies = [one for d in descriptions for one in d.links if one.mass > 0]
+    solid = [one for one in bodies if any(one.products)]
+    single = [one for one in joints if one.kind in ("revolute", "prismatic")]
+    turned = [one for one in joints if any(one.turn[1:])]
+    gravity = [d.gravity for d in descriptions if d.gravity is not None]
+    either, positive = {-1.0, 0.0, 1.0}, {1.0}
+    for values, wanted in (
+        ([one.place for one in joints], either),
+        ([one.center for one in bodies], either),
+        ([one.axis for one in single], either),
+        ([one.products for one in solid], {-1.0, 1.0}),
+        ([one.turn[1:] for one in turned], {-1.0, 1.0}),
+        ([one.turn[0] for one in turned], positive),
+        ([one.mass for one in bodies], positive),
+        ([one.moments for one in bodies], positive),
+        ([one.damping for one in joints if one.damping is not None], positive),
+        ([one.stiffness for one in joints if one.stiffness is not None], positive),
+        ([one.relaxed for one in joints if one.stiffness is not None], {-1.0, 1.0}),
+        ([one.armature for one in joints if one.armature is not None], positive),
+        ([one.follows[1:] for one in joints if one.follows is not None], {-1.0, 1.0}),
+        (gravity, either),
+    ):
+        array = np.array(values)
+        assert signs(array) == wanted
+        for entry in array.reshape(len(array), -1).T:
+            assert len(np.unique(entry)) > 0.2 * len(entry)
+    masses = np.log10([one.mass for one in bodies])
+    assert masses.min() < -0.8 and masses.max() > 0.8
+
+
+def test_bodies_are_some_that_can_exist(cases):
+    for scene, _ in cases:
+        for link in scene.made.description.links:
+            (xx, yy, zz), (xy, xz, yz) = link.moments, link.products
+            a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            assert a >= 0 and c <= (a + b) * (1 + 1e-12)
+
+
+def test_a_chosen_axis_points_to_both_sides_along_every_axis_and_anywhere(cases):
+    axes = {one.axis for scene, _ in cases for one in scene.made.description.joints}
+    straight = {tuple(sign * row) for sign in (1.0, -1.0) for row in np.eye(3)}
+    assert straight <= axes
+    assert any(np.count_nonzero(axis) == 3 for axis in axes)
+    lengths = [np.linalg.norm(axis) for axis in axes]
+    assert min(lengths) < 0.8 and max(lengths) > 1.2
+
+
+# ---- Constraints ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def mechanisms() -> list:
+    return drawn("random-mechanisms")
+
+
+def test_constraints_are_of_all_kinds_alone_and_with_others(mechanisms):
+    each = [[one.kind for one in scene.made.description.constraints] for scene, _ in mechanisms]
+    assert {kinds[0] for kinds in each} == set(KINDS)
+    assert {kinds[1] for kinds in each if len(kinds) > 1} >= {"pin", "distance", "edge", "weld"}
+
+
+def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
+    # Where the links are was found from the words alone, the gaps by the scene's own recursion.
+    for scene, _ in mechanisms:
+        pose = dict(scene.made.description.pose)
+        q = np.array([pose[name] for name in scene.coordinate_names])
+        at = Evaluation(scene, q, np.zeros(scene.n), 0.0)
+        assert np.abs(position_residual(at)).max(initial=0.0) < 1e-13
+
+
+def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
+    for scene, state in mechanisms:
+        at = Evaluation(scene, *state)
+        gap, allowed = closing_error(at)
+        assert gap <= allowed
+        check_consistent(at)
+        rows = at.terms.a / np.linalg.norm(at.terms.a, axis=1, keepdims=True)
+        assert np.linalg.svd(rows, compute_uv=False)[-1] > INDEPENDENT / 50
+        planar = scene.made.topology.planar
+        kinds = [one.kind for one in scene.made.description.constraints]
+        assert scene.r == sum(rows_of(kind, planar) for kind in kinds) < scene.n
+
+
+# ---- Claims --------------------------------------------------------------------------------------
+
+SEEN = [one for one in Selection.of().claims if one != "machine-code"]
+"""Machine code takes longer than all else of a scene that is looked at in one state."""
+
+
+@both_kinds
+def test_formulations_and_engines_agree_on_random_scenes(kind):
+    run, selection = Run(), Selection.of(claims=SEEN, scenes=[kind])
+    run.explore(scene_cases(kind, (1, 12), 12, 20), selection)
+    assert run.cases == 12
+    assert not [str(one) for one in run.findings if one.verdict == "failed"]
+    assert {"pinocchio", "casadi"} <= {x for one in run.findings for x in one.subject.split(" ~ ")}
+
+
+def test_a_derivation_that_is_wrong_in_one_component_is_found(monkeypatch):
+    right, kind = motion.swung, RANDOM["random-trees"]
+
+    def wrong(rates, arm):
+        x, _, z = right(rates, arm)
+        return x, None, z
+
+    monkeypatch.setattr(motion, "swung", wrong)
+    run, selection = Run(), Selection.of(engines=[], claims=["power-balance"], scenes=[kind])
+    run.explore(scene_cases(kind, (2, 4), 40, 0), selection)
+    assert run.minimal is not None
+    assert run.cases < 10
+
+
+# ---- Counterexamples that were found, and understood ---------------------------------------------
+
+
+def scene_of(links, joints, constraints=(), **more):
+    return mechanism("Found", links, joints, constraints, gravity=None, **more)()
+
+
+def failures(scene, state) -> list[str]:
+    case = case_at(scene, state, Selection.of(claims=SEEN, scenes=[scene]))
+    findings = [one for claim in SEEN for one in case.look(CLAIMS[claim])]
+    return [str(one) for one in findings if one.verdict == "failed"]
+
+
+def test_what_cannot_move_is_still_and_not_nearly_so():
+    # A weld that lets one slide: rounding left 1e-17 rad/s, and gamma of nothing but that.
+    ground = Link("ground")
+    links = [Link(name, 1.0, (0.3, 0.2, 0.0), (1.0, 1.0, 1.0)) for name in ("a", "b")]
+    slide = Joint("slide", "prismatic", "ground", "a", (0.34, -0.36, 0.0), axis=(-1.0, 0.0, 0.0))
+    free = Joint("free", "planar", "ground", "b", (-0.66, 0.69, 0.0))
+    turn = (0.9395, 0.0, 0.0, -0.3425)
+    closed = weld("weld", "b", "a", (-0.3193, 0.7912, 0.0), (-1.2402, 1.6043, 0.0), turn)
+    first = ("free_turn", "free_y", "free_x")
+    scene = scene_of([ground, *links], [slide, free], [closed], first=first)
+    for seed in range(6):
+        for state in draw(strategies.states(scene), 4, seed):
+            assert state.v[:2].tolist() == [0.0, 0.0]
+            check_consistent(Evaluation(scene, *state))
+        assert not failures(scene, state)
+
+
+def test_a_weld_holds_a_link_that_is_turned_on_its_joint_as_it_was_said():
+    # Its axes were taken for those of the joint: a link on a hinge that is oblique was welded askew.
+    tilted = 0.8, 0.1, -0.3, 0.2
+    links = [Link("ground"), Link("a", 1.0, moments=(1.0, 1.0, 1.0)), Link("frame"),
+             Link("b", 1.0, moments=(1.0, 1.0, 1.0))]  # fmt: skip
+    joints = [
+        Joint("hinge", "revolute", "ground", "a", axis=(0.3, 0.4, 0.5)),
+        Joint("fixed", "fixed", "a", "frame", turn=tilted),
+        Joint("free", "floating", "ground", "b"),
+    ]
+    for turn in ((1.0, 0.0, 0.0, 0.0), (0.7, 0.0, 0.0, 0.2)):
+        scene = scene_of(links, joints, [weld("weld", "b", "frame", turn=turn)])
+        w, x, y, z = turn
+        R = rotation(multiplied(tilted, (w, -x, -y, -z)))
+        q = np.zeros(scene.n)
+        for name, angle in zip(("roll", "pitch", "yaw"), roll_pitch_yaw_of(R), strict=True):
+            q[scene.coordinate_names.index(f"free_{name}")] = angle
+        gap = position_residual(Evaluation(scene, q, np.zeros(scene.n), 0.0))
+        assert np.abs(gap).max() < 1e-14
+
+
+def test_a_body_on_its_own_axis_has_no_remainder_but_rounding():
+    # Told in a frame that turns, what an engine differentiates cancels: the claim said "missing".
+    links = [Link("ground"), Link("carrier"), Link("body", 7.6, moments=(0.8, 3.8, 3.5))]
+    joints = [
+        Joint("slide", "prismatic", "ground", "carrier", axis=(0.0, 1.0, 0.0)),
+        Joint("turn", "revolute", "carrier", "body", (0.7, -0.45, 0.0),
+              follows=("slide", -1.5772, -0.7129)),
+    ]  # fmt: skip
+    scene = scene_of(links, joints)
+    for q in np.linspace(-1.0, 1.0, 25):
+        assert not failures(scene, State(np.array([q]), np.array([-2.5]), 0.0))
+
+
+# ---- hypothesis ----------------------------------------------------------------------------------
+
+trees, mechanisms_of = strategies.random_trees, strategies.random_mechanisms
+
+
+@pytest.mark.parametrize("strategy", [trees, mechanisms_of], ids=lambda f: f.__name__)
+def test_numbers_of_bodies_are_within_the_bounds(strategy):
+    scenes = draw(strategy(2, 4), 30, 0)
+    assert {scene.links for scene in scenes} == {2, 3, 4}
+
+
+@pytest.mark.parametrize("strategy", [trees, mechanisms_of, strategies.urdfs])
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ((0, 3), "min_bodies = 0"),
+        ((1, 31), "max_bodies = 31, expected at most 30"),
+        ((4, 3), "expected min_bodies <= max_bodies"),
+        ((1, 2.5), "max_bodies = 2.5"),
+    ],
+)
+def test_numbers_of_bodies_that_there_are_not_are_refused_at_once(strategy, bounds, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        strategy(*bounds)
+
+
+def found(strategy, condition):
+    settings = hypothesis.settings(
+        strategies.settings, max_examples=400, database=None, derandomize=True,
+        phases=(Phase.generate, Phase.shrink),
+    )  # fmt: skip
+    return hypothesis.find(strategy, condition, settings=settings)
+
+
+def test_draws_shrink_to_the_simplest_that_there_are():
+    smallest = found(trees(), lambda scene: True)
+    (joint,), (_, link) = smallest.made.description.joints, smallest.made.description.links
+    assert (joint.kind, joint.place, joint.damping) == ("revolute", (0.0, 0.0, 0.0), None)
+    assert (link.mass, link.center, smallest.gravity) == (1.0, (0.0, 0.0, 0.0), None)
+
+
+def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
+    def follows(scene) -> bool:
+        return any(one.follows is not None for one in scene.made.description.joints)
+
+    assert found(trees(), follows).links == 2
+
+
+# ---- Python and pickle ---------------------------------------------------------------------------
+
+
+def test_a_drawn_scene_is_made_again_by_its_python_and_by_pickle(mechanisms):
+    for scene, state in mechanisms[:20]:
+        code = python_of(scene, state).partition("for finding")[0]
+        names: dict = {}
+        exec(code, names)
+        for again in (names["scene"], pickle.loads(pickle.dumps(scene))):
+            M, other = (Evaluation(x, *state).terms.M for x in (scene, again))
+            np.testing.assert_array_equal(M, other)
+            assert again.coordinate_names == scene.coordinate_names
+
+
+@both_kinds
+def test_a_random_kind_is_found_by_its_key_and_is_not_among_all(kind):
+    assert kinds_of(kind.key) == (kind,)
+    assert kind not in kinds_of("all")
+    assert type(kind.example()) is kind
+
+
+@both_kinds
+def test_structures_are_always_the_same_and_all_different(kind):
+    first, again = ([x.structure for x in kind.structures(4)] for _ in range(2))
+    assert first == again
+    assert len(set(first)) == len(first) > 1
+    with pytest.raises(InputError, match="links = 31, expected at most 30"):
+        next(kind.structures(31))
+
+
+# ---- URDF ----------------------------------------------------------------------------------------
+
+
+def test_a_written_urdf_is_read_as_the_tree_that_it_is_of(tmp_path: Path):
+    choices, random = FromGenerator(np.random.default_rng(2)), np.random.default_rng(1)
+    path = tmp_path / "robot.urdf"
+    every = ("revolute", "prismatic", "fixed", "planar", "floating")
+    for number in range(60):
+        tree = urdf_tree(1 + number % 12, choices, every)
+        path.write_text(urdf_text(tree), encoding="utf-8")
+        read, scene = from_urdf(path, gravity=None), tree.made("Tree").kind()()
+        assert read.coordinate_names == scene.coordinate_names
+        q, v = random.uniform(-1, 1, (2, scene.n))
+        ours, theirs = (Evaluation(x, q, v, 0.0).terms for x in (scene, read))
+        size = np.abs(ours.M).max()
+        np.testing.assert_allclose(theirs.M, ours.M, rtol=0, atol=1e-12 * size)
+        np.testing.assert_allclose(theirs.B, ours.B, rtol=0, atol=1e-11 * size * scene.n)
+        for Q in (theirs.Q, ours.Q):
+            assert (Q is None) == (theirs.Q is None)
+        if ours.Q is not None:
+            np.testing.assert_allclose(theirs.Q, ours.Q, rtol=1e-12)
+
+
+def test_urdfs_have_only_the_joints_that_are_asked_for():
+    def types(text: str) -> set[str]:
+        return set(re.findall(r'<joint name="\w+" type="(\w+)"', text))
+
+    texts = draw(strategies.urdfs(), 80, 0)
+    assert set().union(*map(types, texts)) == {"continuous", "prismatic", "fixed"}
+    assert any("<mimic" in text for text in texts) and any("<dynamics" in text for text in texts)
+    plain = draw(strategies.urdfs(joints=["revolute"], mimic=False, massless=False), 40, 0)
+    for text in plain:
+        assert types(text) == {"continuous"}
+        assert "<mimic" not in text
+        assert text.count("<inertial>") == text.count("<link ") - 1
+    every = set().union(*map(types, draw(strategies.urdfs(joints=URDF_JOINTS), 80, 0)))
+    assert every == {"continuous", "prismatic", "fixed", "planar", "floating"}
+
+
+@pytest.mark.parametrize("joints", [["prismatic"], ["revolute", "ball"], [], "revolute"])
+def test_joints_that_a_urdf_cannot_be_made_of_are_refused(joints):
+    with pytest.raises(InputError, match="joints = "):
+        strategies.urdfs(joints=joints)
