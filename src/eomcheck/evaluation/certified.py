@@ -14,7 +14,7 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.ball import ball, midpoints, nearest, precision
+from eomcheck.numbers.ball import as_doubles, ball, midpoints, precision
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 
@@ -88,7 +88,7 @@ def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluatio
         RefusedError: the truth has no digits here, or the velocity overflows.
     """
     truth = enclose(scene, TRUTH, q, u, t, TRUE_DIGITS)
-    at = Evaluation(scene, q, representable("v", nearest(truth.v)), t)
+    at = Evaluation(scene, q, representable("v", as_doubles(truth.v)), t)
     at.u = np.array(u, dtype=np.float64)
     return truth, at
 
@@ -96,8 +96,8 @@ def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluatio
 def true_error(vdot: Array, truth: Enclosure) -> Array:
     """Return |v̇ - true v̇| (n,), rounded up."""
     errors = _errors(vdot, truth)
-    sizes = midpoints(np.array(errors, object))
-    return np.where([error == 0 for error in errors], 0.0, np.nextafter(sizes, np.inf))
+    nearest = midpoints(np.array(errors, object))
+    return np.where([error == 0 for error in errors], 0.0, np.nextafter(nearest, np.inf))
 
 
 def _errors(vdot: Array, truth: Enclosure) -> list:

@@ -63,7 +63,7 @@ def midpoints(x: Array) -> Array:
     return np.array([float(ball(y).mid()) for y in np.ravel(x)]).reshape(np.shape(x))
 
 
-def nearest(x: Array) -> Array:
+def as_doubles(x: Array) -> Array:
     """Return the balls x as doubles, same shape: their midpoints, and 0 where that is in a ball.
 
     Of what vanishes exactly nothing but the width of a ball is left, and that is no number.
