@@ -149,7 +149,8 @@ def test_bodies_are_some_that_can_exist(cases):
 
 
 def test_a_chosen_axis_points_to_both_sides_along_every_axis_and_anywhere(cases):
-    axes = {one.axis for scene, _ in cases for one in scene.made.description.joints}
+    solid = [scene for scene, _ in cases if not scene.made.topology.planar]
+    axes = {one.axis for scene in solid for one in scene.made.description.joints}
     straight = {tuple(sign * row) for sign in (1.0, -1.0) for row in np.eye(3)}
     assert straight <= axes
     assert any(np.count_nonzero(axis) == 3 for axis in axes)
