@@ -9,6 +9,7 @@ own vectors.
 - "hinge": a pin in space about a direction of the second frame: 2 rows more
 - "distance": two points keep their distance
 - "on-plane": a point of the first frame stays on a plane of the second
+- "square": a direction of the first frame is perpendicular to one of the second
 - "coupling": q_i = ratio q_j + shift
 - "drive": q_i = p + r t + a t²/2
 - "edge": a point does not move along a direction of its frame, and the position is free
@@ -24,9 +25,10 @@ from eomcheck.mechanics.described.absent import (
     dot,
     minus,
     plus,
+    times,
     vector,
 )
-from eomcheck.mechanics.described.rows import Derivation, Read, Row, product
+from eomcheck.mechanics.described.rows import Derivation, Moving, Read, Row, product
 from eomcheck.mechanics.described.topology import Closure, Plan
 
 
@@ -58,25 +60,27 @@ def hinge(read: Read) -> list[Row]:
 
 def distance(read: Read) -> list[Row]:
     """Return that (d² - L²)/2 = 0."""
-    square = product(read.apart, read.apart)
-    length = read.given.lengths[read.closure.number]
+    apart, length = read.apart, read.given.lengths[read.closure.number]
+    square = minus(dot(apart.value, apart.value), length * length)
     return [
         Row(
-            minus(_half(square.position), length * length / 2),
-            _half(square.rate),
-            {i: _half(x) for i, x in square.columns.items()},
-            _half(square.rest),
+            None if square is None else square / 2,
+            dot(apart.value, apart.rate),
+            {i: dot(apart.value, x) for i, x in apart.columns.items()},
+            plus(dot(apart.value, apart.rest), dot(apart.rate, apart.rate)),
         )
     ]
-
-
-def _half(x: Any) -> Any:
-    return None if x is None else x / 2
 
 
 def on_plane(read: Read) -> list[Row]:
     """Return that a point is on the plane across a direction through another."""
     return [product(read.apart, read.directions[0])]
+
+
+def square(read: Read) -> list[Row]:
+    """Return that two directions are perpendicular."""
+    a, b = read.directions
+    return [product(a, b)]
 
 
 def edge(read: Read) -> list[Row]:
@@ -125,10 +129,19 @@ KINDS = {
     "hinge": Closing(hinge, 0, 5, 2),
     "distance": Closing(distance, 1, 1, 2),
     "on-plane": Closing(on_plane, 1, 1, 2),
+    "square": Closing(square, 1, 1),
     "coupling": Closing(coupling, 1, 1),
     "drive": Closing(drive, 1, 1),
     "edge": Closing(edge, 1, 1, 1, holonomic=False),
 }
+
+
+def repeated(row: Row, factor: Any) -> Row:
+    """Return so many times a row."""
+    columns = {i: times(factor, x) for i, x in row.columns.items()}
+    numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
+    position, rate, rest, b = numbers
+    return Row(position, rate, columns, rest, b)
 
 
 def rows_of(closure: Closure, planar: bool) -> int:
@@ -139,15 +152,25 @@ def rows_of(closure: Closure, planar: bool) -> int:
 
 def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
     """Return all rows, closure by closure."""
-    found = []
+    found: list[Row] = []
+    seen: dict[Any, Moving] = {}  # many closures share a point
+
+    def of(what: Callable, k: int, i: int, numbers: Any) -> Moving:
+        if (what, k, i) not in seen:
+            seen[what, k, i] = what(k, vector(numbers[i]))
+        return seen[what, k, i]
+
     for closure in plan.topology.closures:
-        points = [at.point(k, vector(given.points[i])) for k, i in closure.points]
-        directions = [at.direction(k, vector(given.directions[i])) for k, i in closure.directions]
+        points = [of(at.point, k, i, given.points) for k, i in closure.points]
+        directions = [of(at.direction, k, i, given.directions) for k, i in closure.directions]
         second = (
             [at.direction(closure.points[1][0], x) for x in AXES]
             if (closure.kind == "weld")
             else []
         )
         read = Read(points, directions, second, closure, given, at, plan.topology.planar)
-        found += KINDS[closure.kind].rows(read)
+        some = KINDS[closure.kind].rows(read)
+        if closure.factor is not None:
+            some = [repeated(row, given.factors[closure.factor]) for row in some]
+        found += some
     return found

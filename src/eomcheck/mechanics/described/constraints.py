@@ -40,7 +40,7 @@ class First:
     def point(self, k: int, a: Vector) -> Moving:
         """Return the point a of frame k."""
         arm, at = point_of(self.frames, k, a)
-        found = columns(self.plan, self.frames, k, at)
+        found = columns(self.plan, self.frames, k, (arm, at))
         if self.rates is None or k < 0:
             return Moving(at, NOTHING, found, NOTHING)
         rest = added(self.rates[k].rest, swung(self.rates[k], arm))
@@ -82,6 +82,13 @@ class Second:
         return Moving(along, rate, {}, NOTHING)
 
 
+def holonomic_rows(plan: Plan) -> list[int]:
+    """Return which rows are rates of positions."""
+    planar, closures = plan.topology.planar, plan.topology.closures
+    each = [KINDS[one.kind].holonomic for one in closures for _ in range(rows_of(one, planar))]
+    return [i for i, one in enumerate(each) if one]
+
+
 def constraints_of(plan: Plan) -> dict[str, Any]:
     """Return the functions of a scene that are about its closures."""
     closures = plan.topology.closures
@@ -89,7 +96,7 @@ def constraints_of(plan: Plan) -> dict[str, Any]:
         return {}
     planar = plan.topology.planar
     r = sum(rows_of(one, planar) for one in closures)
-    held = sum(rows_of(one, planar) for one in closures if KINDS[one.kind].holonomic)
+    held = holonomic_rows(plan)
     driven = any(one.kind == "drive" for one in closures)
 
     def constraints(parameters, prepared, q):
@@ -115,10 +122,10 @@ def constraints_of(plan: Plan) -> dict[str, Any]:
         return c
 
     def position_residual(parameters, prepared, q):
-        residual = np.zeros(held, q.dtype)
+        residual = np.zeros(len(held), q.dtype)
         found = rows(plan, parameters, Second(plan, parameters, prepared, q))
-        for i, row in enumerate(found[:held]):
-            put(residual, i, row.position)
+        for i, k in enumerate(held):
+            put(residual, i, found[k].position)
         return residual
 
     found = {"constraints": constraints, "drift": drift, "constraint": constraint}

@@ -45,6 +45,8 @@ def passed_on(plan, parameters, prepared, v):
         V, omega = found[slot.parent] if slot.parent >= 0 else (NOTHING, NOTHING)
         if slot.offset is not None:
             V = added(V, cross(omega, vector(parameters.offset[slot.offset])))
+        if slot.absolute:
+            V, omega = level(plan, parameters, prepared, slot.parent, V), NOTHING
         if slot.turn is not None:
             seat = _seat(parameters, slot.turn)
             V, omega = along(seat, V), along(seat, omega)
@@ -82,6 +84,11 @@ def _outwards(
             a = added(a, unit(slot.axis, prepared.x[k]))
         if slot.turn is not None:
             a = levelled(_seat(parameters, slot.turn), a)
+        if slot.absolute:
+            if not point:
+                return a
+            seat = NOTHING if slot.offset is None else vector(parameters.offset[slot.offset])
+            return added(place(plan, parameters, prepared, slot.parent, seat), a)
         if point and slot.offset is not None:
             a = added(a, vector(parameters.offset[slot.offset]))
         k = slot.parent
@@ -118,8 +125,9 @@ def velocities_of(plan: Plan) -> Any:
 
 
 def potential_of(plan: Plan) -> Any:
-    """Return the function `potential` of a scene."""
+    """Return the function `potential` of a scene but for springs between points."""
     sprung = [k for k, slot in enumerate(plan.slots) if slot.spring is not None]
+    driven = [k for k, slot in enumerate(plan.slots) if slot.torque is not None]
 
     def potential(parameters, prepared, q):
         U = None
@@ -127,24 +135,26 @@ def potential_of(plan: Plan) -> Any:
             g = vector(parameters.gravity)
             for b, k in enumerate(plan.carriers):
                 at = place(plan, parameters, prepared, k, vector(parameters.center[b]))
-                U = _less(U, parameters.mass[b] * dot(g, at))
-        if not sprung:
-            return U
+                U = _less(U, times(parameters.mass[b], dot(g, at)))
         for k in sprung:
             i = plan.slots[k].spring
             stretch = prepared.x[k] - parameters.relaxed[i]
             U = _less(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
+        for k in driven:
+            U = _less(U, parameters.torque[plan.slots[k].torque] * prepared.x[k])
         return U
 
     return potential
 
 
 def _less(U: Any, x: Any) -> Any:
+    if x is None:
+        return U
     return -x if U is None else U - x
 
 
 def dissipation_of(plan: Plan) -> Any:
-    """Return the function `dissipation` of a scene, or None without dampers."""
+    """Return the function `dissipation` of a scene but for springs, or None without dampers."""
     damped = [k for k, slot in enumerate(plan.slots) if slot.damper is not None]
     if not damped:
         return None

@@ -17,12 +17,15 @@ from eomcheck.mechanics.described.absent import (
 )
 from eomcheck.mechanics.described.motion import centers
 from eomcheck.mechanics.described.pose import factor, placed
+from eomcheck.mechanics.described.springs import pull
 from eomcheck.mechanics.described.topology import Plan
 
 
 def forces_of(plan: Plan) -> Any:
     """Return the function `forces` of a scene."""
-    sprung = any(slot.spring is not None for slot in plan.slots)
+    sprung = bool(plan.topology.springs) or any(
+        slot.spring is not None or slot.torque is not None for slot in plan.slots
+    )
 
     def forces(parameters, prepared, q, v):
         damping = getattr(parameters, "damping", None)
@@ -39,6 +42,9 @@ def forces_of(plan: Plan) -> Any:
             if slot.damper is not None and damping is not None:
                 rate = times(grows, v[i])
                 Q[i] -= times(grows, damping[slot.damper] * rate)
+            if slot.torque is not None:
+                Q[i] += times(grows, parameters.torque[slot.torque])
+        pull(plan, parameters, prepared, q, v, Q)
         return Q
 
     return forces
@@ -58,6 +64,7 @@ def weigh(plan: Plan, parameters: Any, prepared: Any, Q: Any) -> None:
         if work is not None:
             Q[slot.coordinate] += work
         if slot.parent >= 0:
-            passed = added(moment[k], cross(frame.arm, force[k]))
+            passed = NOTHING if slot.absolute else moment[k]
+            passed = added(passed, cross(frame.arm, force[k]))
             moment[slot.parent] = added(moment[slot.parent], passed)
             force[slot.parent] = added(force[slot.parent], force[k])

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from eomcheck.mechanics.described import energies
+from eomcheck.mechanics.described.absent import plus
 from eomcheck.mechanics.described.closures import KINDS, rows_of
 from eomcheck.mechanics.described.constraints import constraints_of
 from eomcheck.mechanics.described.drawing import sketched
@@ -21,6 +22,7 @@ from eomcheck.mechanics.described.motion import jacobians_of
 from eomcheck.mechanics.described.neutral import tree_of
 from eomcheck.mechanics.described.pose import prepare_of
 from eomcheck.mechanics.described.quaternions import rotations
+from eomcheck.mechanics.described.springs import stored, taken, with_lengths
 from eomcheck.mechanics.described.start import started
 from eomcheck.mechanics.described.terms import terms_of
 from eomcheck.mechanics.described.topology import Plan, Topology
@@ -182,12 +184,12 @@ def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
 def functions_of(plan: Plan) -> dict[str, Callable]:
     """Return the functions of a scene."""
     functions = {
-        "prepare": prepare_of(plan),
+        "prepare": with_lengths(plan, prepare_of(plan)),
         "jacobians": jacobians_of(plan),
         "forces": forces_of(plan),
         "velocities": energies.velocities_of(plan),
-        "potential": energies.potential_of(plan),
-        "dissipation": energies.dissipation_of(plan),
+        "potential": potential_of(plan),
+        "dissipation": dissipation_of(plan),
         **constraints_of(plan),
     }
     constraints = functions.get("constraints", _no_constraints)
@@ -196,12 +198,38 @@ def functions_of(plan: Plan) -> dict[str, Callable]:
     return {name: generic(one) for name, one in functions.items() if one is not None}
 
 
+def potential_of(plan: Plan) -> Callable:
+    """Return the function `potential` of a scene."""
+    rest = energies.potential_of(plan)
+    if not plan.topology.springs:
+        return rest
+
+    def potential(parameters, prepared, q):
+        return plus(rest(parameters, prepared, q), stored(plan, parameters, prepared))
+
+    return potential
+
+
+def dissipation_of(plan: Plan) -> Callable | None:
+    """Return the function `dissipation` of a scene, or None without dampers."""
+    rest = energies.dissipation_of(plan)
+    if not plan.topology.springs:
+        return rest
+
+    def dissipation(parameters, prepared, q, v):
+        R = None if rest is None else rest(parameters, prepared, q, v)
+        return plus(R, taken(plan, parameters, prepared, q, v))
+
+    return dissipation
+
+
 def _no_constraints(parameters, prepared, q):
     return None, None
 
 
 @lru_cache(256)
-def _planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
+def planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
+    """Return the plan of a topology and the functions of its scenes, made once."""
     plan = Plan(topology)
     return plan, functions_of(plan)
 
@@ -209,7 +237,7 @@ def _planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
 @lru_cache(256)
 def kind_of(made: Made) -> type[Mechanism]:
     """Return the class of scenes of a description; the same one for the same description."""
-    plan, functions = _planned(made.topology)
+    plan, functions = planned(made.topology)
     planar, closures = made.topology.planar, made.topology.closures
     names = [
         name if count == 1 else f"{name} {i + 1}"

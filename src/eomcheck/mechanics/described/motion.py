@@ -48,22 +48,24 @@ class Rates(NamedTuple):
 STILL = Rates(NOTHING, NOTHING, NOTHING)
 
 
-def columns(plan: Plan, frames: list[Frame], k: int, at: Vector) -> Columns:
-    """Return how a point `at` of frame k moves with v."""
+def columns(plan: Plan, frames: list[Frame], k: int, point: tuple[Vector, Vector]) -> Columns:
+    """Return how a point of frame k moves with v, given as arm from its origin and as place."""
     found: Columns = {}
-    for i in plan.on_the_way(k):
-        slot, frame = plan.slots[i], frames[i]
-        moved = frame.axis
-        if not slot.slides:
-            moved = cross(frame.axis, subtracted(at, frame.origin))
-        found[slot.coordinate] = added(found.get(slot.coordinate, NOTHING), moved)
+    for i, runs in plan.movers[k] if k >= 0 else ():
+        axis, reach = frames[i].axis, NOTHING
+        for run in runs:
+            arm, at = point if run.end is None else (frames[run.end].arm, frames[run.end].origin)
+            reach = added(reach, arm if run.arm else subtracted(at, frames[run.start].origin))
+        moved = axis if plan.slots[i].slides else cross(axis, reach)
+        j = plan.slots[i].coordinate
+        found[j] = added(found.get(j, NOTHING), moved)
     return found
 
 
 def turning_columns(plan: Plan, frames: list[Frame], k: int) -> Columns:
     """Return how fast frame k turns with v, along the axes of the ground."""
     found: Columns = {}
-    for i in plan.on_the_way(k):
+    for i in plan.turned_by[k] if k >= 0 else ():
         slot = plan.slots[i]
         if not slot.slides:
             before = found.get(slot.coordinate, NOTHING)
@@ -76,7 +78,7 @@ def spins(plan, parameters, prepared):
     """Return, slot by slot, how fast each frame turns with v, along its own axes (`Columns`)."""
     found: list[Columns] = []
     for k, slot in enumerate(plan.slots):
-        here = dict(found[slot.parent]) if slot.parent >= 0 else {}
+        here = dict(found[plan.seat(k)]) if plan.seat(k) >= 0 else {}
         if slot.turn is not None:
             R = parameters.rotation[slot.turn]
             seat = tuple(vector(R[:, i]) for i in range(3))
@@ -97,7 +99,7 @@ def moving(plan, parameters, frames, v):
     found = []
     for k, slot in enumerate(plan.slots):
         before, frame = found[slot.parent] if slot.parent >= 0 else STILL, frames[k]
-        omega, alpha = before.omega, before.alpha
+        omega, alpha, _ = found[plan.seat(k)] if plan.seat(k) >= 0 else STILL
         rest = added(before.rest, swung(before, frame.arm))
         rate = scaled(v[slot.coordinate], frame.axis)
         carried = cross(omega, rate)
@@ -136,7 +138,7 @@ def jacobians_of(plan: Plan) -> Any:
         gyroscopic = None if plan.topology.planar else np.zeros((plan.bodies, e), v.dtype)
         for b, (arm, at) in enumerate(centers(plan, parameters, frames)):
             k = carriers[b]
-            for i, one in columns(plan, frames, k, at).items():
+            for i, one in columns(plan, frames, k, (arm, at)).items():
                 put_vector(linear, (b, None, i), one, d)
             for i, one in turning[k].items():
                 put_vector(angular, (b, None, i), one[kept], e)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eomcheck.mechanics.described.start import numbers_of
+from eomcheck.mechanics.described.topology import Plan
 from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.contract import Array
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism
@@ -15,7 +17,17 @@ if TYPE_CHECKING:
 
 def tree_of(scene: Mechanism) -> Tree:
     """Return the bodies of a mechanism, joint by joint."""
-    plan, given = scene.plan, numbers_of(scene)
+    return tree_by(scene.plan, numbers_of(scene))
+
+
+def _doubles(entries: Any) -> Array:
+    """Return entries as doubles, what is absent as 0."""
+    given = np.asarray(entries, object)
+    return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
+
+
+def tree_by(plan: Plan, given: Any) -> Tree:
+    """Return the bodies of a plan by its numbers; absolute joints must be in the plane."""
     slots, joints = plan.slots, len(plan.slots)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
     offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))
@@ -23,15 +35,18 @@ def tree_of(scene: Mechanism) -> Tree:
     coordinates = np.zeros((joints, plan.n))
     for k, slot in enumerate(slots):
         coordinates[k, slot.coordinate] = slot.sense
+        if slot.absolute:  # a joint's own coordinate is that less all turns before
+            for before in plan.on_the_way(slot.parent):
+                coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
         if slot.follows is not None:
             coordinates[k] *= given.ratio[slot.follows]
             shift[k] = slot.sense * given.shift[slot.follows]
         if slot.turn is not None:
-            rotation[k] = given.rotation[slot.turn]
+            rotation[k] = _doubles(given.rotation[slot.turn])
         if slot.offset is not None:
-            offset[k, : plan.d] = given.offset[slot.offset]
+            offset[k, : plan.d] = _doubles(given.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
-        mass[k], center[k, : plan.d] = given.mass[b], given.center[b]
+        mass[k], center[k, : plan.d] = given.mass[b], _doubles(given.center[b])[: plan.d]
         # In the plane one moment counts, and is given to all axes, so that such a body can be.
         inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):

@@ -31,6 +31,8 @@ class Prepared(NamedTuple):
     """Those of the hinges, or None without any."""
     driven: Any
     """Position, rate and acceleration of what a clock drives (3, drives), or None."""
+    lengths: Any = None
+    """Lengths of the springs between points, or None without any, m."""
 
 
 class Frame(NamedTuple):
@@ -96,6 +98,8 @@ def placed_on(before: Frame, plan: Plan, k: int, parameters: Any, prepared: Prep
     slot, axes, arm = plan.slots[k], before.axes, NOTHING
     if slot.offset is not None:
         arm = levelled(axes, vector(parameters.offset[slot.offset]))
+    if slot.absolute:
+        axes = AXES
     if slot.turn is not None:
         R = parameters.rotation[slot.turn]
         first, second, third = (levelled(axes, vector(R[:, i])) for i in range(3))

@@ -73,16 +73,20 @@ class Read(NamedTuple):
     @property
     def apart(self) -> Moving:
         """The first point as seen from the second."""
-        a, b = self.points
-        return Moving(
-            subtracted(a.value, b.value),
-            subtracted(a.rate, b.rate),
-            {
-                i: subtracted(a.columns.get(i, NOTHING), b.columns.get(i, NOTHING))
-                for i in {**a.columns, **b.columns}
-            },
-            subtracted(a.rest, b.rest),
-        )
+        return between(*self.points)
+
+
+def between(a: Moving, b: Moving) -> Moving:
+    """Return the vector to a from b."""
+    return Moving(
+        subtracted(a.value, b.value),
+        subtracted(a.rate, b.rate),
+        {
+            i: subtracted(a.columns.get(i, NOTHING), b.columns.get(i, NOTHING))
+            for i in {**a.columns, **b.columns}
+        },
+        subtracted(a.rest, b.rest),
+    )
 
 
 def product(a: Moving, b: Moving) -> Row:

@@ -94,6 +94,11 @@ def shifted(one: Heavy, away: Vector) -> Heavy:
     return Heavy(one.mass, added(one.first, step), found)
 
 
+def weightless_turn(one: Heavy) -> Heavy:
+    """Return what a slot carries for those before it that do not turn it: a point at its origin."""
+    return Heavy(one.mass, NOTHING, dict.fromkeys(one.inertia))
+
+
 def joined(one: Heavy | None, other: Heavy) -> Heavy:
     """Return two bodies as one."""
     if one is None:
@@ -121,10 +126,12 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
             work = dot(frame.axis, force[k] if slot.slides else moment[k])
             B[slot.coordinate] = plus(work, B[slot.coordinate])
         if own is not None and slot.parent >= 0:
-            heavy[slot.parent] = joined(heavy[slot.parent], shifted(own, frame.arm))
-            moment[k] = added(moment[k], cross(frame.arm, force[k]))
+            carried = weightless_turn(own) if slot.absolute else own
+            heavy[slot.parent] = joined(heavy[slot.parent], shifted(carried, frame.arm))
+            handed = NOTHING if slot.absolute else moment[k]
+            handed = added(handed, cross(frame.arm, force[k]))
             force[slot.parent] = added(force[slot.parent], force[k])
-            moment[slot.parent] = added(moment[slot.parent], moment[k])
+            moment[slot.parent] = added(moment[slot.parent], handed)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         i, last = plan.slots[k].coordinate, plan.e - 1
         grows = factor(plan.slots[k], parameters)
@@ -151,7 +158,7 @@ def add_rows(plan: Plan, frames: list[Frame], k: int, one: Heavy, M: Any) -> Non
             M[i, slot.coordinate] += share
             if at != k:
                 M[slot.coordinate, i] += share
-        L = added(L, cross(frame.arm, P))
+        L = added(NOTHING if slot.absolute else L, cross(frame.arm, P))
 
 
 def terms_of(plan: Plan, forces: Any, constraints: Any, drift: Any) -> Any:

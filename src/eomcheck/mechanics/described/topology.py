@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+PARAMETER = "parameter"
+"""What is known beforehand of an entry that may be any number."""
 
 
 class Slot(NamedTuple):
@@ -30,6 +34,10 @@ class Slot(NamedTuple):
     damper: int | None = None
     rotor: int | None = None
     """Its armature."""
+    absolute: bool = False
+    """Whether it turns against the axes of the ground and not those of the frame before."""
+    torque: int | None = None
+    """A constant one, or a force, along its coordinate."""
     name: str = ""
 
     @property
@@ -54,7 +62,9 @@ class Closure(NamedTuple):
     """Frames, and places among the `directions`."""
     coordinates: tuple[int, ...] = ()
     number: int | None = None
-    """Place among the `lengths`, the `couplings` or the `drives`."""
+    """Place among the `lengths`, the `couplings`, the `drives` or the `springs`."""
+    factor: int | None = None
+    """Place among the `factors`: so many times its rows are taken."""
 
 
 class Topology(NamedTuple):
@@ -66,6 +76,22 @@ class Topology(NamedTuple):
     planar: bool = False
     """Whether nothing leaves the plane z = 0: then no third component is there."""
     closures: tuple[Closure, ...] = ()
+    springs: tuple[Closure, ...] = ()
+    """Those between two points, each with a place among the `springs`."""
+    entries: Any = None
+    """What is known of the numbers beforehand, by name: entries that are absent (None), or 1 or -1;
+    None where all of them are parameters."""
+
+
+class Run(NamedTuple):
+    """A part of the way from the ground to a point that turns as one."""
+
+    start: int
+    """Slot at whose origin it starts."""
+    end: int | None
+    """Slot at whose origin it ends; None at the point."""
+    arm: bool
+    """Whether it is a single arm, from one origin to the next."""
 
 
 class Plan:
@@ -76,7 +102,8 @@ class Plan:
         self.slots = slots = topology.slots
         self.n = len(topology.coordinates)
         self.d, self.e = (2, 1) if topology.planar else (3, 3)
-        self.carriers = tuple(k for k, slot in enumerate(slots) if slot.body is not None)
+        carriers = (k for k, slot in enumerate(slots) if slot.body is not None)
+        self.carriers = tuple(sorted(carriers, key=lambda k: slots[k].body or 0))
         """The slots of the bodies, in their order."""
         self.rotors = tuple(k for k, slot in enumerate(slots) if slot.rotor is not None)
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
@@ -87,6 +114,36 @@ class Plan:
         for k, slot in enumerate(slots):
             before = self.from_ground[slot.parent] if slot.parent >= 0 else ()
             self.from_ground.append((*before, k))
+        self.turned_by: list[tuple[int, ...]] = []
+        """Slots whose axes turn each of the frames, itself the last."""
+        for k in range(len(slots)):
+            before = self.turned_by[self.seat(k)] if self.seat(k) >= 0 else ()
+            self.turned_by.append((*before, k))
+        self.movers = tuple(tuple(self._movers(k)) for k in range(len(slots)))
+        """Per frame the slots that move a point of it, a hinge with the `Run`s that it turns."""
+
+    def seat(self, k: int) -> int:
+        """Return the slot against whose frame slot k turns; -1 for the ground."""
+        return -1 if self.slots[k].absolute else self.slots[k].parent
+
+    def _movers(self, k: int) -> Iterator[tuple[int, tuple[Run, ...]]]:
+        way = self.from_ground[k]
+        # The arm to the first slot stays; arm j > 0 turns with slot j - 1, the last is the point's.
+        turning = [set(self.turned_by[i]) for i in way]
+        for i in sorted({*way, *(i for some in turning for i in some)}):
+            if self.slots[i].slides:
+                if i in way:
+                    yield i, ()
+                continue
+            runs: list[Run] = []
+            for j, some in enumerate(turning):
+                if i in some:
+                    end = way[j + 1] if j + 1 < len(way) else None
+                    if runs and runs[-1].end == way[j]:
+                        runs[-1] = Run(runs[-1].start, end, False)
+                    else:
+                        runs.append(Run(way[j], end, True))
+            yield i, tuple(runs)
 
     @property
     def bodies(self) -> int:

@@ -68,6 +68,10 @@ class Joint(NamedTuple):
     """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
     follows: tuple[str, float, float] | None = None
     """Another joint, ratio and shift: its coordinate is ratio times the other's, plus shift."""
+    absolute: bool = False
+    """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
+    torque: float | None = None
+    """A constant one along its coordinate, N m or N; None without."""
 
 
 class Constraint(NamedTuple):
@@ -80,6 +84,24 @@ class Constraint(NamedTuple):
     directions: tuple[tuple[str, Triple], ...] = ()
     joints: tuple[str, ...] = ()
     numbers: Any = None
+    factor: Any = None
+    """So many times its rows are taken; None for once."""
+
+
+class Spring(NamedTuple):
+    """A spring between two points, with a damper or without."""
+
+    name: str
+    link: str
+    other: str
+    at: Triple
+    at_other: Triple
+    stiffness: float
+    """N/m."""
+    length: float
+    """At rest, m."""
+    damping: float | None = None
+    """N s/m."""
 
 
 def pin(
@@ -123,6 +145,11 @@ def on_plane(
 ) -> Constraint:
     """Return that a point of one link stays on a plane of another, given by what is across it."""
     return Constraint("on-plane", name, ((link, at), (other, at_other)), ((other, across),))
+
+
+def square(name: str, link: str, along: Triple, other: str, along_other: Triple) -> Constraint:
+    """Return that two directions are perpendicular."""
+    return Constraint("square", name, directions=((link, along), (other, along_other)))
 
 
 def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0) -> Constraint:
