@@ -25,7 +25,10 @@ class Fault:
 
 SNAKE_TERMS, SNAKE_SPEEDS = "scenes/snake_terms.py", "scenes/snake_speeds.py"
 SNAKE_ENERGIES, SNAKE_CHAIN = "scenes/snake_energies.py", "scenes/snake_chain.py"
-PENDULUM = "scenes/chain_pendulum.py"
+DESCRIBED = "mechanics/described/"
+MOTION, ENERGIES = DESCRIBED + "motion.py", DESCRIBED + "energies.py"
+WEIGHTS = DESCRIBED + "forces.py"
+WEIGHED = "generalized-forces", "row θ_"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
@@ -42,7 +45,9 @@ SHARED = {
     COMPOSED: ChainPendulum,
     GRAVITY: Bricard,
     LINKAGE: Andrews,
-    SERIAL: ChainPendulum,
+    MOTION: ChainPendulum,
+    WEIGHTS: ChainPendulum,
+    ENERGIES: ChainPendulum,
     SPACE: Bricard,
 }
 """File of functions that many scenes call -> one of the scenes."""
@@ -340,14 +345,22 @@ FAULTS = [
         "kane-ml-force",
         "F_Kane",
     ),
-    # The chain pendulum: how its links move, its weights, its second derivation.
-    Fault(PENDULUM, "[:k], halves[k]", "[:k], tips[k]", "mass-matrix", "θ_"),
-    Fault(PENDULUM, "*tips[:k]", "*halves[:k]", "mass-matrix", "θ_"),
-    Fault(PENDULUM, "return -gravity[0]", "return gravity[0]", "generalized-forces", "sign"),
-    Fault(PENDULUM, "[1] * cos\n", "[1]\n", "generalized-forces", "row θ_"),
-    Fault(PENDULUM, "+ rise / 2, y + rise", "+ rise / 2, y - rise", "generalized-forces", "θ"),
-    Fault(SERIAL, "y + length[i] / 2", "y - length[i] / 2", "mass-matrix", "[casadi]"),
-    Fault(SERIAL, "2 * omega[i] * angles.cos", "2 * omega[i] * angles.sin", "mass-matrix", "θ_"),
+    # What is made of a description: how bodies move, what weighs, and the second derivation.
+    Fault(MOTION, "arm if run.arm else", "at if run.arm else", "mass-matrix", "θ_"),
+    Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", "bias", "row θ_"),
+    Fault(MOTION, "[P[c] * linear[k, c, j]", "[P[c] * linear[k, c, i]", "mass-matrix", "θ_"),
+    Fault(
+        MOTION, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"
+    ),
+    Fault(MOTION, "mass[k] * linear_rest", "-mass[k] * linear_rest", "bias", "sign"),
+    Fault(MOTION, "centripetal(rates.omega, arm))", "rates.rest)", "bias", "row θ_"),
+    Fault(WEIGHTS, "Q[i] += parameters.mass", "Q[i] -= parameters.mass", *WEIGHED),
+    Fault(WEIGHTS, "dot(g, moved)", "dot(g, point[0])", *WEIGHED),
+    Fault(ENERGIES, "U, times(parameters.mass", "U, times(-parameters.mass", *WEIGHED),
+    Fault(ENERGIES, "parent, seat), a)", "parent, a), seat)", *WEIGHED),
+    Fault(ENERGIES, "turned_back(V, axis", "turned(V, axis", "mass-matrix", "[casadi]"),
+    Fault(ENERGIES, "V), NOTHING\n", "V), omega\n", "mass-matrix", "[casadi]"),
+    Fault(ENERGIES, "cross(omega, a))", "cross(a, omega))", "mass-matrix", "θ_"),
     # The sleigh.
     Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),
     Fault(SLEIGH, " + moment * offset", "", "mass-matrix", "entry (θ, θ)"),

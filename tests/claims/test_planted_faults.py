@@ -5,20 +5,21 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from itertools import count
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import COMPOSED, FAULTS, PARTS, SHARED, Fault
+from tests.faults import COMPOSED, DESCRIBED, FAULTS, PARTS, SHARED, Fault
 from tests.samples import random_scene, random_state
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding, speeds
 from eomcheck.claims.run import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.mechanics.described import mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
 from eomcheck.scenes import SCENES, Snake
@@ -87,6 +88,11 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
         functions = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
         own = {name: staticmethod(x) for name, x in functions.items() if hasattr(kind, name)}
         scene = type(kind.__name__, (kind,), own)
+    elif file.startswith(DESCRIBED):
+        kind = SHARED[file]
+        path = Path(inspect.getfile(kind))
+        with planted(str(path), path.read_text(encoding="utf-8")) as caller:
+            scene = getattr(caller, kind.__name__)
     else:
         kind = SHARED[file]
         path = Path(inspect.getfile(kind))
@@ -99,6 +105,35 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
     return scene
 
 
+@contextmanager
+def in_place_of(module: ModuleType, file: str) -> Iterator[None]:
+    """Let all that scenes of descriptions are made of call what is in `module`."""
+    home = "eomcheck." + file.removesuffix(".py").replace("/", ".")
+    own = vars(sys.modules[home]).items()
+    written = {id(x): name for name, x in own if getattr(x, "__module__", "") == home}
+    users = [x for key, x in sys.modules.items() if key.startswith(home.rpartition(".")[0] + ".")]
+    kept = [
+        (user, called, x)
+        for user in users
+        for called, x in vars(user).items()
+        if id(x) in written and inspect.isfunction(x)
+    ]
+    mechanism.planned.cache_clear()
+    try:
+        for user, called, x in kept:
+            setattr(user, called, getattr(module, written[id(x)]))
+        yield
+    finally:
+        for user, called, x in kept:
+            setattr(user, called, x)
+        mechanism.planned.cache_clear()
+
+
+def used(module: ModuleType, file: str) -> AbstractContextManager[None]:
+    """Return the context in which scenes are made of what is in `module`."""
+    return in_place_of(module, file) if file.startswith(DESCRIBED) else nullcontext()
+
+
 def formulation_in(module: ModuleType, key: str) -> dict:
     found = [x for x in vars(module).values() if isinstance(x, type(FORMULATIONS[key]))]
     return FORMULATIONS | {found[0].key: found[0]}
@@ -108,13 +143,13 @@ def formulation_in(module: ModuleType, key: str) -> dict:
 @pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
-    with planted(file, source) as module:
+    with planted(file, source) as module, used(module, file):
         assert first_failure(kind_in(module, file), FORMULATIONS) is None
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
-    with planted(fault.file, changed(fault)) as module:
+    with planted(fault.file, changed(fault)) as module, used(module, fault.file):
         if fault.file.startswith(("scenes/", "mechanics/")):
             failure = first_failure(kind_in(module, fault.file), FORMULATIONS)
         else:

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from eomcheck.errors import whole_number
-from eomcheck.mechanics.gravity import height_energy
-from eomcheck.mechanics.linkage import halved, pinned_jacobians, rods
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
-from eomcheck.mechanics.serial import passed_on, serial_tree
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
@@ -29,53 +29,26 @@ from eomcheck.mechanics.sketch import (
     fixed_axes,
     turned_by,
 )
-from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Array
-from eomcheck.scenes.snake_terms import carried
-
-# ---- How the links move --------------------------------------------------------------------------
 
 
-def jacobians(parameters, angles, q, v):
-    """Return the `Jacobians`: link j moves all that hangs on it by its length, itself by half."""
-    tips = rods(parameters.length, angles)
-    halves = halved(tips)
-    return pinned_jacobians([[*tips[:k], halves[k]] for k in range(q.size)], v)
-
-
-def weights(gravity, mass, length, cos):
-    """Return Q (N,) of gravity, or None without it."""
-    if gravity is None:
-        return None
-    return -gravity[0] * carried(mass, length)[1] * cos
-
-
-def forces(parameters, angles, q, v):
-    """Return Q (N,), or None."""
-    return weights(parameters.gravity, parameters.mass, parameters.length, angles.cos)
-
-
-# ---- The second derivation: positions and velocities only ----------------------------------------
-
-
-def velocities(parameters, angles, q, v):
-    """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1)."""
-    return passed_on(parameters.length, angles, 0, 0, v)
-
-
-def potential(parameters, angles, q):
-    """Return U, J, or None."""
-    heights, y = np.zeros(q.size, q.dtype), 0
-    for i in range(q.size):
-        rise = parameters.length[i] * angles.sin[i]
-        heights[i], y = y + rise / 2, y + rise
-    return height_energy(parameters.gravity, parameters.mass, heights)
+def description(parameters):
+    """Return the chain in words: each link on the tip of the one before."""
+    mass, length, gravity = parameters.mass, parameters.length, parameters.gravity
+    names = [GROUND, *(f"link {k + 1}" for k in range(mass.size))]
+    links, joints = [], []
+    for k, (before, name) in enumerate(pairwise(names)):
+        links.append(words.Link(name, mass[k], (length[k] / 2, 0, 0)))
+        tip = (length[k - 1], 0, 0) if k else words.ORIGIN
+        joints.append(words.Joint(f"θ_{k + 1}", "revolute", before, name, tip, absolute=True))
+    down = None if gravity is None else (0, -gravity[0], 0)
+    return Description(links, joints, gravity=down, planar=True)
 
 
 # ---- The scene -----------------------------------------------------------------------------------
 
 
-class ChainPendulum(OfLinks, functions=globals()):
+class ChainPendulum(Described, OfLinks, description=description):
     """An N-link planar chain that hangs on a pin, N >= 1, without any constraint."""
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), of_links)
@@ -110,10 +83,6 @@ class ChainPendulum(OfLinks, functions=globals()):
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`."""
         return self.pose.copy(), np.zeros(self.n)
-
-    def tree(self) -> Tree:
-        """Return one RZ after the other: relative angles."""
-        return serial_tree(self.mass, self.length, self.inertia, free=False)
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[ChainPendulum, Array]:
