@@ -27,7 +27,7 @@ SNAKE_TERMS, SNAKE_SPEEDS = "scenes/snake_terms.py", "scenes/snake_speeds.py"
 SNAKE_ENERGIES, SNAKE_CHAIN = "scenes/snake_energies.py", "scenes/snake_chain.py"
 DESCRIBED = "mechanics/described/"
 MOTION, ENERGIES = DESCRIBED + "motion.py", DESCRIBED + "energies.py"
-WEIGHTS = DESCRIBED + "forces.py"
+WEIGHTS, TERMS = DESCRIBED + "forces.py", DESCRIBED + "terms.py"
 WEIGHED = "generalized-forces", "row θ_"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
@@ -40,13 +40,14 @@ BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bic
 BRICARD = "scenes/bricard.py"
 COMPOSED = "mechanics/composed.py"
 GRAVITY, LINKAGE = "mechanics/gravity.py", "mechanics/linkage.py"
-SERIAL, SPACE = "mechanics/serial.py", "mechanics/space.py"
+SPACE = "mechanics/space.py"
 SHARED = {
     COMPOSED: ChainPendulum,
     GRAVITY: Bricard,
     LINKAGE: Andrews,
     MOTION: ChainPendulum,
     WEIGHTS: ChainPendulum,
+    TERMS: ChainPendulum,
     ENERGIES: ChainPendulum,
     SPACE: Bricard,
 }
@@ -345,14 +346,20 @@ FAULTS = [
         "kane-ml-force",
         "F_Kane",
     ),
+    Fault(SNAKE_ENERGIES, "y + length[i] / 2", "y - length[i] / 2", "mass-matrix", "[casadi]"),
+    Fault(
+        SNAKE_ENERGIES,
+        "2 * omega[i] * angles.cos",
+        "2 * omega[i] * angles.sin",
+        "mass-matrix",
+        "θ_",
+    ),
     # What is made of a description: how bodies move, what weighs, and the second derivation.
     Fault(MOTION, "arm if run.arm else", "at if run.arm else", "mass-matrix", "θ_"),
     Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", "bias", "row θ_"),
-    Fault(MOTION, "[P[c] * linear[k, c, j]", "[P[c] * linear[k, c, i]", "mass-matrix", "θ_"),
-    Fault(
-        MOTION, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"
-    ),
-    Fault(MOTION, "mass[k] * linear_rest", "-mass[k] * linear_rest", "bias", "sign"),
+    Fault(TERMS, "[P[c] * linear[k, c, j]", "[P[c] * linear[k, c, i]", "mass-matrix", "θ_"),
+    Fault(TERMS, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"),
+    Fault(TERMS, "mass[k] * linear_rest", "-mass[k] * linear_rest", "bias", "sign"),
     Fault(MOTION, "centripetal(rates.omega, arm))", "rates.rest)", "bias", "row θ_"),
     Fault(WEIGHTS, "Q[i] += parameters.mass", "Q[i] -= parameters.mass", *WEIGHED),
     Fault(WEIGHTS, "dot(g, moved)", "dot(g, point[0])", *WEIGHED),

@@ -162,7 +162,7 @@ RIGHT = {
         ([(pose, "hinged")], other_way, "Arm", "mass-matrix"),
         ([(forces, "weigh")], upwards, "Arm", "generalized-forces"),
         ([(energies, "moved_point")], standing, "Arm", "mass-matrix"),
-        ([(closures, "product")], halved, "Rodded", "constraint-drift"),
+        ([(closures, "product")], halved, "Hinged", "constraint-drift"),
         ([(constraints, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
     ],
 )

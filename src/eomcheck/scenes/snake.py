@@ -28,7 +28,6 @@ from eomcheck.mechanics.parameters import (
     stretched,
 )
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.mechanics.serial import serial_tree
 from eomcheck.mechanics.sketch import (
     Body,
     Center,
@@ -42,7 +41,7 @@ from eomcheck.mechanics.sketch import (
     place,
     turned_by,
 )
-from eomcheck.mechanics.tree import Tree
+from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
@@ -204,7 +203,20 @@ class Snake(OfLinks, functions=PARTS):
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""
-        return serial_tree(self.mass, self.length, self.inertia, free=True)
+        n, none = self.n, np.zeros(2)
+        offset, center = np.zeros((2, n, 3))
+        offset[3:, 0], center[2:, 0] = self.length[:-1], self.length / 2
+        coordinates = np.eye(n)
+        coordinates[2:, 2:] -= np.eye(self.links, k=-1)
+        return planar_tree(
+            parent=tuple(range(-1, n - 1)),
+            joint=("px", "py", *["rz"] * self.links),
+            offset=offset,
+            mass=np.r_[none, self.mass],
+            center=center,
+            inertia=np.r_[none, self.inertia],
+            coordinates=coordinates,
+        )
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Snake, Array]:

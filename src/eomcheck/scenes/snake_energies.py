@@ -8,7 +8,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.mechanics.serial import passed_on
+
+def passed_on(length, angles, x, y, omega):
+    """Return the velocities of links one behind the other, centres (N, 2) and rotation (N, 1).
+
+    Passed on from joint to joint: the first moves with (x, y), link i turns at omega_i.
+    """
+    links = length.size
+    V = np.zeros((links, 2), omega.dtype)
+    for i in range(links):
+        V[i, 0] = x - length[i] / 2 * omega[i] * angles.sin[i]
+        V[i, 1] = y + length[i] / 2 * omega[i] * angles.cos[i]
+        x = x - length[i] * omega[i] * angles.sin[i]
+        y = y + length[i] * omega[i] * angles.cos[i]
+    return V, omega.reshape(links, 1)
 
 
 def velocities(parameters, angles, q, v):
