@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from eomcheck.scenes import Andrews, Bicycle, Bricard, ChainPendulum, Snake
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import Andrews, Bicycle, Bricard, ChainPendulum, FourBarChain, Snake
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,8 @@ class Fault:
     new: str
     claim: str
     says: str
+    scene: type[Scene] | None = None
+    """The one that is looked at, where it is not that of the file."""
 
     @property
     def id(self) -> str:
@@ -32,19 +35,24 @@ WEIGHED = "generalized-forces", "row θ_"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
-FOUR_BAR = "scenes/four_bar_chain.py"
-ANDREWS = "scenes/andrews.py"
 GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 BRICARD = "scenes/bricard.py"
 COMPOSED = "mechanics/composed.py"
-GRAVITY, LINKAGE = "mechanics/gravity.py", "mechanics/linkage.py"
+GRAVITY = "mechanics/gravity.py"
+ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
+CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
+WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
+CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
 SPACE = "mechanics/space.py"
 SHARED = {
     COMPOSED: ChainPendulum,
     GRAVITY: Bricard,
-    LINKAGE: Andrews,
+    ROWS: FourBarChain,
+    CONSTRAINTS: Andrews,
+    CLOSURES: Andrews,
+    SPRINGS: Andrews,
     MOTION: ChainPendulum,
     WEIGHTS: ChainPendulum,
     TERMS: ChainPendulum,
@@ -368,6 +376,22 @@ FAULTS = [
     Fault(ENERGIES, "turned_back(V, axis", "turned(V, axis", "mass-matrix", "[casadi]"),
     Fault(ENERGIES, "V), NOTHING\n", "V), omega\n", "mass-matrix", "[casadi]"),
     Fault(ENERGIES, "cross(omega, a))", "cross(a, omega))", "mass-matrix", "θ_"),
+    # What closes loops, springs between points, constant torques.
+    Fault(ROWS, "subtracted(a.value, b.value)", "subtracted(b.value, a.value)", *RATE),
+    Fault(ROWS, "subtracted(a.rate, b.rate)", "subtracted(b.rate, a.rate)", *WINDOW),
+    Fault(ROWS, "subtracted(a.columns.get", "subtracted(b.columns.get", *WINDOW),
+    Fault(ROWS, "subtracted(a.rest, b.rest)", "subtracted(b.rest, a.rest)", *DRIFTING, Andrews),
+    Fault(CONSTRAINTS, "put(gamma, i, row.rest)", "put(gamma, i, row.rate)", *DRIFTING),
+    Fault(CONSTRAINTS, "put(a, (i, j), x)", "put(a, (i, j), -x)", *CLOSING),
+    Fault(CONSTRAINTS, "put(c, i, row.rate)", "put(c, i, row.position)", *CLOSING),
+    Fault(CONSTRAINTS, "put(residual, i, found[k]", "put(residual, 0, found[k]", *RATE),
+    Fault(CLOSURES, "x[i] for j, x in", "x[0] for j, x in", *CLOSING),
+    Fault(CLOSURES, "a.columns.items()}, a.rest[i]", "a.columns.items()}, a.rest[0]", *DRIFTING),
+    Fault(SPRINGS, "Q[j] -= share", "Q[j] += share", "generalized-forces", "row γ"),
+    Fault(SPRINGS, "longer * longer / 2", "longer * longer", "generalized-forces", "row γ"),
+    Fault(SPRINGS, "force / length", "force", "generalized-forces", "row γ"),
+    Fault(WEIGHTS, "Q[i] += times(grows, p", "Q[i] -= times(grows, p", *PULLED),
+    Fault(ENERGIES, "U, parameters.torque", "U, -parameters.torque", *PULLED),
     # The sleigh.
     Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),
     Fault(SLEIGH, " + moment * offset", "", "mass-matrix", "entry (θ, θ)"),
@@ -424,26 +448,7 @@ FAULTS = [
     Fault(BALL, "= table.reshape", "= -table.reshape", *KANE),
     Fault(BALL, "left * cos[0]\n    return np", "left\n    return np", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
-    # The chain of four-bar linkages.
-    # Andrews' mechanism and the governor
-    Fault(ANDREWS, "[*tips, arm(", "[*tips[:0], arm(", "mass-matrix", "[pinocchio]"),
-    Fault(LINKAGE, "J[1, i] += arm", "J[1, i] -= arm", "bias", "row "),
-    Fault(LINKAGE, "left[0] -= omega", "left[0] += omega", "bias", "row "),
-    Fault(LINKAGE, "Arm(-arm.x", "Arm(arm.x", "constraint-jacobian", "K2 at K"),
-    Fault(LINKAGE, "gamma[k], loops[k]", "gamma[k], loops[k][1:]", "constraint-drift", "K2"),
-    Fault(LINKAGE, "    return gamma.r", "    return -gamma.r", "constraint-drift", "sign"),
-    Fault(LINKAGE, "x - omega * arm.y", "x + omega * arm.y", "constraint-jacobian", "K2"),
-    Fault(ANDREWS, "pull * (x * arm_y -", "pull * (x * arm_y +", "generalized-forces", "row γ"),
-    Fault(ANDREWS, "/ 2 - parameters.torque", "/ 2 + parameters.torque", "generalized-forces", "β"),
-    Fault(ANDREWS, "*backwards(arms)", "*arms", "constraint-jacobian", "K2 at K"),
-    Fault(
-        ANDREWS,
-        "[points[0] - points[i]",
-        "[points[0] - 2 * points[i]",
-        *RATE,
-    ),
-    Fault(ANDREWS, "return closing_d", "return -closing_d", "constraint-drift", "sign"),
-    Fault(ANDREWS, "V[0][0] - V[i]", "V[0][0] + V[i]", "constraint-jacobian", "K2"),
+    # The governor.
     Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
     Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
     Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
@@ -510,27 +515,6 @@ FAULTS = [
         "tilting = np.array([0, 2 * omega",
         "constraint-jacobian",
         "hinge",
-    ),
-    Fault(
-        FOUR_BAR, "x, parameters.length * angles.sin", "x, parameters.length * angles.cos", *RATE
-    ),
-    Fault(FOUR_BAR, "[half] for", "[tips[0]] for", "mass-matrix", "θ_"),
-    Fault(FOUR_BAR, "[tips[k - 1], halves[w", "[tips[k], halves[w", "mass-matrix", "θ_"),
-    Fault(FOUR_BAR, "k - 1] = x[k - 1]", "k - 1] = -x[k - 1]", "generalized-forces", "row θ_"),
-    Fault(
-        FOUR_BAR,
-        "*backwards([tips[k]])",
-        "tips[k]",
-        "constraint-jacobian",
-        "window 1, x",
-    ),
-    Fault(FOUR_BAR, "z[k - 1] + z[w", "z[k - 1] - z[w", "constraint-jacobian", "[casadi]"),
-    Fault(
-        FOUR_BAR,
-        "heights[windows + k] += t",
-        "heights[windows + k] -= t",
-        "generalized-forces",
-        "θ_",
     ),
     # What is composed for every scene that gives Jacobians.
     Fault(

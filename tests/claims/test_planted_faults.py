@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from itertools import count
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +19,6 @@ import eomcheck
 from eomcheck.claims import CLAIMS, Finding, speeds
 from eomcheck.claims.run import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.described import mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
 from eomcheck.scenes import SCENES, Snake
@@ -29,6 +28,7 @@ KINDS = {
     Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind for kind in SCENES.values()
 }
 """File of each scene."""
+HOME = "eomcheck.mechanics.described"
 _numbers = count()
 
 
@@ -36,14 +36,38 @@ _numbers = count()
 def planted(file: str, source: str) -> Iterator[ModuleType]:
     """Run `source` as a module of its own, beside the real one."""
     marked = len(GENERIC)
-    module = ModuleType(f"planted_{next(_numbers)}")
+    described = file.startswith(DESCRIBED)
+    name = f"{HOME}.{Path(file).stem}" if described else f"planted_{next(_numbers)}"
+    module = ModuleType(name)
     module.__file__ = str(PACKAGE / file)
-    sys.modules[module.__name__] = module
+    with anew(HOME) if described else nullcontext():
+        sys.modules[name] = module
+        try:
+            exec(compile(source, file, "exec"), module.__dict__)
+            yield module
+        finally:
+            sys.modules.pop(name)
+            del GENERIC[marked:]
+
+
+@contextmanager
+def anew(package: str) -> Iterator[None]:
+    """Let the modules of a package be imported once more, as copies beside the real ones."""
+    holder = sys.modules[package]
+    real = {name: x for name, x in sys.modules.items() if name.startswith(f"{package}.")}
+
+    def leave() -> None:
+        for name in [name for name in sys.modules if name.startswith(f"{package}.")]:
+            del sys.modules[name]
+            vars(holder).pop(name.removeprefix(f"{package}."), None)
+
+    leave()
     try:
-        exec(compile(source, file, "exec"), module.__dict__)
-        yield module
+        yield
     finally:
-        del sys.modules[module.__name__], GENERIC[marked:]
+        leave()
+        sys.modules.update(real)
+        vars(holder).update({name.removeprefix(f"{package}."): x for name, x in real.items()})
 
 
 def changed(fault: Fault) -> str:
@@ -78,7 +102,7 @@ def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
     return None
 
 
-def kind_in(module: ModuleType, file: str) -> type[Scene]:
+def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> type[Scene]:
     """Return the scene with the fault in `file`; one that is built on it, if it is no scene's."""
     kind = KINDS.get(file)
     if kind is not None:
@@ -89,7 +113,7 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
         own = {name: staticmethod(x) for name, x in functions.items() if hasattr(kind, name)}
         scene = type(kind.__name__, (kind,), own)
     elif file.startswith(DESCRIBED):
-        kind = SHARED[file]
+        kind = other or SHARED[file]
         path = Path(inspect.getfile(kind))
         with planted(str(path), path.read_text(encoding="utf-8")) as caller:
             scene = getattr(caller, kind.__name__)
@@ -105,35 +129,6 @@ def kind_in(module: ModuleType, file: str) -> type[Scene]:
     return scene
 
 
-@contextmanager
-def in_place_of(module: ModuleType, file: str) -> Iterator[None]:
-    """Let all that scenes of descriptions are made of call what is in `module`."""
-    home = "eomcheck." + file.removesuffix(".py").replace("/", ".")
-    own = vars(sys.modules[home]).items()
-    written = {id(x): name for name, x in own if getattr(x, "__module__", "") == home}
-    users = [x for key, x in sys.modules.items() if key.startswith(home.rpartition(".")[0] + ".")]
-    kept = [
-        (user, called, x)
-        for user in users
-        for called, x in vars(user).items()
-        if id(x) in written and inspect.isfunction(x)
-    ]
-    mechanism.planned.cache_clear()
-    try:
-        for user, called, x in kept:
-            setattr(user, called, getattr(module, written[id(x)]))
-        yield
-    finally:
-        for user, called, x in kept:
-            setattr(user, called, x)
-        mechanism.planned.cache_clear()
-
-
-def used(module: ModuleType, file: str) -> AbstractContextManager[None]:
-    """Return the context in which scenes are made of what is in `module`."""
-    return in_place_of(module, file) if file.startswith(DESCRIBED) else nullcontext()
-
-
 def formulation_in(module: ModuleType, key: str) -> dict:
     found = [x for x in vars(module).values() if isinstance(x, type(FORMULATIONS[key]))]
     return FORMULATIONS | {found[0].key: found[0]}
@@ -143,15 +138,15 @@ def formulation_in(module: ModuleType, key: str) -> dict:
 @pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
-    with planted(file, source) as module, used(module, file):
+    with planted(file, source) as module:
         assert first_failure(kind_in(module, file), FORMULATIONS) is None
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
-    with planted(fault.file, changed(fault)) as module, used(module, fault.file):
+    with planted(fault.file, changed(fault)) as module:
         if fault.file.startswith(("scenes/", "mechanics/")):
-            failure = first_failure(kind_in(module, fault.file), FORMULATIONS)
+            failure = first_failure(kind_in(module, fault.file, fault.scene), FORMULATIONS)
         else:
             key = Path(fault.file).stem
             if hasattr(speeds, key):

@@ -17,21 +17,13 @@ defaults; A03 of the IFToMM benchmark library.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics.linkage import (
-    Arm,
-    backwards,
-    closing,
-    closing_drift,
-    moving,
-    pinned_jacobians,
-    place,
-    rate_of_turn,
-)
-from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
+from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -45,21 +37,17 @@ from eomcheck.mechanics.sketch import (
     direction,
     turned_by,
 )
-from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Array
 
-JOINT = 6, 0, 1, 2, 3, 4, 5
-"""Body -> coordinate that turns it against what it is pinned to."""
-CARRIER = 0, 0, 0, 4, 0, 6, 0
+TURNS = {"K1": "β", "K2": "θ", "K5": "δ", "K4": "φ", "K7": "ε", "K6": "Ω", "K3": "γ"}
+"""Body -> coordinate that turns it against what carries it; what it carries comes next."""
+CARRIERS = {"K2": "K1", "K4": "K5", "K6": "K7"}
 """Body -> body whose tip carries it, if one does."""
-CARRIED = 0, 1, 0, 1, 0, 1, 0
-"""Body -> number of bodies between it and the ground."""
-PIN = 0, 0, 1, 2, 2, 2, 2
-"""Body -> pin on the ground from which it is reached: O, B or A."""
-MEETING = 2, 3, 5
-"""Bodies K3, K4, K6, whose tips meet that of K2."""
-COUPLER, ROCKER, CRANK = 1, 2, 6
-"""Bodies K2 and K3; the coordinate β."""
+PINS_OF = {"K1": 0, "K3": 1, "K5": 2, "K7": 2}
+"""Body -> its pin on the ground: O, B or A."""
+NAMES = "θ", "γ", "φ", "δ", "Ω", "ε", "β"
+MEETING = "K3", "K4", "K6"
+"""Bodies whose tips meet that of K2."""
 
 
 MASS = 0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498
@@ -81,140 +69,29 @@ POSE = (
 """Data of the test set."""
 
 
-class Prepared(NamedTuple):
-    """What is not rational in q."""
-
-    cos: Any
-    """Of the directions of the bodies (7,)."""
-    sin: Any
-    """Likewise (7,)."""
-    spring: Any
-    """Length of the spring (1,), m."""
-
-
-def carriers(k):
-    """Return the bodies between body k and the ground, to loop over: one or none."""
-    return range(CARRIER[k], CARRIER[k] + CARRIED[k])
-
-
-def turned(cos, sin, point):
-    """Return a point (2,) of a body as seen from its joint, along axes that do not turn."""
-    return cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]
-
-
-def directions(angles):
-    """Return (cos (7,), sin (7,)) of the directions of the bodies from the `Angles` of joints."""
-    cos, sin = np.zeros(7, angles.cos.dtype), np.zeros(7, angles.cos.dtype)
-    for k in range(7):
-        cos[k], sin[k] = angles.cos[JOINT[k]], angles.sin[JOINT[k]]
-    for k in range(7):
-        for on in carriers(k):
-            across = cos[k], sin[k]
-            cos[k], sin[k] = turned(cos[on], sin[on], across)
-    return cos, sin
-
-
-def stretch(parameters, cos, sin):
-    """Return the spring as a vector (x, y) from C to K3, and its end on K3 as seen from B, m."""
-    x, y = turned(cos[ROCKER], sin[ROCKER], parameters.hook)
-    base, anchor = parameters.pins[PIN[ROCKER]], parameters.anchor
-    return base[0] + x - anchor[0], base[1] + y - anchor[1], x, y
-
-
-def prepare(arithmetic, parameters, q, t):
-    """Return the `Prepared` at q (7,)."""
-    cos, sin = directions(arithmetic.angles(q))
-    x, y, _, _ = stretch(parameters, cos, sin)
-    square = np.zeros(1, cos.dtype)
-    square[0] = x * x + y * y
-    return Prepared(cos, sin, arithmetic.root(square))
-
-
-# ---- How points of the bodies move ---------------------------------------------------------------
-
-
-def arm(prepared, k, point):
-    """Return the `Arm` from the joint of body k to a point of it."""
-    x, y = turned(prepared.cos[k], prepared.sin[k], point)
-    return Arm(x, y, (JOINT[k], *[JOINT[on] for on in carriers(k)]))
-
-
-def reach(parameters, prepared, k, point):
-    """Return the arms from the ground to a point of body k."""
-    tips = [arm(prepared, on, parameters.tip[on]) for on in carriers(k)]
-    return [*tips, arm(prepared, k, point)]
-
-
-def jacobians(parameters, prepared, q, v):
-    """Return the `Jacobians`."""
-    centers = [reach(parameters, prepared, k, parameters.center[k]) for k in range(7)]
-    return pinned_jacobians(centers, v)
-
-
-def loops(parameters, prepared):
-    """Return the arms to the tip of K2 and back from those of K3, K4 and K6."""
-    out = reach(parameters, prepared, COUPLER, parameters.tip[COUPLER])
-    back = [reach(parameters, prepared, k, parameters.tip[k]) for k in MEETING]
-    return [[*out, *backwards(arms)] for arms in back]
-
-
-def constraints(parameters, prepared, q):
-    """Return (a (6, 7), None): the tip of K2 moves with those of K3, K4 and K6."""
-    return closing(loops(parameters, prepared), 3, q), None
-
-
-def drift(parameters, prepared, q, v):
-    """Return gamma (6,)."""
-    return closing_drift(loops(parameters, prepared), 3, v)
-
-
-def forces(parameters, prepared, q, v):
-    """Return Q (7,): the torque on K1 and the moment of the spring on K3."""
-    x, y, arm_x, arm_y = stretch(parameters, prepared.cos, prepared.sin)
-    length = prepared.spring[0]
-    pull = parameters.stiffness[0] * (length - parameters.rest_length[0]) / length
-    Q = np.zeros(7, q.dtype)
-    Q[JOINT[ROCKER]] = pull * (x * arm_y - y * arm_x)
-    Q[CRANK] = parameters.torque[0]
-    return Q
-
-
-# ---- The second derivation: positions and velocities only ----------------------------------------
-
-
-def velocities(parameters, prepared, q, v):
-    """Return the velocities of the centres of mass (7, 2) and of rotation (7, 1)."""
-    arms = [reach(parameters, prepared, k, parameters.center[k]) for k in range(7)]
-    omega = [[rate_of_turn(to[-1], v)] for to in arms]
-    return np.array([moving(to, v) for to in arms], v.dtype), np.array(omega, v.dtype)
-
-
-def potential(parameters, prepared, q):
-    """Return U, J, of the spring and of the constant torque."""
-    longer = prepared.spring[0] - parameters.rest_length[0]
-    return parameters.stiffness[0] * longer * longer / 2 - parameters.torque[0] * q[CRANK]
-
-
-def constraint(parameters, prepared, q, v):
-    """Return c (6,), m/s: how the tip of K2 moves against those of K3, K4 and K6."""
-    tip = parameters.tip
-    V = [moving(reach(parameters, prepared, k, tip[k]), v) for k in (COUPLER, *MEETING)]
-    slip = [[V[0][0] - V[i][0], V[0][1] - V[i][1]] for i in range(1, 4)]
-    return np.array(slip, v.dtype).reshape(6)
-
-
-def position_residual(parameters, prepared, q):
-    """Return how far the tip of K2 is from those of K3, K4 and K6 (6,), m."""
-    tip, dtype = parameters.tip, q.dtype
-    at = [place(reach(parameters, prepared, k, tip[k])) for k in (COUPLER, *MEETING)]
-    points = np.array(at, dtype) + parameters.pins[[PIN[k] for k in (COUPLER, *MEETING)]]
-    return np.concatenate([points[0] - points[i] for i in range(1, 4)])
+def description(parameters):
+    """Return the mechanism in words."""
+    mass, center, tip, pins = parameters.mass, parameters.center, parameters.tip, parameters.pins
+    tips = {f"K{k + 1}": (tip[k, 0], tip[k, 1], 0) for k in range(7)}
+    links = [words.Link(f"K{k + 1}", mass[k], (center[k, 0], center[k, 1], 0)) for k in range(7)]
+    joints = []
+    for body, angle in TURNS.items():
+        on = CARRIERS.get(body, GROUND)
+        place = tips[on] if on in tips else (*pins[PINS_OF[body]], 0)
+        motor = parameters.torque[0] if body == "K1" else None
+        joints += [words.Joint(angle, "revolute", on, body, place, torque=motor)]
+    spring = words.Spring(
+        *("spring", "K3", GROUND, (*parameters.hook, 0), (*parameters.anchor, 0)),
+        *(parameters.stiffness[0], parameters.rest_length[0]),
+    )
+    closing = [words.pin(f"K2 at {body}", "K2", body, tips["K2"], tips[body]) for body in MEETING]
+    return Description(links, joints, NAMES, closing, [spring], planar=True)
 
 
 # ---- The scene -----------------------------------------------------------------------------------
 
 
-class Andrews(Parametric, functions=globals()):
+class Andrews(Described, description=description, closed=True):
     """Andrews' squeezing mechanism, by default that of the test set, starting from rest.
 
     Bodies are K1 .. K7 in that order. Points of a body are given from its joint, along axes that
@@ -234,36 +111,19 @@ class Andrews(Parametric, functions=globals()):
     pose: Any = parameter("q at t = 0, at rest", "rad", shape=(7,), default=POSE, read=False)
 
     key = "andrews"
-    named_coordinates = "θ", "γ", "φ", "δ", "Ω", "ε", "β"
+    named_coordinates = NAMES
     # Crank and coupler turned up to 1 rad.
     drawn_coordinates = (
         *(Range(-1.0, 1.0), Range(0.0, 0.5), Range(-0.5, 0.2), Range(0.48, 0.53)),
         *(Range(-0.2, 0.5), Range(1.04, 1.24), Range(-1.0, 1.0)),
     )
-    named_constraints = tuple(f"K2 at K{k + 1} along {axis}" for k in (2, 3, 5) for axis in "xy")
+    named_constraints = tuple(f"K2 at {body} along {axis}" for body in MEETING for axis in "xy")
     conserves_energy = True
     angle_coordinates = slice(0, None)
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`."""
         return self.pose.copy(), np.zeros(7)
-
-    def tree(self) -> Tree:
-        """Return one RZ a body, what hangs on a body right after it."""
-        order = 0, 1, 2, 4, 3, 6, 5
-        offset, center = np.zeros((2, 7, 3))
-        for j, k in enumerate(order):
-            offset[j, :2] = self.tip[CARRIER[k]] if CARRIED[k] else self.pins[PIN[k]]
-            center[j, :2] = self.center[k]
-        return planar_tree(
-            parent=tuple(order.index(CARRIER[k]) if CARRIED[k] else -1 for k in order),
-            joint=("rz",) * 7,
-            offset=offset,
-            mass=self.mass[[*order]],
-            center=center,
-            inertia=self.inertia[[*order]],
-            coordinates=np.eye(7)[[JOINT[k] for k in order]],
-        )
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Andrews, Array]:
@@ -273,27 +133,27 @@ class Andrews(Parametric, functions=globals()):
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return the bodies from joint to tip, by their centres of mass; angles to their x axes."""
-        turn, base, tip = np.zeros(7), np.zeros((7, 2)), np.zeros((7, 2))
+        tip: dict[str, Any] = {}
         parts: list[Any] = [
             Joint(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
         ]
-        for k in (0, 2, 4, 6, 1, 3, 5):
-            on = CARRIER[k] if CARRIED[k] else None
-            before = 0.0 if on is None else turn[on]
-            base[k] = self.pins[PIN[k]] if on is None else tip[on]
-            turn[k] = before + q[JOINT[k]]
-            axes = np.array([direction(turn[k]), direction(turn[k] + np.pi / 2)])
-            center, tip[k] = base[k] + self.center[k] @ axes, base[k] + self.tip[k] @ axes
-            corners = [base[k], tip[k]]
-            if k == ROCKER:
-                hook = base[k] + self.hook @ axes
-                corners = [base[k], hook, tip[k]]
+        turn = {GROUND: 0.0}
+        for body, name in TURNS.items():
+            k, on = int(body[1]) - 1, CARRIERS.get(body, GROUND)
+            angle, start = q[NAMES.index(name)], turn[on]
+            base = tip[on] if on in tip else self.pins[PINS_OF[body]]
+            turn[body] = start + angle
+            axes = np.array([direction(turn[body]), direction(turn[body] + np.pi / 2)])
+            center, tip[body] = base + self.center[k] @ axes, base + self.tip[k] @ axes
+            corners = [base, tip[body]]
+            if body == "K3":
+                hook = base + self.hook @ axes
+                corners = [base, hook, tip[body]]
                 parts += [Spring(hook, self.anchor, "spring"), Joint(self.anchor, True, "C")]
-            parts += [Body(corners, f"K{k + 1}", closed=k == ROCKER), Center(center)]
-            parts += [] if on is None else [Joint(base[k])]
-            name = self.named_coordinates[JOINT[k]]
-            parts += [turned_by(name, base[k], q[JOINT[k]], 0.0075, start=before)]
-            parts += [Arrow("", base[k], 0.0085 * axes[0])]
-        parts += [Joint(tip[COUPLER], name="P"), Trail(tip[COUPLER])]
-        parts += [Constraint("P closes three loops", tip[COUPLER], tuple(range(6)))]
+            parts += [Body(corners, body, closed=body == "K3"), Center(center)]
+            parts += [] if on == GROUND else [Joint(base)]
+            parts += [turned_by(name, base, angle, 0.0075, start=start)]
+            parts += [Arrow("", base, 0.0085 * axes[0])]
+        parts += [Joint(tip["K2"], name="P"), Trail(tip["K2"])]
+        parts += [Constraint("P closes three loops", tip["K2"], tuple(range(6)))]
         return Sketch(tuple(parts))

@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import whole_number
-from eomcheck.mechanics import linkage
-from eomcheck.mechanics.gravity import height_energy, weights
-from eomcheck.mechanics.linkage import backwards, halved, rods, with_row
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
@@ -39,99 +38,44 @@ from eomcheck.mechanics.sketch import (
     fixed_axes,
     turned_by,
 )
-from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Arithmetic, Array
 
-# ---- How the links move --------------------------------------------------------------------------
+
+def names_of(windows):
+    """Return the names of the bodies."""
+    numbers = range(1, windows + 1)
+    return (*(f"rod {k}" for k in numbers), *(f"coupler {k}" for k in numbers), "rod 0")
 
 
-def jacobians(parameters, angles, q, v):
-    """Return the `Jacobians`: a rod moves the coupler that starts at its tip by its length."""
-    tips, windows = rods(parameters.length, angles), q.size // 2
-    halves = halved(tips)
-    upright = [[half] for half in halves[:windows]]
-    couplers = [[tips[k - 1], halves[windows + k]] for k in range(windows)]
-    return linkage.pinned_jacobians([*upright, *couplers, halves[-1:]], v)
+def description(parameters):
+    """Return the chain in words: rods on the ground, couplers on their tips, and what closes it."""
+    mass, length, gravity = parameters.mass, parameters.length, parameters.gravity
+    windows = mass.size // 2
+    names, rod, span = names_of(windows), length[-1], length[windows]
+    bodies = zip(names, mass, length, strict=True)
+    links = [words.Link(name, m, (along / 2, 0, 0)) for name, m, along in bodies]
+    tip, end, foot = (rod, 0, 0), (span, 0, 0), 0
+    joints, closing = [words.Joint("θ_0", "revolute", GROUND, "rod 0")], []
+    for k in range(1, windows + 1):
+        before, coupler, after, foot = f"rod {k - 1}", f"coupler {k}", f"rod {k}", foot + span
+        joints += [
+            words.Joint(f"φ_{k}", "revolute", before, coupler, tip, absolute=True),
+            words.Joint(f"θ_{k}", "revolute", GROUND, after, (foot, 0, 0)),
+        ]
+        closing += [words.pin(f"window {k}", coupler, after, end, tip)]
+    if parameters.repeated is not None:
+        points, up = closing[-1].points, ((GROUND, (0, 1, 0)),)
+        closing += [
+            words.Constraint("on-plane", "repeated", points, up, factor=parameters.repeated[0])
+        ]
+    down = None if gravity is None else (0, -gravity[0], 0)
+    return Description(links, joints, coordinates(windows), closing, gravity=down, planar=True)
 
 
-def forces(parameters, angles, q, v):
-    """Return Q (2N+1,), or None."""
-    x, windows = parameters.length * angles.cos, q.size // 2
-    upward = np.zeros((q.size, q.size), q.dtype)
-    for i in range(q.size):
-        upward[i, i] = x[i] / 2
-    for k in range(windows):
-        upward[windows + k, k - 1] = x[k - 1]
-    return weights(parameters.gravity, parameters.mass, upward)
-
-
-# ---- What closes the windows ---------------------------------------------------------------------
-
-
-def around(parameters, angles, windows):
-    """Return the arms around each window: up a rod, along the coupler, down the next rod."""
-    tips = rods(parameters.length, angles)
-    return [[tips[k - 1], tips[windows + k], *backwards([tips[k]])] for k in range(windows)]
-
-
-def constraints(parameters, angles, q):
-    """Return (a (r, 2N+1), None): rows 2k and 2k+1 are the rate of window k along x and y."""
-    windows = q.size // 2
-    a = linkage.closing(around(parameters, angles, windows), windows, q)
-    return with_row(a, a[-1:], parameters.repeated), None
-
-
-def drift(parameters, angles, q, v):
-    """Return gamma (r,): the links' centripetal accelerations around each window."""
-    windows = q.size // 2
-    gamma = linkage.closing_drift(around(parameters, angles, windows), windows, v)
-    return with_row(gamma, gamma[-1:], parameters.repeated)
-
-
-# ---- The second derivation: positions and velocities only ----------------------------------------
-
-
-def velocities(parameters, angles, q, v):
-    """Return the velocities of the centres of mass (2N+1, 2) and of rotation (2N+1, 1)."""
-    speed, windows = parameters.length * v, v.size // 2
-    tips = -speed * angles.sin, speed * angles.cos
-    V = np.zeros((v.size, 2), v.dtype)
-    for i in range(2):
-        V[:, i] = tips[i] / 2
-        for k in range(windows):
-            V[windows + k, i] += tips[i][k - 1]
-    return V, v.reshape(v.size, 1)
-
-
-def round_windows(x, y):
-    """Return where the links with these components lead around each window (2N,)."""
-    windows = x.size // 2
-    gap = [[z[k - 1] + z[windows + k] - z[k] for z in (x, y)] for k in range(windows)]
-    return np.array(gap, x.dtype).reshape(2 * windows)
-
-
-def position_residual(parameters, angles, q):
-    """Return by how much each window does not close (r,), m; the ground is as long as couplers."""
-    windows, x = q.size // 2, parameters.length * angles.cos
-    x[windows:-1] -= parameters.length[windows:-1]
-    gap = round_windows(x, parameters.length * angles.sin)
-    return with_row(gap, gap[-1:], parameters.repeated)
-
-
-def constraint(parameters, angles, q, v):
-    """Return c (r,), m/s: how the end of each coupler moves against the tip of its second rod."""
-    speed = parameters.length * v
-    c = round_windows(-speed * angles.sin, speed * angles.cos)
-    return with_row(c, c[-1:], parameters.repeated)
-
-
-def potential(parameters, angles, q):
-    """Return U, J, or None."""
-    windows, tips = q.size // 2, parameters.length * angles.sin
-    heights = tips / 2
-    for k in range(windows):
-        heights[windows + k] += tips[k - 1]
-    return height_energy(parameters.gravity, parameters.mass, heights)
+def coordinates(windows):
+    """Return θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
+    numbers = range(1, windows + 1)
+    return (*(f"θ_{k}" for k in numbers), *(f"φ_{k}" for k in numbers), "θ_0")
 
 
 # ---- The scene -----------------------------------------------------------------------------------
@@ -142,7 +86,7 @@ def of_bodies(windows: int) -> tuple[int, ...]:
     return (2 * windows + 1,)
 
 
-class FourBarChain(OfLinks, functions=globals()):
+class FourBarChain(Described, OfLinks, description=description, closed=True):
     """N four-bar linkages side by side, N >= 1: closed loops through singular poses.
 
     Bodies are rods 1 .. N, couplers 1 .. N and rod 0. Without gravity, it is None. If the last row
@@ -194,8 +138,7 @@ class FourBarChain(OfLinks, functions=globals()):
     @property
     def coordinate_names(self) -> tuple[str, ...]:
         """θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
-        numbers = range(1, self.windows + 1)
-        return (*(f"θ_{k}" for k in numbers), *(f"φ_{k}" for k in numbers), "θ_0")
+        return coordinates(self.windows)
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
@@ -220,24 +163,6 @@ class FourBarChain(OfLinks, functions=globals()):
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield one turn of every link by 2π, which changes nothing."""
         yield full_turns(self, q, v)
-
-    def tree(self) -> Tree:
-        """Return the windows cut open where couplers end: rod 0, coupler 1, rod 1, coupler 2 ..."""
-        N = self.windows
-        order = np.array([2 * N, *np.column_stack((range(N, 2 * N), range(N))).ravel()])
-        axes, is_coupler = np.eye(self.n), np.arange(self.n) % 2 == 1
-        offset, center = np.zeros((2, self.n, 3))
-        offset[:, 0] = np.where(is_coupler, self.length, self.span * (np.arange(self.n) // 2))
-        center[:, 0] = np.where(is_coupler, self.span, self.length) / 2
-        return planar_tree(
-            parent=tuple(j - 1 if coupler else -1 for j, coupler in enumerate(is_coupler)),
-            joint=("rz",) * self.n,
-            offset=offset,
-            mass=self.mass[order],
-            center=center,
-            inertia=self.inertia[order],
-            coordinates=axes[order] - is_coupler[:, None] * axes[np.roll(order, 1)],
-        )
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[FourBarChain, Array]:
