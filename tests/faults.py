@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes import Andrews, Bicycle, Bricard, ChainPendulum, FourBarChain, Snake
+from eomcheck.scenes import (
+    Andrews,
+    Bicycle,
+    Bricard,
+    ChainPendulum,
+    FlyballGovernor,
+    FourBarChain,
+    Snake,
+)
 
 
 @dataclass(frozen=True)
@@ -38,17 +46,17 @@ BALL = "scenes/turntable_ball.py"
 GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
-BRICARD = "scenes/bricard.py"
 COMPOSED = "mechanics/composed.py"
 GRAVITY = "mechanics/gravity.py"
 ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
 CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
 WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
+RING, MIXED = ("constraint-jacobian", "", Bricard), ("mass-matrix", "entry", Bricard)
 CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
 SPACE = "mechanics/space.py"
 SHARED = {
-    COMPOSED: ChainPendulum,
-    GRAVITY: Bricard,
+    COMPOSED: FlyballGovernor,
+    GRAVITY: Bicycle,
     ROWS: FourBarChain,
     CONSTRAINTS: Andrews,
     CLOSURES: Andrews,
@@ -57,7 +65,7 @@ SHARED = {
     WEIGHTS: ChainPendulum,
     TERMS: ChainPendulum,
     ENERGIES: ChainPendulum,
-    SPACE: Bricard,
+    SPACE: Bicycle,
 }
 """File of functions that many scenes call -> one of the scenes."""
 PARTS = {
@@ -365,7 +373,9 @@ FAULTS = [
     # What is made of a description: how bodies move, what weighs, and the second derivation.
     Fault(MOTION, "arm if run.arm else", "at if run.arm else", "mass-matrix", "θ_"),
     Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", "bias", "row θ_"),
-    Fault(TERMS, "[P[c] * linear[k, c, j]", "[P[c] * linear[k, c, i]", "mass-matrix", "θ_"),
+    Fault(
+        TERMS, "times(P[c], linear[k, c, j])", "times(P[c], linear[k, c, i])", "mass-matrix", "θ_"
+    ),
     Fault(TERMS, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"),
     Fault(TERMS, "mass[k] * linear_rest", "-mass[k] * linear_rest", "bias", "sign"),
     Fault(MOTION, "centripetal(rates.omega, arm))", "rates.rest)", "bias", "row θ_"),
@@ -500,35 +510,39 @@ FAULTS = [
         "generalized-forces",
         "row ",
     ),
-    # Bricard's mechanism
-    Fault(BRICARD, "rows(tip, level", "rows(tip[::-1], level", *RATE),
-    Fault(BRICARD, "arm = arm + 2 *", "arm = arm + 1 *", "mass-matrix", "entry"),
-    Fault(BRICARD, "before = rest[k] + swung", "before = rest[k] - swung", "bias", "row "),
-    Fault(GRAVITY, "Q[j] -= gravity", "Q[j] += gravity", "generalized-forces", "row θ_"),
-    Fault(GRAVITY, "U += gravity", "U -= gravity", "generalized-forces", "row θ_"),
-    Fault(BRICARD, "[k]] = tilted[1", "[k]] = tilted[0", "constraint-jacobian", "hinge"),
-    Fault(BRICARD, "tip + 2 * swing", "tip + swing", "constraint-drift", "tip"),
-    Fault(BRICARD, "V + swept, V + 2", "V + 2 * swept, V + 2", "mass-matrix", "entry"),
+    # In space
+    Fault(ROWS, "dot(a.value, b.value),", "dot(a.value, a.value),", *RATE, Bricard),
+    Fault(MOTION, "turned_back(one, axis", "turned_back(one, 0", "mass-matrix", "entry", Bricard),
     Fault(
-        BRICARD,
-        "tilting = np.array([0, omega",
-        "tilting = np.array([0, 2 * omega",
-        "constraint-jacobian",
-        "hinge",
+        MOTION, "cross(omega, momentum", "cross(rates[k].omega, momentum", "bias", "row ", Bricard
     ),
+    Fault(MOTION, "added(alpha, carried)", "alpha", "bias", "row ", Bricard),
+    Fault(TERMS, "plus(moment[c], gyro", "plus(moment[c], -gyro", "bias", "row ", Bricard),
+    Fault(TERMS, "total(inertia[k, c, f] * angular[k", "total(angular[k", *MIXED),
+    Fault(CONSTRAINTS, "cross(x, along) for", "cross(along, x) for", *RING),
+    Fault(
+        CONSTRAINTS, "cross(rates.alpha, along), ", "along, ", "constraint-drift", "hinge", Bricard
+    ),
+    Fault(CONSTRAINTS, "(a, cross(omega, a)))", "(a, cross(a, omega)))", *RING),
+    Fault(ENERGIES, "turned_back(omega, axis", "turned_back(V, axis", *MIXED),
+    Fault(GRAVITY, "Q[j] -= gravity", "Q[j] += gravity", "generalized-forces", "row "),
+    Fault(GRAVITY, "U += gravity", "U -= gravity", "generalized-forces", "row "),
     # What is composed for every scene that gives Jacobians.
+    Fault(COMPOSED, "= inertia[k, c, f]", "= -inertia[k, c, f]", "mass-matrix", "entry"),
     Fault(
-        COMPOSED, "momentum = inertia[k, c, f]", "momentum = -inertia[k, c, f]", "mass-matrix", "θ"
-    ),
-    Fault(
-        COMPOSED, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"
+        COMPOSED,
+        "            M[j, i] = M[i, j]\n",
+        "            pass\n",
+        "mass-matrix",
+        "missing",
+        Bicycle,
     ),
     Fault(
         COMPOSED,
         "B[i] += momentum * linear_rest",
         "B[i] -= momentum * linear_rest",
         "bias",
-        "sign",
+        "row ",
     ),
     Fault(COMPOSED, "return v + 0", "return -v", "speeds-velocity", "sign"),
     Fault(COMPOSED, "        return J_rest\n", "        return -J_rest\n", "kane-ml-force", "N q̇"),

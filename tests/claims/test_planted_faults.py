@@ -118,15 +118,25 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
         with planted(str(path), path.read_text(encoding="utf-8")) as caller:
             scene = getattr(caller, kind.__name__)
     else:
-        kind = SHARED[file]
+        kind = other or SHARED[file]
         path = Path(inspect.getfile(kind))
         with planted(str(path), path.read_text(encoding="utf-8")) as caller:
-            shared = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
-            vars(caller).update({name: x for name, x in shared.items() if name in vars(caller)})
-            scene = getattr(caller, kind.__name__)
+            scene = with_shared(caller, module, kind)
+        for part in [part for part, of in PARTS.items() if of is kind]:
+            with planted(part, (PACKAGE / part).read_text(encoding="utf-8")) as caller:
+                scene = with_shared(caller, module, scene)
         if file == COMPOSED:
             module.compose(scene)
     return scene
+
+
+def with_shared(caller: ModuleType, module: ModuleType, kind: type[Scene]) -> type[Scene]:
+    """Return the scene in `caller`, or with the functions there, which call those of `module`."""
+    shared = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
+    vars(caller).update({name: x for name, x in shared.items() if name in vars(caller)})
+    written = {name: x for name, x in vars(caller).items() if inspect.isfunction(x)}
+    own = {name: staticmethod(x) for name, x in written.items() if hasattr(kind, name)}
+    return getattr(caller, kind.__name__, None) or type(kind.__name__, (kind,), own)
 
 
 def formulation_in(module: ModuleType, key: str) -> dict:

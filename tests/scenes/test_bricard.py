@@ -13,7 +13,6 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.formulations import applicable
 from eomcheck.scenes import Bricard
-from eomcheck.scenes.bricard import placed
 
 SCENE = Bricard()
 OVERCONSTRAINED = Bricard(redundant=1.0)
@@ -80,9 +79,11 @@ def test_the_ring_is_closed_and_its_hinges_are_where_geometry_says(angle: float)
     assert np.abs(residual(q)).max() < 1e-15
     at = Evaluation(OVERCONSTRAINED, q, v)
     assert np.abs(at.terms.a @ v).max() < 1e-15
-    centers, ends = placed(at.parameters, at.prepared)
-    assert np.abs(ends - corners[1:]).max() < 1e-15
-    assert np.abs(centers - (corners[1:] + corners[:-1]) / 2).max() < 1e-15
+    hinges = np.array([at for at, _ in SCENE.frames(q).values()])
+    assert np.abs(hinges - corners[:-1]).max() < 1e-15
+    middles = (corners[1:] + corners[:-1]) / 2
+    weighed = SCENE.energies(at.parameters, at.prepared, q, v)[1]
+    assert abs(weighed - 9.81 * middles[:, 1].sum()) < 1e-13
 
 
 @every_formulation

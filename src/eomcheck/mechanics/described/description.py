@@ -14,12 +14,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.mechanics.described.mechanism import planned
-from eomcheck.mechanics.described.neutral import tree_by
+from eomcheck.mechanics.described.neutral import doubles, tree_by
+from eomcheck.mechanics.described.pose import placed
 from eomcheck.mechanics.described.quaternions import ONE, Quaternion, rotation
 from eomcheck.mechanics.described.topology import PARAMETER, Closure, Plan, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.generic import generic
 
@@ -198,16 +200,25 @@ def _seat(turn: Quaternion) -> Any:
     return np.array([[int(x) or None for x in row] for row in whole], object)
 
 
-def read(description: Callable, parameters: Any) -> tuple[Plan, dict[str, Callable], Numbers]:
+class Understood(NamedTuple):
+    """A description that has been read."""
+
+    plan: Plan
+    functions: dict[str, Callable]
+    given: Numbers
+    slots: dict[str, int]
+    """Those that move the links, by name; -1 for the ground."""
+
+
+def read(description: Callable, parameters: Any) -> Understood:
     """Return plan, functions and numbers of a description."""
     told: Description = description(parameters)
     reading = _Reading(told)
     plan, functions = planned(reading.topology())
     inertia = parameters.inertia.reshape(plan.bodies, plan.e, plan.e)
-    damping = None
     gravity = None if told.gravity is None else absent(told.gravity)
-    given = reading.numbers | {"inertia": inertia, "damping": damping, "gravity": gravity}
-    return plan, functions, Numbers(**given)
+    given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
+    return Understood(plan, functions, Numbers(**given), reading.at)
 
 
 # ---- For a kind of scene -------------------------------------------------------------------------
@@ -219,16 +230,16 @@ DAMPED = ("dissipation",)
 
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
-        _, functions, given = read(description, parameters)
-        return functions["prepare"](arithmetic, given, q, t)
+        at = read(description, parameters)
+        return at.functions["prepare"](arithmetic, at.given, q, t)
 
     return generic(prepare)
 
 
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
-        _, functions, given = read(description, parameters)
-        return functions[name](given, *arguments)
+        at = read(description, parameters)
+        return at.functions[name](at.given, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
@@ -263,5 +274,16 @@ class Described(Parametric):
 
     def tree(self) -> Tree | None:
         """Return its bodies, joint by joint."""
-        plan, _, given = read(type(self).description, self.parameters(FLOAT64))
-        return tree_by(plan, given)
+        at = read(type(self).description, self.parameters(FLOAT64))
+        return tree_by(at.plan, at.given)
+
+    def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
+        """Return origin (3,) and axes (3, 3), one a row, of each link in the pose q (n,)."""
+        plan, functions, given, slots = read(type(self).description, self.parameters(FLOAT64))
+        prepared = functions["prepare"](FLOAT64, given, np.asarray(q, np.float64), t)
+        here = placed(plan, given, prepared)
+        return {
+            link: (doubles(here[k].origin), doubles(here[k].axes))
+            for link, k in slots.items()
+            if k >= 0
+        }

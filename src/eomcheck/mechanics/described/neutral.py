@@ -20,7 +20,7 @@ def tree_of(scene: Mechanism) -> Tree:
     return tree_by(scene.plan, numbers_of(scene))
 
 
-def _doubles(entries: Any) -> Array:
+def doubles(entries: Any) -> Array:
     """Return entries as doubles, what is absent as 0."""
     given = np.asarray(entries, object)
     return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
@@ -42,11 +42,11 @@ def tree_by(plan: Plan, given: Any) -> Tree:
             coordinates[k] *= given.ratio[slot.follows]
             shift[k] = slot.sense * given.shift[slot.follows]
         if slot.turn is not None:
-            rotation[k] = _doubles(given.rotation[slot.turn])
+            rotation[k] = doubles(given.rotation[slot.turn])
         if slot.offset is not None:
-            offset[k, : plan.d] = _doubles(given.offset[slot.offset])[: plan.d]
+            offset[k, : plan.d] = doubles(given.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
-        mass[k], center[k, : plan.d] = given.mass[b], _doubles(given.center[b])[: plan.d]
+        mass[k], center[k, : plan.d] = given.mass[b], doubles(given.center[b])[: plan.d]
         # In the plane one moment counts, and is given to all axes, so that such a body can be.
         inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
