@@ -43,7 +43,6 @@ WEIGHED = "generalized-forces", "row θ_"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
-GOVERNOR = "scenes/flyball_governor.py"
 BICYCLE = "scenes/bicycle.py"
 BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 COMPOSED = "mechanics/composed.py"
@@ -52,10 +51,12 @@ ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
 CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
 WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
 RING, MIXED = ("constraint-jacobian", "", Bricard), ("mass-matrix", "entry", Bricard)
+DAMPED = "generalized-forces", "row ", FlyballGovernor
+TURNED = "mass-matrix", "", FlyballGovernor
 CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
 SPACE = "mechanics/space.py"
 SHARED = {
-    COMPOSED: FlyballGovernor,
+    COMPOSED: ChainPendulum,
     GRAVITY: Bicycle,
     ROWS: FourBarChain,
     CONSTRAINTS: Andrews,
@@ -458,13 +459,10 @@ FAULTS = [
     Fault(BALL, "= table.reshape", "= -table.reshape", *KANE),
     Fault(BALL, "left * cos[0]\n    return np", "left\n    return np", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
-    # The governor.
-    Fault(GOVERNOR, "2, SLIDER_HEIGHT] = 1", "2, SLIDER_HEIGHT] = 2", "mass-matrix", "(s, s)"),
-    Fault(GOVERNOR, "swing - radius * turn", "swing + radius * turn", "bias", "row θ_"),
-    Fault(GOVERNOR, "= -2 * down", "= 2 * down", "bias", "row ψ"),
-    Fault(GOVERNOR, "rest[i + 1, 0] = -cos", "rest[i + 1, 0] = cos", "bias", "row "),
-    Fault(GOVERNOR, "pull + damping", "pull - damping", "generalized-forces", "row s"),
-    Fault(GOVERNOR, "- pull * by_arm", "+ pull * by_arm", "generalized-forces", "row θ_"),
+    Fault(SPRINGS, "force + spring.damping", "force - spring.damping", *DAMPED),
+    Fault(SPRINGS, "spring.damping * rate * rate / 2", "spring.damping * rate * rate", *DAMPED),
+    Fault(SPRINGS, "dot(apart.value, apart.rate)", "dot(apart.value, apart.value)", *DAMPED),
+    Fault(ENERGIES, "along(seat, V), along(seat", "V, along(seat", *TURNED),
     # The bicycle
     Fault(BICYCLE_JACOBIANS, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
     Fault(BICYCLE_JACOBIANS, "1, 2, STEERING)", "1, 2, 2)", "mass-matrix", "ψ_f"),
@@ -528,7 +526,7 @@ FAULTS = [
     Fault(GRAVITY, "Q[j] -= gravity", "Q[j] += gravity", "generalized-forces", "row "),
     Fault(GRAVITY, "U += gravity", "U -= gravity", "generalized-forces", "row "),
     # What is composed for every scene that gives Jacobians.
-    Fault(COMPOSED, "= inertia[k, c, f]", "= -inertia[k, c, f]", "mass-matrix", "entry"),
+    Fault(COMPOSED, "= inertia[k, c, f]", "= -inertia[k, c, f]", "mass-matrix", "entry", Bicycle),
     Fault(
         COMPOSED,
         "            M[j, i] = M[i, j]\n",
@@ -543,6 +541,7 @@ FAULTS = [
         "B[i] -= momentum * linear_rest",
         "bias",
         "row ",
+        Bicycle,
     ),
     Fault(COMPOSED, "return v + 0", "return -v", "speeds-velocity", "sign"),
     Fault(COMPOSED, "        return J_rest\n", "        return -J_rest\n", "kane-ml-force", "N q̇"),

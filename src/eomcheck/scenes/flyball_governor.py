@@ -15,13 +15,15 @@ defaults are its data: rods and shaft of 1 m with a section of 0.01 m by 0.01 m 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, Jacobians, Range, Symmetry
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
+from eomcheck.mechanics.parameters import parameter
+from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import (
     Angle,
@@ -35,7 +37,7 @@ from eomcheck.mechanics.sketch import (
     Trail,
     fixed_axes,
 )
-from eomcheck.mechanics.space import diagonal, gyroscopic_moments
+from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
 ROD, BALL = 0.3, 5.0
@@ -49,164 +51,36 @@ SPINNING = SLIDER * 0.1**2 / 6 + ALONG
 """Slider and shaft."""
 
 SQUARE = (-1, -1), (1, -1), (1, 1), (-1, 1)
-SLIDER_HEIGHT, TURN, ARMS = 0, 1, (2, 3)
-"""Coordinates s and ψ, and those of the arms."""
+NAMES = "s", "ψ", "θ_1", "θ_2"
+HALF_TURN = 0.0, 0.0, 0.0, 1.0
+"""About the shaft."""
 
 
-class Prepared(NamedTuple):
-    """What is not rational in q."""
-
-    turn: Any
-    """ψ, as `Angles` (1,)."""
-    cos: Any
-    """Of the arms (2,)."""
-    sin: Any
-    """Likewise (2,)."""
-    spring: Any
-    """Lengths of the springs (2,), m."""
-
-
-def above_slider(parameters, q):
-    """Return how far the hinges are above the slider, m."""
-    return parameters.hinge[1] - q[SLIDER_HEIGHT]
-
-
-def prepare(arithmetic, parameters, q, t):
-    """Return the `Prepared` at q (4,).
-
-    A spring ends at the slider as far from the shaft as the hinge is.
-    """
-    turn, arms = arithmetic.angles(q[1:2]), arithmetic.angles(q[2:])
-    reach, high = parameters.attachment[0], above_slider(parameters, q)
-    square = np.zeros(2, arms.cos.dtype)
-    for i in range(2):
-        out, rise = reach * arms.cos[i], high - reach * arms.sin[i]
-        square[i] = out * out + rise * rise
-    return Prepared(turn, arms.cos, arms.sin, arithmetic.root(square))
-
-
-# ---- How the bodies move -------------------------------------------------------------------------
-
-
-def rotations(cos, sin, v):
-    """Return ω (3, 3) of slider and arms, along axes of the bodies."""
-    arms = [[-sin[i] * v[TURN], v[ARMS[i]], cos[i] * v[TURN]] for i in range(2)]
-    return np.array([[0, 0, v[TURN]], *arms], v.dtype)
-
-
-def jacobians(parameters, prepared, q, v):
-    """Return the `Jacobians`, V of an arm along its radial, tangential and upward directions."""
-    cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
-    linear, angular = np.zeros((3, 3, 4), q.dtype), np.zeros((3, 3, 4), q.dtype)
-    rest, angular_rest = np.zeros((3, 3), q.dtype), np.zeros((3, 3), q.dtype)
-    linear[0, 2, SLIDER_HEIGHT] = 1
-    angular[0, 2, TURN] = 1
-    turn = v[TURN]
-    for i in range(2):
-        arm, swing = ARMS[i], v[ARMS[i]]
-        out, down = center * cos[i], center * sin[i]
-        radius = parameters.hinge[0] + out
-        linear[i + 1, 0, arm], linear[i + 1, 1, TURN], linear[i + 1, 2, arm] = -down, radius, -out
-        rest[i + 1, 0] = -out * swing * swing - radius * turn * turn
-        rest[i + 1, 1] = -2 * down * swing * turn
-        rest[i + 1, 2] = down * swing * swing
-        angular[i + 1, 0, TURN], angular[i + 1, 2, TURN] = -sin[i], cos[i]
-        angular[i + 1, 1, arm] = 1
-        angular_rest[i + 1, 0] = -cos[i] * swing * turn
-        angular_rest[i + 1, 2] = -sin[i] * swing * turn
-    moments = gyroscopic_moments(parameters.inertia, rotations(cos, sin, v))
-    return Jacobians(linear, angular, rest, angular_rest, moments)
-
-
-def tension(length, rest_length, stiffness, damping, rate):
-    """Return the pull of a spring and its damper, N, while the spring grows at `rate`."""
-    pull = stiffness[0] * (length - rest_length[0])
-    if damping is None:
-        return pull
-    return pull + damping[0] * rate
-
-
-def spring_gradient(parameters, prepared, q, i):
-    """Return ∂(length of spring i)/∂s and ∂(length of spring i)/∂θ_i."""
-    reach, high, length = parameters.attachment[0], above_slider(parameters, q), prepared.spring[i]
-    return (reach * prepared.sin[i] - high) / length, -reach * high * prepared.cos[i] / length
-
-
-def forces(parameters, prepared, q, v):
-    """Return Q (4,): weights, springs and dampers."""
-    stiffness, rest_length = parameters.stiffness, parameters.rest_length
-    mass, gravity = parameters.mass, parameters.gravity[0]
-    Q = np.zeros(4, v.dtype)
-    Q[SLIDER_HEIGHT] = -mass[0] * gravity
-    for i in range(2):
-        arm = ARMS[i]
-        by_slider, by_arm = spring_gradient(parameters, prepared, q, i)
-        rate = by_slider * v[SLIDER_HEIGHT] + by_arm * v[arm]
-        pull = tension(prepared.spring[i], rest_length, stiffness, parameters.damping, rate)
-        Q[SLIDER_HEIGHT] -= pull * by_slider
-        Q[arm] = mass[i + 1] * gravity * parameters.center[0] * prepared.cos[i] - pull * by_arm
-    return Q
-
-
-# ---- The second derivation: positions and velocities only ----------------------------------------
-
-
-def velocities(parameters, prepared, q, v):
-    """Return the velocities of the centres of mass along x, y, z (3, 3), and of rotation (3, 3)."""
-    cos, sin, center = prepared.cos, prepared.sin, parameters.center[0]
-    ahead, left = prepared.turn.cos[0], prepared.turn.sin[0]
-    V = np.zeros((3, 3), v.dtype)
-    V[0, 2] = v[SLIDER_HEIGHT]
-    for i in range(2):
-        side = 1 - 2 * i
-        out = -center * sin[i] * v[ARMS[i]]
-        around = (parameters.hinge[0] + center * cos[i]) * v[TURN]
-        V[i + 1, 0] = side * (out * ahead - around * left)
-        V[i + 1, 1] = side * (out * left + around * ahead)
-        V[i + 1, 2] = -center * cos[i] * v[ARMS[i]]
-    return V, rotations(cos, sin, v)
-
-
-def potential(parameters, prepared, q):
-    """Return U, J, of weights and springs."""
-    mass, gravity = parameters.mass, parameters.gravity[0]
-    U = mass[0] * gravity * q[SLIDER_HEIGHT]
-    for i in range(2):
-        height = parameters.hinge[1] - parameters.center[0] * prepared.sin[i]
-        longer = prepared.spring[i] - parameters.rest_length[0]
-        U += mass[i + 1] * gravity * height
-        U += parameters.stiffness[0] * longer * longer / 2
-    return U
-
-
-def damper_dissipation(damping, first, second):
-    """Return R of two dampers from how fast they grow, W; None without them."""
-    if damping is None:
-        return None
-    return damping[0] * (first * first + second * second) / 2
-
-
-def growth(parameters, prepared, q, v, i):
-    """Return how fast spring i grows, m/s: the rate of its square, halved, by its length."""
-    reach, cos, sin = parameters.attachment[0], prepared.cos[i], prepared.sin[i]
-    swing = reach * v[ARMS[i]]
-    rise, rate = above_slider(parameters, q) - reach * sin, -v[SLIDER_HEIGHT] - cos * swing
-    return (rise * rate - reach * cos * sin * swing) / prepared.spring[i]
-
-
-def dissipation(parameters, prepared, q, v):
-    """Return R, W, or None: half the power that the dampers take."""
-    return damper_dissipation(
-        parameters.damping,
-        growth(parameters, prepared, q, v, 0),
-        growth(parameters, prepared, q, v, 1),
-    )
+def description(parameters):
+    """Return the governor in words: slider and arms on a shaft, springs between them."""
+    mass, (out, top) = parameters.mass, parameters.hinge
+    hook = (parameters.attachment[0], 0, 0)
+    damping = None if parameters.damping is None else parameters.damping[0]
+    strength = parameters.stiffness[0], parameters.rest_length[0], damping
+    links = [words.Link("slider", mass[0])]
+    joints = [
+        words.Joint("ψ", "revolute", GROUND, "shaft"),
+        words.Joint("s", "prismatic", "shaft", "slider"),
+    ]
+    springs = []
+    for k, (side, turn) in enumerate(((out, words.ONE), (-out, HALF_TURN)), 1):
+        arm, place = f"arm {k}", (side, 0, top)
+        links += [words.Link(arm, mass[k], (parameters.center[0], 0, 0))]
+        joints += [words.Joint(f"θ_{k}", "revolute", "shaft", arm, place, turn, (0, 1, 0))]
+        springs += [words.Spring(f"spring {k}", arm, "slider", hook, (side, 0, 0), *strength)]
+    down = (0, 0, -parameters.gravity[0])
+    return Description(links, joints, NAMES, springs=springs, gravity=down)
 
 
 # ---- The scene -----------------------------------------------------------------------------------
 
 
-class FlyballGovernor(Parametric, functions=globals()):
+class FlyballGovernor(Described, description=description, damped=True):
     """A flyball governor with springs for couplers, by default that of the benchmark.
 
     At t = 0 it turns at `rate`, both arms at `angle` below the horizontal, the slider at `height`.
@@ -236,7 +110,7 @@ class FlyballGovernor(Parametric, functions=globals()):
     rate: Any = parameter("ψ̇ at t = 0", "rad/s", default=float(2 * np.pi), read=False)
 
     key = "flyball-governor"
-    named_coordinates = "s", "ψ", "θ_1", "θ_2"
+    named_coordinates = NAMES
     drawn_coordinates = Range(0.0, 0.6), ANY_ANGLE, Range(-1.2, 1.2), Range(-1.2, 1.2)
     conserves_energy = True
     angle_coordinates = slice(1, None)
