@@ -224,7 +224,8 @@ def read(description: Callable, parameters: Any) -> Understood:
 # ---- For a kind of scene -------------------------------------------------------------------------
 
 OPEN = "jacobians", "terms", "forces", "velocities", "potential"
-CLOSED = "constraints", "drift", "constraint", "position_residual"
+CLOSED = "constraints", "drift", "constraint"
+HELD = ("position_residual",)
 DAMPED = ("dissipation",)
 
 
@@ -254,6 +255,7 @@ class Described(Parametric):
         cls,
         description: Callable[[Any], Description] | None = None,
         closed: bool = False,
+        held: bool = True,
         damped: bool = False,
         **options,
     ):
@@ -262,12 +264,14 @@ class Described(Parametric):
         Args:
             description: gives it by the parameters in any kind of number.
             closed: whether there are constraints.
+            held: whether any of them is holonomic.
             damped: whether there may be dampers.
             options: for other classes that it derives from.
         """
         if description is not None:
             cls.description = staticmethod(description)
-            names = (*OPEN, *(CLOSED if closed else ()), *(DAMPED if damped else ()))
+            names = [*OPEN, *(CLOSED if closed else ()), *(DAMPED if damped else ())]
+            names += HELD if closed and held else ()
             own = {name: _function(description, name) for name in names}
             options |= {"functions": own | {"prepare": _prepare(description)}}
         super().__init_subclass__(**options)

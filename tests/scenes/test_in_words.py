@@ -1,0 +1,76 @@
+"""Scenes by hand against descriptions of them, exactly, modulo a prime."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.scenes.by_hand import given_by
+
+import eomcheck
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
+from eomcheck.mechanics.parameters import parameter
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import Sleigh
+from eomcheck.scenes.named import kinds_of
+
+GUIDES = Path(__file__).parents[2] / "docs" / "guides"
+MASS, INERTIA = (0.7,), (0.3,)
+
+
+def in_words(parameters: Any) -> Description:
+    body = words.Link("sleigh", parameters.mass[0], (parameters.offset[0], 0, 0))
+    joint = words.Joint("edge", "planar", GROUND, "sleigh")
+    edge = words.knife_edge("edge", "sleigh", (0, -1, 0))
+    return Description([body], [joint], constraints=[edge], planar=True)
+
+
+class SleighInWords(Described, description=in_words, closed=True, held=False):
+    """The sleigh, its generalized speeds a partition."""
+
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,))
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (1,))
+    offset: Any = parameter("from edge to centre of mass", "m", drawn=(-5.0, 5.0))
+
+    key, conserves_energy, angle_coordinates = "sleigh-in-words", True, slice(2, None)
+    named_coordinates, named_constraints = ("x", "y", "θ"), ("edge",)
+
+    def initial_state(self):
+        return np.zeros(3), np.array([0.0, 0.0, 1.0])
+
+
+def trailers() -> tuple[Scene, Scene]:
+    """Return the trailer of the tutorial, and its description."""
+    numbers = {"mass": (310.0,), "inertia": (170.0,), "back": 2.2, "axle": 3.1}
+    found: Any = [
+        kind(**numbers)
+        for name in ("trailer.py", "trailer_in_words.py")
+        for kind in kinds_of(f"{GUIDES / name}:Trailer")
+    ]
+    by_hand, described = found
+    return by_hand, described
+
+
+@pytest.mark.parametrize(
+    ("by_hand", "described"),
+    [
+        (Sleigh(0.7, 0.3, -1.2), SleighInWords(MASS, INERTIA, -1.2)),
+        pytest.param(*trailers(), id="trailer"),
+    ],
+)
+def test_words_give_exactly_the_terms_that_are_written_by_hand(by_hand: Scene, described: Scene):
+    theirs, ours = given_by(by_hand), given_by(described)
+    same = {name: digest for name, digest in theirs.items() if name not in ("Q", "U")}
+    assert same == {name: ours[name] for name in same}
+    assert theirs["Q"] == ours["Q"] == "absent"
+
+
+@pytest.mark.parametrize("kind", [SleighInWords, type(trailers()[1])])
+def test_what_is_described_in_words_is_proved(kind: type[Scene]):
+    scene = trailers()[1] if kind is not SleighInWords else SleighInWords(MASS, INERTIA, -1.2)
+    found = eomcheck.prove(scene, points=1, seed=0)
+    assert len(found) > 60
+    assert {one.verdict for one in found} == {"passed"}
