@@ -51,6 +51,7 @@ ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
 CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
 WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
 RING, MIXED = ("constraint-jacobian", "", Bricard), ("mass-matrix", "entry", Bricard)
+WHIRLED = "bias", "row ", Bricard
 DAMPED = "generalized-forces", "row ", FlyballGovernor
 TURNED = "mass-matrix", "", FlyballGovernor
 CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
@@ -372,16 +373,18 @@ FAULTS = [
         "θ_",
     ),
     # What is made of a description: how bodies move, what weighs, and the second derivation.
-    Fault(MOTION, "arm if run.arm else", "at if run.arm else", "mass-matrix", "θ_"),
-    Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", "bias", "row θ_"),
-    Fault(
-        TERMS, "times(P[c], linear[k, c, j])", "times(P[c], linear[k, c, i])", "mass-matrix", "θ_"
-    ),
-    Fault(TERMS, "            M[j, i] = M[i, j]\n", "            pass\n", "mass-matrix", "missing"),
-    Fault(TERMS, "mass[k] * linear_rest", "-mass[k] * linear_rest", "bias", "sign"),
+    Fault(MOTION, "arm if run.arm else", "at if run.arm else", "kane-ml-mass", "M_Kane"),
+    Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", *KANE),
     Fault(MOTION, "centripetal(rates.omega, arm))", "rates.rest)", "bias", "row θ_"),
-    Fault(WEIGHTS, "Q[i] += parameters.mass", "Q[i] -= parameters.mass", *WEIGHED),
-    Fault(WEIGHTS, "dot(g, moved)", "dot(g, point[0])", *WEIGHED),
+    Fault(TERMS, "NOTHING if slot.absolute else L", "L", "mass-matrix", "θ_"),
+    Fault(TERMS, "weightless_turn(own) if slot.absolute else own", "own", "mass-matrix", "θ_"),
+    Fault(TERMS, "M[slot.coordinate, i] += share", "pass", "mass-matrix", "missing"),
+    Fault(TERMS, "NOTHING if slot.absolute else moment[k]", "moment[k]", "bias", "row θ_"),
+    Fault(TERMS, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", "bias", "row θ_"),
+    Fault(TERMS, "added(rates[k].rest, swung(", "added(NOTHING, swung(", "bias", "row θ_"),
+    Fault(WEIGHTS, "Q[slot.coordinate] += work", "Q[slot.coordinate] -= work", *WEIGHED),
+    Fault(WEIGHTS, "NOTHING if slot.absolute else moment[k]", "moment[k]", *WEIGHED),
+    Fault(WEIGHTS, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", *WEIGHED),
     Fault(ENERGIES, "U, times(parameters.mass", "U, times(-parameters.mass", *WEIGHED),
     Fault(ENERGIES, "parent, seat), a)", "parent, a), seat)", *WEIGHED),
     Fault(ENERGIES, "turned_back(V, axis", "turned(V, axis", "mass-matrix", "[casadi]"),
@@ -510,13 +513,12 @@ FAULTS = [
     ),
     # In space
     Fault(ROWS, "dot(a.value, b.value),", "dot(a.value, a.value),", *RATE, Bricard),
-    Fault(MOTION, "turned_back(one, axis", "turned_back(one, 0", "mass-matrix", "entry", Bricard),
-    Fault(
-        MOTION, "cross(omega, momentum", "cross(rates[k].omega, momentum", "bias", "row ", Bricard
-    ),
+    Fault(MOTION, "turned_back(one, axis", "turned_back(one, 0", "kane-ml-mass", "M_Kane", Bricard),
+    Fault(MOTION, "cross(omega, momentum", "cross(rates[k].omega, momentum", *KANE, Bricard),
     Fault(MOTION, "added(alpha, carried)", "alpha", "bias", "row ", Bricard),
-    Fault(TERMS, "plus(moment[c], gyro", "plus(moment[c], -gyro", "bias", "row ", Bricard),
-    Fault(TERMS, "total(inertia[k, c, f] * angular[k", "total(angular[k", *MIXED),
+    Fault(TERMS, "cross(rates.omega, applied", "cross(rates.alpha, applied", *WHIRLED),
+    Fault(TERMS, "halves[k][i], axes[k][j]", "halves[k][i], axes[j][k]", *MIXED),
+    Fault(TERMS, "times(2, square)", "square", *MIXED),
     Fault(CONSTRAINTS, "cross(x, along) for", "cross(along, x) for", *RING),
     Fault(
         CONSTRAINTS, "cross(rates.alpha, along), ", "along, ", "constraint-drift", "hinge", Bricard

@@ -17,7 +17,7 @@ from eomcheck.mechanics.described.mechanism import planned
 from eomcheck.mechanics.described.neutral import doubles, tree_by
 from eomcheck.mechanics.described.pose import placed
 from eomcheck.mechanics.described.quaternions import ONE, Quaternion, rotation
-from eomcheck.mechanics.described.topology import PARAMETER, Closure, Plan, Slot, Topology
+from eomcheck.mechanics.described.topology import Closure, Plan, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.tree import Tree
@@ -79,15 +79,6 @@ class Numbers(NamedTuple):
 def absent(entries: Iterable[Any]) -> tuple[Any, ...]:
     """Return entries of which those that are literally 0 are None."""
     return tuple(None if type(x) in (int, float) and x == 0 else x for x in entries)
-
-
-def known(entries: Any) -> Any:
-    """Return what of entries is known beforehand."""
-    if isinstance(entries, tuple | list):
-        return tuple(known(x) for x in entries)
-    if isinstance(entries, np.ndarray) and entries.dtype == object and entries.shape == (3, 3):
-        return tuple(known(x) for x in entries.tolist())
-    return entries if entries is None or type(entries) is int else PARAMETER
 
 
 class _Reading:
@@ -169,13 +160,7 @@ class _Reading:
         for name in self.bodies:
             self.number("mass", self.links[name].mass)
             self.number("center", absent(self.links[name].center))
-        entries = tuple((name, known(self.numbers[name])) for name in PATTERNS)
-        return Topology(
-            tuple(self.slots), self.coordinates, told.planar, closures, springs, entries
-        )
-
-
-PATTERNS = "offset", "rotation", "center"
+        return Topology(tuple(self.slots), self.coordinates, told.planar, closures, springs)
 
 
 def any_of(entries: tuple[Any, ...]) -> bool:

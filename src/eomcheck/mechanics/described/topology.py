@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
-
-PARAMETER = "parameter"
-"""What is known beforehand of an entry that may be any number."""
+from typing import NamedTuple
 
 
 class Slot(NamedTuple):
@@ -78,9 +75,6 @@ class Topology(NamedTuple):
     closures: tuple[Closure, ...] = ()
     springs: tuple[Closure, ...] = ()
     """Those between two points, each with a place among the `springs`."""
-    entries: Any = None
-    """What is known of the numbers beforehand, by name: entries that are absent (None), or 1 or -1;
-    None where all of them are parameters."""
 
 
 class Run(NamedTuple):
