@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.engines.walk import Link
+from eomcheck.mechanics.tree import PLANAR
 
 
 def twisted(links: list[Link], seed: int) -> list[Link]:
@@ -14,12 +15,13 @@ def twisted(links: list[Link], seed: int) -> list[Link]:
     the inertia has products in the turned frame.
     """
     rng = np.random.default_rng(seed)
+    planar = all(link.kind in PLANAR for link in links)
     turns = [_turn(link, int(rng.integers(0, 3)), rng) for link in links]
     result = []
     for link, (turn, kind) in zip(links, turns, strict=True):
         before = np.eye(3) if link.parent < 0 else turns[link.parent][0]
         x, y = rng.uniform(0.6, 1.4, 2)
-        inertia = link.inertia * np.array([x, y, 1.0])
+        inertia = link.inertia * np.array([x, y, 1.0]) if planar else link.inertia
         result.append(
             link._replace(
                 kind=kind,
