@@ -71,11 +71,19 @@ class Solve(NamedTuple):
 
 
 class Watch:
-    """What `solve` reports to while doubles are evaluated."""
+    """What `solve` reports to while doubles are evaluated.
+
+    Attributes:
+        noise: what matrices are moved by.
+        like: see `watching`.
+        solves: every matrix solved.
+        refused: in lanes, where each of them is refused (L,).
+    """
 
     def __init__(self, noise: Noise | None = None, like: Mapping[str, Solve] | None = None):
         self.noise, self.like = noise, like or {}
         self.solves: list[Solve] = []
+        self.refused: list[np.ndarray] = []
 
     @property
     def rcond(self) -> dict[str, float]:
@@ -103,6 +111,11 @@ def watching(
         yield watch
     finally:
         _watch.reset(token)
+
+
+def watch_present() -> Watch | None:
+    """Return what `solve` reports to, if anything."""
+    return _watch.get()
 
 
 def noise_present() -> Noise | None:
@@ -215,7 +228,7 @@ def _lapack_solve(A, b, name):
     if noise is not None:
         with np.errstate(all="ignore"):
             return _moved_solve(A, b, name, noise)
-    A, b, scale, row_scale = _scaled(A, b)
+    A, b, scale, row_scale = scaled(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
     rcond = reciprocal_condition(lu, pivots)
@@ -230,8 +243,8 @@ def _moved_solve(A, b, name, noise):
     Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
     refused; what is singular is NaN. Noise may be several noises: A is (k, n, n) then.
     """
-    A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
-    like = _like(name)
+    A, b, scale, row_scale = scaled(noise.entries(A), noise.entries(b))
+    like = like_present(name)
     lu, pivots = _factored(A, None if like is None else like.pivots)
     diagonal = np.diagonal(lu, axis1=-2, axis2=-1)
     record(Solve(name, A.shape[-1], np.nan, *determinant(diagonal, pivots, scale, row_scale)), A)
@@ -263,7 +276,7 @@ def _substituted(lu, pivots, b):
     return _getrs(lu, pivots, b)[0]
 
 
-def _like(name):
+def like_present(name):
     """Return how the matrix was solved as it is, if that is known."""
     watch = _watch.get()
     return None if watch is None else watch.like.get(name)
@@ -278,7 +291,7 @@ def _eliminated(A, pivots):
     return lu
 
 
-def _scaled(A, b):
+def scaled(A, b):
     """Return A (..., n, n), b and the scales (..., n) of columns and rows.
 
     The scale of rows decides which pivots are taken. First rows, as equations come: with columns
