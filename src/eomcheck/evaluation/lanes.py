@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Acceleration, Evaluation, Key
-from eomcheck.evaluation.perturbed import MOVES, SLIP, allowed_violation
+from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key
+from eomcheck.evaluation.perturbed import SLIP, allowed_violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
@@ -45,6 +45,7 @@ class LaneEvaluation(Evaluation):
         states: where they are looked at.
 
     Attributes:
+        lanes: number of states L.
         scenes: all of them; `scene` is the first, which stands for what they have in common.
         refused: by formulation, where it refuses (L,).
     """
@@ -59,13 +60,8 @@ class LaneEvaluation(Evaluation):
 
     def _begin_lanes(self, scenes: Sequence[Scene], q: LaneArray, t: Any) -> None:
         self._begin(scenes[0], q, t)  # type: ignore[arg-type]
-        self.arithmetic, self.scenes = IN_LANES, scenes
+        self.arithmetic, self.scenes, self.lanes = IN_LANES, scenes, len(scenes)
         self.refused: dict[Key, Array] = {}
-
-    @property
-    def lanes(self) -> int:
-        """L."""
-        return len(self.scenes)
 
     @quantity
     def parameters(self) -> Any:
@@ -78,6 +74,10 @@ class LaneEvaluation(Evaluation):
         Raises:
             TypeError: it does more than rational operations.
         """
+        return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+
+    def unmoved(self, function: Callable, *arguments) -> Any:
+        """Call a generic function without noise, see `Evaluation`."""
         return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
 
     def _packed(self, x: Any) -> Any:
@@ -110,6 +110,12 @@ class LaneEvaluation(Evaluation):
             if x is not None:
                 x.data[..., self.refused[key]] = np.nan
         return Acceleration(found[0], found[1], rcond, float("inf"))
+
+    def alone(self, lane: int) -> Evaluation:
+        """Return the evaluation at the state of one lane."""
+        t = self.t.data[lane] if isinstance(self.t, LaneArray) else self.t
+        q, v = self.q.data[:, lane], self.v.data[:, lane]  # type: ignore[attr-defined]
+        return Evaluation(self.scenes[lane], q, v, float(t))
 
     def perturbed(self, coordinates: bool = False) -> tuple[LaneCopy, ...]:
         """Return copies with every number perturbed, see `perturbed_copies`."""

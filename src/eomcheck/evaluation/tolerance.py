@@ -60,3 +60,8 @@ def largest(x: Any) -> Any:
         return LaneArray(np.where(np.isfinite(data), data, np.inf))
     x = float(np.abs(np.asarray(x, dtype=np.float64)).max(initial=0.0))
     return x if math.isfinite(x) else math.inf
+
+
+def larger(x: Any, y: Any) -> Any:
+    """Return the larger of two numbers, lane by lane where there are lanes."""
+    return np.maximum(x, y) if lanes_in((x, y)) else max(x, y)

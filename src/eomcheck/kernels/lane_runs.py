@@ -15,7 +15,8 @@ from eomcheck.kernels.machine import Machine
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
-from eomcheck.numbers.noise import NORMAL, Noise
+from eomcheck.numbers.noise import Noise
+from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 if TYPE_CHECKING:
     from eomcheck.kernels.moved import _List
@@ -86,9 +87,9 @@ def _code(moved: bool) -> Callable[[int, int, int, int, int], None]:
                             zero = wide.compare("oeq", b, wide.constant(0.0))
                             result = wide.choose(zero, wide.constant(float("nan")), result)
                         if moved:
-                            # As `Noise.entries` moves them.
+                            # As `LaneNoise.entries` moves them.
                             largest = wide.call("fabs", result)
-                            largest = wide.call("maxnum", largest, wide.constant(NORMAL))
+                            largest = wide.call("maxnum", largest, wide.constant(SMALLEST_SIZE))
                             result = wide.add(result, wide.mul(change, largest))
                     wide.store(result, to, vector.i)
     name = "moved_lanes" if moved else "lanes"

@@ -14,7 +14,8 @@ import numpy as np
 
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.generic import BRANCH, NotRationalError
-from eomcheck.numbers.noise import EXACT, NORMAL, Noise
+from eomcheck.numbers.noise import EXACT, Noise
+from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
 
@@ -30,11 +31,14 @@ class LaneArray:
         noise: what moves the results of operations, if anything.
     """
 
-    __slots__ = ("data", "noise")
+    __slots__ = ("data", "known", "noise", "turned")
     __array_priority__ = 100.0
 
     def __init__(self, data: np.ndarray, noise: Noise | None = None):
         self.data, self.noise = data, noise
+        # What is known of a matrix and its transpose (`eomcheck.numbers.decompositions`).
+        self.known: list[Any] = []
+        self.turned = False
 
     # ---- As an array -----------------------------------------------------------------------------
 
@@ -69,7 +73,10 @@ class LaneArray:
     @property
     def T(self) -> LaneArray:
         """The array with its axes in reverse."""
-        return LaneArray(self.data.transpose(*range(self.ndim - 1, -1, -1), self.ndim), self.noise)
+        data = self.data.transpose(*range(self.ndim - 1, -1, -1), self.ndim)
+        turned = LaneArray(data, self.noise)
+        turned.known, turned.turned = self.known, not self.turned
+        return turned
 
     def __len__(self) -> int:
         if not self.ndim:
@@ -81,6 +88,7 @@ class LaneArray:
         return LaneArray(found, self.noise if found.ndim > 1 else None)
 
     def __setitem__(self, where: Any, x: Any) -> None:
+        self.known.clear()
         self.data[where] = x.data if isinstance(x, LaneArray) else x
 
     def __iter__(self) -> Iterator[LaneArray]:
@@ -162,14 +170,17 @@ class LaneArray:
     def __rmatmul__(self, other):
         return np.matmul(other, self)
 
-    def _compared(self, other=None):
+    def __le__(self, other):
+        return np.less_equal(self, other)
+
+    def __gt__(self, other):
+        return np.greater(self, other)
+
+    def _branched(self, other=None):
         raise NotRationalError(BRANCH)
 
-    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _compared
+    __eq__ = __bool__ = __float__ = _branched
     __hash__ = object.__hash__
-
-    def __float__(self) -> float:
-        raise NotRationalError(BRANCH)
 
     def __array_ufunc__(self, ufunc, method, *inputs, out=None, **options):
         if method != "__call__" or out is not None:
@@ -185,7 +196,7 @@ class LaneArray:
             if noise is None:
                 return LaneArray(result)
             size = _product(*map(np.abs, data))
-            return LaneArray(result + _changes(noise, result) * np.maximum(size, NORMAL), noise)
+            return LaneArray(result + _changes(noise, result) * np.maximum(size, SMALLEST_SIZE), noise)
         if objects:
             return ufunc(*(entries(x) if isinstance(x, LaneArray) else x for x in inputs))
         data = [
@@ -223,7 +234,7 @@ def _changes(noise: Noise, x: np.ndarray) -> np.ndarray:
 def _moved(result: np.ndarray, noise: Noise | None) -> LaneArray:
     if noise is None or result.dtype != np.float64:
         return LaneArray(result)
-    change = _changes(noise, result) * np.maximum(np.abs(result), NORMAL)
+    change = _changes(noise, result) * np.maximum(np.abs(result), SMALLEST_SIZE)
     return LaneArray(result + change, noise)
 
 
@@ -277,6 +288,8 @@ def lanes_of(x: Any, count: int) -> np.ndarray:
 
 def doubles(x: Any) -> Any:
     """Return an array of doubles, or of lanes where x has any."""
+    if isinstance(x, LaneArray):
+        return x
     count = lanes_in(x)
     return LaneArray(lanes_of(x, count)) if count else np.asarray(x, np.float64)
 
@@ -288,6 +301,13 @@ def where(condition: Any, x: Any, y: Any) -> Any:
         return x if condition else y
     of = condition.data if isinstance(condition, LaneArray) else condition
     return LaneArray(np.where(of, *(z.data if isinstance(z, LaneArray) else z for z in (x, y))))
+
+
+def everywhere(condition: Any) -> Any:
+    """Return whether a condition holds in all entries, lane by lane where there are lanes."""
+    if not isinstance(condition, LaneArray):
+        return bool(np.all(condition))
+    return LaneArray(condition.data.reshape(-1, condition.lanes).all(axis=0))
 
 
 def _concatenate(arrays: Any, axis: int = 0) -> Any:
@@ -332,13 +352,17 @@ IN_LANES = InLanes()
 
 
 class LaneNoise(Noise):
-    """A source of changes that are the same in all lanes, as they are the same at all states."""
+    """A source of changes that are the same in all lanes, as they are the same at all states.
+
+    What is below `SMALLEST_SIZE`, of which residuals tell nothing, is moved like it: a zero then
+    becomes no subnormal number, with which machines compute a hundred times as slowly.
+    """
 
     def entries(self, x: Any) -> LaneArray:
         """Change each entry of x relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
-            return LaneArray(data + _changes(self, data) * np.maximum(np.abs(data), NORMAL))
+            return LaneArray(data + _changes(self, data) * np.maximum(np.abs(data), SMALLEST_SIZE))
 
     def record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent."""
