@@ -195,10 +195,10 @@ class LaneCase:
                 sensitivity = measured(one, "found") + measured(one, "expected") + size
                 given = sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
             scale = given if one.may_vanish else None if one.size is None else size
-            absent = refused | self._absent(one.subject)
+            absent = refused | self._refused_in(one.subject)
             yield self.compared(claim, one, given, scale, absent)
 
-    def _absent(self, subject: str) -> Array:
+    def _refused_in(self, subject: str) -> Array:
         """Return where a subject is about a formulation that refuses (L,)."""
         named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
         absent = np.zeros(self.at.lanes, bool)
@@ -219,7 +219,10 @@ class LaneCase:
         allowed = allowed_error(1.0) * np.broadcast_to(sensitivity, (lanes,))
         verdict = judged(observed, allowed, scale)
         verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_)
-        return Outcome(claim.id, sides.subject, observed, allowed, np.where(absent, ABSENT, verdict))
+        # What depends on a result that is refused is NaN; what needs none is told of results alone.
+        told = np.isfinite(observed) & bool(lanes_in((sides.found, sides.expected)))
+        verdict = np.where(absent & ~told, ABSENT, verdict)
+        return Outcome(claim.id, sides.subject, observed, allowed, verdict)
 
     def _invariance(self) -> Iterator[Outcome]:
         at, claim = self.at, CLAIMS["invariance"]

@@ -15,7 +15,7 @@ from eomcheck.kernels.machine import Machine
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
-from eomcheck.numbers.noise import Noise
+from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ def _code(moved: bool) -> Callable[[int, int, int, int, int], None]:
         operation, *places = (
             code.let(f"load i64, ptr {code.at(first, i, 'i64')}") for i in range(4)
         )
-        size = code.integer("mul", "%many", LANES)
-        x, y, to = (code.at("%values", code.integer("mul", place, size)) for place in places)
+        row = code.integer("mul", "%many", LANES)
+        x, y, to = (code.at("%values", code.integer("mul", place, row)) for place in places)
         change = ""
         if moved:
             one = code.load("%changes", turn.i)
@@ -89,8 +89,9 @@ def _code(moved: bool) -> Callable[[int, int, int, int, int], None]:
                         if moved:
                             # As `LaneNoise.entries` moves them.
                             largest = wide.call("fabs", result)
-                            largest = wide.call("maxnum", largest, wide.constant(SMALLEST_SIZE))
-                            result = wide.add(result, wide.mul(change, largest))
+                            normal = wide.compare("oge", largest, wide.constant(NORMAL))
+                            size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
+                            result = wide.add(result, wide.mul(change, size))
                     wide.store(result, to, vector.i)
     name = "moved_lanes" if moved else "lanes"
     head = "i64 %count, ptr %operations, ptr %values, i64 %many, ptr %changes"

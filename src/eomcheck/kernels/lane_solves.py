@@ -46,7 +46,7 @@ def _behind(x: np.ndarray) -> np.ndarray:
 
 def _moved(x: np.ndarray, noise: Noise) -> np.ndarray:
     """Return numbers (L, *shape), each moved by what is the same in all lanes."""
-    return x + noise.changes(x.shape[1:]) * np.maximum(np.abs(x), SMALLEST_SIZE)
+    return x + noise.changes(x.shape[1:]) * size_of(x)
 
 
 def _note(found: Solve, refused: np.ndarray) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.generic import BRANCH, NotRationalError
-from eomcheck.numbers.noise import EXACT, Noise
+from eomcheck.numbers.noise import EXACT, NORMAL, Noise
 from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
@@ -196,7 +196,7 @@ class LaneArray:
             if noise is None:
                 return LaneArray(result)
             size = _product(*map(np.abs, data))
-            return LaneArray(result + _changes(noise, result) * np.maximum(size, SMALLEST_SIZE), noise)
+            return LaneArray(result + _changes(noise, result) * size_of(size), noise)
         if objects:
             return ufunc(*(entries(x) if isinstance(x, LaneArray) else x for x in inputs))
         data = [
@@ -227,6 +227,16 @@ def _front(axis: int) -> int:
     return axis if axis >= 0 else axis - 1
 
 
+def size_of(x: np.ndarray) -> np.ndarray:
+    """Return what noise moves x relative to: |x|, and `SMALLEST_SIZE` of what is no normal number.
+
+    A zero then becomes no subnormal number, with which machines compute a hundred times as slowly.
+    """
+    size = np.abs(x)
+    size[size < NORMAL] = SMALLEST_SIZE
+    return size
+
+
 def _changes(noise: Noise, x: np.ndarray) -> np.ndarray:
     return noise.changes(x.shape[:-1])[..., None]
 
@@ -234,7 +244,7 @@ def _changes(noise: Noise, x: np.ndarray) -> np.ndarray:
 def _moved(result: np.ndarray, noise: Noise | None) -> LaneArray:
     if noise is None or result.dtype != np.float64:
         return LaneArray(result)
-    change = _changes(noise, result) * np.maximum(np.abs(result), SMALLEST_SIZE)
+    change = _changes(noise, result) * size_of(result)
     return LaneArray(result + change, noise)
 
 
@@ -354,15 +364,14 @@ IN_LANES = InLanes()
 class LaneNoise(Noise):
     """A source of changes that are the same in all lanes, as they are the same at all states.
 
-    What is below `SMALLEST_SIZE`, of which residuals tell nothing, is moved like it: a zero then
-    becomes no subnormal number, with which machines compute a hundred times as slowly.
+    What is no normal number is moved like the smallest of which residuals tell, see `size_of`.
     """
 
     def entries(self, x: Any) -> LaneArray:
         """Change each entry of x relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
-            return LaneArray(data + _changes(self, data) * np.maximum(np.abs(data), SMALLEST_SIZE))
+            return LaneArray(data + _changes(self, data) * size_of(data))
 
     def record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent."""
