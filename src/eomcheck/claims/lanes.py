@@ -18,7 +18,7 @@ import numpy as np
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Acceleration
+from eomcheck.evaluation.doubles import SPEEDS, Acceleration
 from eomcheck.evaluation.lanes import (
     LaneEvaluation,
     acceleration_sensitivity_in_lanes,
@@ -201,7 +201,7 @@ class LaneCase:
     def _refused_in(self, subject: str) -> Array:
         """Return where a subject is about a formulation that refuses (L,)."""
         named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
-        absent = np.zeros(self.at.lanes, bool)
+        absent = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool)).copy()
         for f, _ in self.solutions if named & {f.key for f in self.formulations} else ():
             if f.key in named:
                 absent |= self.refused(f.key)
@@ -275,7 +275,7 @@ def lane_cases(
     for i, (scene, state) in enumerate(cases):
         try:
             scene.refuse_speeds(state.q)
-            has_speeds = scene.natural_speeds
+            has_speeds = True
         except RefusedError:
             has_speeds = False
         groups.setdefault((type(scene), scene.structure, has_speeds), []).append(i)

@@ -122,9 +122,13 @@ class Evaluation(Quantities):
         with self.watched(SPEEDS) as watch, np.errstate(all="ignore"):
             here = self.parameters, self.prepared, self.q, self.u
             found = self.call(self.scene.kinematics, *here)
+        self.speeds_solved(watch)
+        return found
+
+    def speeds_solved(self, watch: Watch) -> None:
+        """Note what was solved for generalized speeds by a partition."""
         self._speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
-        return found
 
     def refuse_speeds(self) -> None:
         """Raise RefusedError where the scene has no generalized speeds."""

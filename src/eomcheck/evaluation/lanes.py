@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key
+from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation, Key
 from eomcheck.evaluation.perturbed import SLIP, allowed_violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
@@ -83,6 +83,11 @@ class LaneEvaluation(Evaluation):
     def _packed(self, x: Any) -> Any:
         return doubles(x) if isinstance(x, np.ndarray) and lanes_in(x) else x
 
+    def speeds_solved(self, watch: Watch) -> None:
+        """Note what was solved for generalized speeds by a partition; see `Evaluation`."""
+        super().speeds_solved(watch)
+        self.refused[SPEEDS] = np.any(watch.refused, axis=0)
+
     def refuse_speeds(self) -> None:
         """Do nothing: of lanes all have speeds, or none is asked for them."""
 
@@ -102,6 +107,8 @@ class LaneEvaluation(Evaluation):
                 self.refused[key] |= ~np.isfinite(x.data).reshape(-1, self.lanes).all(axis=0)
         for refused in watch.refused:
             self.refused[key] |= refused
+        if formulation.in_speeds and SPEEDS in self.refused:
+            self.refused[key] |= self.refused[SPEEDS]
         self.solves[key] = {solve.name: solve for solve in watch.solves}
         rcond = watch.rcond
         if formulation.state == "q, u":
