@@ -49,6 +49,7 @@ class Campaign:
         failures: number of findings that failed, by claim and subject.
         lost: claims that lanes could not look at, and why.
         seconds: time spent in rounds, added up over processes.
+        cpu_seconds: CPU time of it.
         rounds: number of rounds done.
         resumed: number of states that were looked at before.
     """
@@ -64,6 +65,7 @@ class Campaign:
     failures: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     rounds: int = 0
     resumed: int = 0
     _populations: dict[Stratum, Population] = field(default_factory=dict)
@@ -137,18 +139,19 @@ class Campaign:
     def _take(self, result: Result) -> None:
         self._done.add(result.number)
         self._populations[result.stratum] = result.population
-        self._add(result.stratum.name, result.counts, result.seconds)
+        self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
         self.lost |= result.lost
         new = [find for one in result.failed if (find := self._found(one)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
 
-    def _add(self, stratum: str, counts: Counter[str], seconds: float) -> None:
+    def _add(self, stratum: str, counts: Counter[str], seconds: float, cpu: float) -> None:
         self.rounds += 1
         self.counts.update(counts)
         self.by_stratum[stratum] += counts["states"]
         self.seconds += seconds
+        self.cpu_seconds += cpu
 
     def _raise(self, population: Population) -> None:
         for key, best in population.items():
@@ -204,7 +207,8 @@ class Campaign:
         heights = {f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()}
         of = of | {"round": result.number}
         counts = dict(result.counts)
-        told = {"seconds": result.seconds, "counts": counts, "errors": heights}
+        times = {"seconds": result.seconds, "cpu_seconds": result.cpu_seconds}
+        told = times | {"counts": counts, "errors": heights}
         records.add(Record(STUDY, of, **told))
 
     def _resume(self, records: Records) -> None:
@@ -213,7 +217,8 @@ class Campaign:
         for record in records.all(STUDY, **here):
             self._done.add(record.settings["round"])
             counts = Counter(record.counts)
-            self._add(record.settings["stratum"], counts, record.seconds or 0.0)
+            times = record.seconds or 0.0, record.cpu_seconds or 0.0
+            self._add(record.settings["stratum"], counts, *times)
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:
