@@ -193,7 +193,9 @@ class LaneCase:
             size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
             if given is None or np.isnan(given).any():
                 sensitivity = measured(one, "found") + measured(one, "expected") + size
-                given = sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
+                given = (
+                    sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
+                )
             scale = given if one.may_vanish else None if one.size is None else size
             absent = refused | self._refused_in(one.subject)
             yield self.compared(claim, one, given, scale, absent)

@@ -57,9 +57,7 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def vanishing(
-    subject: str, found: Any, names: Names, size: Any, sensitivity: Any = None
-) -> Sides:
+def vanishing(subject: str, found: Any, names: Names, size: Any, sensitivity: Any = None) -> Sides:
     """Return the sides of found = 0, where `size` is that of the terms that cancel."""
     return Sides(subject, found, np.zeros(np.shape(found), object), names, size, sensitivity)
 

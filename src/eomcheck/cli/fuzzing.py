@@ -15,7 +15,6 @@ from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
-    from eomcheck.lab.fuzzing.campaign import Campaign
     from eomcheck.mechanics.scene import Scene
 
 UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -110,7 +109,9 @@ def fuzz(
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
-        chosen = _campaign(kind, name, links, engine, formulation, claim, family, climb, ration, seed)
+        chosen = _campaign(
+            kind, name, links, engine, formulation, claim, family, climb, ration, seed
+        )
         campaign = chosen(kept)
         try:
             campaign.run(states, most, executor, Teller())

@@ -274,4 +274,3 @@ def acceleration_sensitivity_in_lanes(
                 unsure |= solve.sign != here[name].sign
                 unsure |= ~(allowed_error(1.0) * (change / STEP) <= INCONCLUSIVE)
     return np.where(unsure, np.inf, found)
-

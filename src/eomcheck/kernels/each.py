@@ -35,7 +35,9 @@ def _loop(arity: int) -> Callable[[int, int, int], None]:
             places.append(code.let(f"inttoptr i64 {place} to ptr"))
         code.do(f"call void %function({', '.join(f'ptr {place}' for place in places)})")
     name = f"each{arity}"
-    machine = Machine([code.function(f"define void @{name}(i64 %count, ptr %function, ptr %table)")])
+    machine = Machine(
+        [code.function(f"define void @{name}(i64 %count, ptr %function, ptr %table)")]
+    )
     kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
     function.machine = machine  # its address holds as long as this lives

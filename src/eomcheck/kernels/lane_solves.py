@@ -14,7 +14,6 @@ import numpy as np
 from eomcheck.kernels.each import each
 from eomcheck.numbers import banded, linear
 from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
-from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
 from eomcheck.numbers.factors import (
     ROUNDS,
     Factors,
@@ -23,6 +22,7 @@ from eomcheck.numbers.factors import (
     order_of,
     times_rows,
 )
+from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of, size_of
 from eomcheck.numbers.linear import SOLVERS, Solve, singular_below
 from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import (

@@ -96,7 +96,6 @@ class Moves:
                 forgotten = self._known.pop(next(iter(self._known)))
                 places -= forgotten.places if forgotten else 0
 
-
     def in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of lanes, each of its operations moved if there is noise.
 

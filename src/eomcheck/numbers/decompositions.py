@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in, lanes_of
 from eomcheck.numbers.factors import column_scale
+from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in, lanes_of
 from eomcheck.numbers.pivots import EPS
 
 

@@ -204,7 +204,9 @@ class Campaign:
         ]
         of = here | {"stratum": result.stratum.name}
         records.add(Record(POPULATION, of, series={"best": best}))
-        heights = {f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()}
+        heights = {
+            f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()
+        }
         of = of | {"round": result.number}
         counts = dict(result.counts)
         times = {"seconds": result.seconds, "cpu_seconds": result.cpu_seconds}
@@ -234,4 +236,3 @@ class Campaign:
 
 def _plain(state: State) -> tuple[list[float], list[float], float]:
     return state.q.tolist(), state.v.tolist(), float(state.t)
-

@@ -120,9 +120,7 @@ def run_round(plan: Plan, given: Round) -> Result:
     population = {key: list(best) for key, best in given.population.items()}
     result = Result(given.number, given.stratum, population)
     with np.errstate(all="ignore"):
-        cases, families = drawn(
-            plan.kind, given.stratum, plan.families, plan.batch, random
-        )
+        cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
         _look(plan, result, cases)
         if plan.climbing and population:
@@ -169,9 +167,7 @@ def _look(plan: Plan, result: Result, cases: Sequence[Case]) -> None:
     _keep(result.population, found, cases)
 
 
-def _ration(
-    plan: Plan, result: Result, found: Screened, cases: Sequence[Case], first: int
-) -> None:
+def _ration(plan: Plan, result: Result, found: Screened, cases: Sequence[Case], first: int) -> None:
     ration, lifted = plan.ration, set(liftable(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
     others = set(plan.claims) - lifted - engines - set(BALLS)

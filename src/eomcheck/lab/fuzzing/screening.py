@@ -103,12 +103,14 @@ def screened(
     return found
 
 
-def _look(
-    found: Screened, places: Array, case: LaneCase, ids: Sequence[str], count: int
-) -> None:
+def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str], count: int) -> None:
     keys = {f.key for f in case.formulations}
     for one in case.look(ids):
-        for number, name in ((PASSED, "passed"), (FAILED, "failed"), (INCONCLUSIVE_, "inconclusive")):
+        for number, name in (
+            (PASSED, "passed"),
+            (FAILED, "failed"),
+            (INCONCLUSIVE_, "inconclusive"),
+        ):
             found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
         ratio = one.ratio
         words = one.subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
