@@ -82,6 +82,7 @@ class LaneCase:
     formulations: tuple[Formulation, ...]
     has_speeds: bool
     lost: dict[str, str] = field(default_factory=dict)
+    _asked: bool = field(default=False, repr=False)
 
     exact: ClassVar[bool] = False
     others: ClassVar[tuple] = ()
@@ -106,9 +107,14 @@ class LaneCase:
         """The paper's partition: pivoted ones differ from lane to lane."""
         yield "em", self.at.partition
 
-    @cached_property
+    @property
     def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
         """What the formulations say; NaN in lanes that are refused."""
+        self._asked = True
+        return self._solutions
+
+    @cached_property
+    def _solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
         able = (f for f in self.formulations if self.has_speeds or not f.in_speeds)
         return tuple((f, self.at.acceleration(f)) for f in able)
 
@@ -183,9 +189,12 @@ class LaneCase:
 
             return sensitivity_in_lanes(self.at, quantity)
 
+        self._asked = False
         with watching() as watch:
             here = list(sides(self.at, self))
-        refused = np.any(watch.refused, axis=0) if watch.refused else np.zeros(self.at.lanes, bool)
+        of_results = self._asked
+        refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
+        refused = np.any([refused, *watch.refused], axis=0)
         for one in here:
             if not isinstance(one, Sides):
                 continue
@@ -196,14 +205,14 @@ class LaneCase:
                 given = (
                     sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
                 )
-            scale = given if one.may_vanish else None if one.size is None else size
-            absent = refused | self._refused_in(one.subject)
+            scale: Any = given if one.may_vanish else None if one.size is None else size
+            absent = refused | self._refused_in(one.subject) if of_results else refused
             yield self.compared(claim, one, given, scale, absent)
 
     def _refused_in(self, subject: str) -> Array:
         """Return where a subject is about a formulation that refuses (L,)."""
         named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
-        absent = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool)).copy()
+        absent = np.zeros(self.at.lanes, bool)
         for f, _ in self.solutions if named & {f.key for f in self.formulations} else ():
             if f.key in named:
                 absent |= self.refused(f.key)

@@ -15,6 +15,8 @@ from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
+    from eomcheck.claims.run import Selection
+    from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.mechanics.scene import Scene
 
 UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -68,8 +70,8 @@ def fuzz(
     ration: Annotated[
         str | None,
         typer.Option(
-            help="One state in how many is looked at by enclosures, balls, engines, full checks and "
-            "claims that lanes cannot tell; 0 for none. [4,20,10,200,20]"
+            help="One state in how many is looked at by enclosures, balls, engines, full checks, "
+            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]"
         ),
     ] = None,
     executor: Annotated[
@@ -101,18 +103,20 @@ def fuzz(
         at_least_one(states=states)
 
     from eomcheck.console import console, stoppable
+    from eomcheck.lab.fuzzing.campaign import Campaign
+    from eomcheck.lab.fuzzing.draws import strata_of
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.workers import check_place
 
     kind, name = _kind(scene)
+    low, high = interval(links)
     if executor is not None:
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
-        chosen = _campaign(
-            kind, name, links, engine, formulation, claim, family, climb, ration, seed
-        )
-        campaign = chosen(kept)
+        selection = _selection(kind, engine, formulation, claim)
+        plan = _plan(kind, selection, seed, family, climb, ration)
+        campaign = Campaign(plan, name, strata_of(kind, range(low, high + 1)), kept)
         try:
             campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
@@ -138,45 +142,48 @@ def _kind(scene: str) -> tuple[type[Scene], str]:
     kinds = kinds_of(scene)
     if len(kinds) > 1:
         raise InputError(f"scene = {scene!r}, expected one kind of scene")
-    return kinds[0], name_of(kinds[0], scene)
+    kind = next(iter(kinds))
+    return kind, name_of(kind, scene)
 
 
-def _campaign(kind, name, links, engine, formulation, claim, family, climb, ration, seed):
-    """Return what makes the campaign that was asked for, of Records or None.
-
-    Raises:
-        InputError, UnknownNameError: what was asked for is not there.
-    """
-    from functools import partial
-
+def _selection(
+    kind: type[Scene],
+    engine: list[str] | None,
+    formulation: list[str] | None,
+    claim: list[str] | None,
+) -> Selection:
     from eomcheck.claims.run import Selection
     from eomcheck.claims.trial import represented
+
+    engines = [] if engine == ["none"] else engine
+    selection = Selection.of(formulation, engines, claim, scenes=[kind])
+    if engines:
+        represented(selection.engines, (kind,))
+    for made in selection.engines:
+        made.version()  # a missing library is bad input, said before anything is computed
+    return selection
+
+
+def _plan(
+    kind: type[Scene],
+    selection: Selection,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+    ration: str | None,
+) -> Plan:
     from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.draws import FAMILIES, strata_of
+    from eomcheck.lab.fuzzing.draws import FAMILIES
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.lab.fuzzing.screening import Ration
 
-    families = FAMILIES if family is None else distinct("families", family)
+    families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:
         named("family", one, dict.fromkeys(FAMILIES))
-    engines = [] if engine == ["none"] else engine
-    selection = Selection.of(formulation, engines, claim, scenes=[kind])
-    if engine and engines:
-        represented(selection.engines, (kind,))
+    claims = tuple(one for one in selection.claims if one != "coverage")
+    formulations = tuple(f.key for f in selection.formulations)
     counts = Ration() if ration is None else Ration(*_rations(ration))
-    low, high = interval(links)
-    plan = Plan(
-        kind,
-        seed,
-        tuple(one for one in selection.claims if one != "coverage"),
-        tuple(f.key for f in selection.formulations),
-        selection.engines,
-        tuple(families),
-        climb,
-        counts,
-    )
-    return partial(Campaign, plan, name, strata_of(kind, range(low, high + 1)))
+    return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
 
 
 def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:

@@ -37,6 +37,10 @@ def stacked(records: Sequence[Any]) -> Any:
     )
 
 
+def _of_states(each: Sequence[Any]) -> Any:
+    return LaneArray(np.array(each).T.copy())
+
+
 class LaneEvaluation(Evaluation):
     """The quantities of scenes of one structure at states (q, v, t), each on first use.
 
@@ -51,7 +55,7 @@ class LaneEvaluation(Evaluation):
     """
 
     def __init__(self, scenes: Sequence[Scene], states: Sequence[State]):
-        q, v = (LaneArray(np.array([s[i] for s in states]).T.copy()) for i in (0, 1))
+        q, v = (_of_states([state[i] for state in states]) for i in (0, 1))
         t: Any = 0.0
         if scenes[0].depends_on_time:
             t = LaneArray(np.array([s.t for s in states]))
@@ -169,7 +173,8 @@ class LaneCopy(LaneEvaluation):
     @property
     def preparing(self) -> Any:
         """What prepares: cosines, sines and roots are perturbed as well."""
-        return Noisy(IN_LANES, self.noise)
+        lanes: Any = IN_LANES
+        return Noisy(lanes, self.noise)
 
     @quantity
     def terms(self) -> Terms:
@@ -203,7 +208,7 @@ def _change_of_velocity(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
     residual = allowed.data / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))[:, None]
     Q, R = at.kept(_constraint_factors)
     with np.errstate(all="ignore"):
-        usable = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
+        usable: Any = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
         R = np.where(usable[:, None, None], R, np.eye(R.shape[-1]))
         slip = (Q @ np.linalg.solve(R.swapaxes(-1, -2), residual.T[..., None]))[..., 0]
         usable &= np.isfinite(slip).all(axis=1)

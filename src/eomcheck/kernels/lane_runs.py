@@ -75,24 +75,24 @@ def _code(moved: bool) -> Callable[[int, int, int, int, int], None]:
             one = code.load("%changes", turn.i)
             change = wide.packed([one])
         for number, name in enumerate(("add", "sub", "mul", "div", "neg")):
-            with code.when(code.let(f"icmp eq i64 {operation}, {number}")):
-                with code.loop("%many") as vector:
-                    a = wide.load(x, vector.i)
-                    if number == NEG:
-                        result = wide.neg(a)
-                    else:
-                        b = wide.load(y, vector.i)
-                        result = getattr(wide, name)(a, b)
-                        if number == DIV and moved:
-                            zero = wide.compare("oeq", b, wide.constant(0.0))
-                            result = wide.choose(zero, wide.constant(float("nan")), result)
-                        if moved:
-                            # As `LaneNoise.entries` moves them.
-                            largest = wide.call("fabs", result)
-                            normal = wide.compare("oge", largest, wide.constant(NORMAL))
-                            size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
-                            result = wide.add(result, wide.mul(change, size))
-                    wide.store(result, to, vector.i)
+            is_this = code.let(f"icmp eq i64 {operation}, {number}")
+            with code.when(is_this), code.loop("%many") as vector:
+                a = wide.load(x, vector.i)
+                if number == NEG:
+                    result = wide.neg(a)
+                else:
+                    b = wide.load(y, vector.i)
+                    result = getattr(wide, name)(a, b)
+                    if number == DIV and moved:
+                        zero = wide.compare("oeq", b, wide.constant(0.0))
+                        result = wide.choose(zero, wide.constant(float("nan")), result)
+                    if moved:
+                        # As `LaneNoise.entries` moves them.
+                        largest = wide.call("fabs", result)
+                        normal = wide.compare("oge", largest, wide.constant(NORMAL))
+                        size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
+                        result = wide.add(result, wide.mul(change, size))
+                wide.store(result, to, vector.i)
     name = "moved_lanes" if moved else "lanes"
     head = "i64 %count, ptr %operations, ptr %values, i64 %many, ptr %changes"
     machine = Machine([code.function(f"define void @{name}({head})")])

@@ -317,7 +317,7 @@ def everywhere(condition: Any) -> Any:
     """Return whether a condition holds in all entries, lane by lane where there are lanes."""
     if not isinstance(condition, LaneArray):
         return bool(np.all(condition))
-    return LaneArray(condition.data.reshape(-1, condition.lanes).all(axis=0))
+    return LaneArray(np.asarray(condition.data.reshape(-1, condition.lanes).all(axis=0)))
 
 
 def _concatenate(arrays: Any, axis: int = 0) -> Any:
@@ -367,7 +367,7 @@ class LaneNoise(Noise):
     What is no normal number is moved like the smallest of which residuals tell, see `size_of`.
     """
 
-    def entries(self, x: Any) -> LaneArray:
+    def entries(self, x: Any) -> Any:
         """Change each entry of x relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
@@ -382,6 +382,6 @@ class LaneNoise(Noise):
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
         return x if x is None else self.array(self.entries(doubles(x)))
 
-    def array(self, x: Any) -> LaneArray:
+    def array(self, x: Any) -> Any:
         """Return x with every operation of whole arrays on it moved."""
         return LaneArray(x.data, self)

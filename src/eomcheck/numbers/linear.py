@@ -52,7 +52,7 @@ class Solve(NamedTuple):
     Attributes:
         name: what the formulation calls it.
         size: its order.
-        rcond: its reciprocal condition number.
+        rcond: its reciprocal condition number; in lanes (L,).
         sign: the sign of its determinant; of several copies side by side, those of all (k,).
         log_determinant: log2 |det|, or those of all.
         refinements: steps of refinement that the solution took.
@@ -62,12 +62,12 @@ class Solve(NamedTuple):
 
     name: str
     size: int
-    rcond: float
+    rcond: Any
     sign: Any
     log_determinant: Any
-    refinements: int = 0
+    refinements: Any = 0
     pivots: np.ndarray | None = None
-    rounding: Rounding | None = None
+    rounding: Any = None
 
 
 class Watch:

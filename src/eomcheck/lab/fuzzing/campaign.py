@@ -20,7 +20,7 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import Stratum
-from eomcheck.lab.fuzzing.finds import Find, find_of, parameters_of, shrunk
+from eomcheck.lab.fuzzing.finds import Find, cause_of, find_of, parameters_of, shrunk
 from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Population, Result, Round, run_round
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.store.records import Record, Records
@@ -46,7 +46,7 @@ class Campaign:
         by_stratum: number of states of each structure.
         worst: by claim and formulation, the highest case.
         finds: what fails, made small, by cause.
-        failures: number of findings that failed, by claim and subject.
+        failures: number of findings that failed, by claim and what it is about.
         lost: claims that lanes could not look at, and why.
         seconds: time spent in rounds, added up over processes.
         cpu_seconds: CPU time of it.
@@ -160,7 +160,7 @@ class Campaign:
 
     def _found(self, failed: Finding) -> Find | None:
         """Return the find that a failure is, made small; None if one of this cause is known."""
-        key = failed.claim, failed.subject
+        key = failed.claim, " ".join(cause_of(failed))
         self.failures[key] += 1
         if self.failures[key] > MOST_SHRUNK:
             return None
@@ -195,8 +195,8 @@ class Campaign:
     def _keep(self, records: Records, result: Result, new: Sequence[Find]) -> None:
         here = self.settings
         for find in new:
-            told = {"find": vars(find)}
-            records.add(Record(FIND, here | {"cause": list(find.key)}, "failed", series=told))
+            told = here | {"cause": list(find.key)}
+            records.add(Record(FIND, told, "failed", series={"find": [vars(find)]}))
         best = [
             [*key, one.height, parameters_of(one.case[0]), *_plain(one.case[1])]
             for key, kept in result.population.items()
@@ -208,10 +208,15 @@ class Campaign:
             f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()
         }
         of = of | {"round": result.number}
-        counts = dict(result.counts)
-        times = {"seconds": result.seconds, "cpu_seconds": result.cpu_seconds}
-        told = times | {"counts": counts, "errors": heights}
-        records.add(Record(STUDY, of, **told))
+        record = Record(
+            STUDY,
+            of,
+            seconds=result.seconds,
+            cpu_seconds=result.cpu_seconds,
+            counts=dict(result.counts),
+            errors=heights,
+        )
+        records.add(record)
 
     def _resume(self, records: Records) -> None:
         here = self.settings
@@ -229,7 +234,7 @@ class Campaign:
             self._populations[by_name[record.settings["stratum"]]] = population
             self._raise(population)
         for record in records.all(FIND, **here):
-            find = Find(**record.series["find"])  # type: ignore[arg-type]
+            find = Find(**record.series["find"][0])
             self.finds[find.key] = find
         self.resumed = self.states
 

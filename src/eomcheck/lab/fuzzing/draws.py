@@ -206,17 +206,17 @@ def consistent(
             if term is not None:
                 finite &= np.isfinite(term.data).reshape(-1, at.lanes).all(axis=0)
     if not finite.all():
-        kept = np.flatnonzero(finite)
+        kept = np.flatnonzero(finite).tolist()
         picked = [scenes[i] for i in kept], [states[i] for i in kept]
 
         def some(of: LaneEvaluation) -> Array:
             return velocities(at)[kept]
 
         cases, places = consistent(*picked, some)
-        return cases, [int(kept[i]) for i in places]
+        return cases, [kept[i] for i in places]
     with np.errstate(all="ignore"):
         v = LaneArray(np.ascontiguousarray(velocities(at).T))
-        good = np.isfinite(v.data).all(axis=0)
+        good: Any = np.isfinite(v.data).all(axis=0)
         if at.terms.a is not None:
             v.data[:, ~good] = 0.0
             for _ in range(2):

@@ -17,6 +17,7 @@ from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.files import write_text
+from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import Case
 from eomcheck.lab.fuzzing.judging import about, failures, fault_of
 from eomcheck.mechanics.records import State
@@ -66,10 +67,10 @@ class Find:
     @property
     def key(self) -> tuple[str, ...]:
         """What tells causes apart: scene, claim, formulations, fault, and what is wrong."""
-        words = self.subject.replace("~", " ").replace(":", " ").split()
+        words = cause_of(self)
         what = self.detail.rpartition(": ")[2] if ": " in self.detail else ""
-        number = any(c.isdigit() for c in what)
-        return self.scene, self.claim, " ".join(sorted(words)), self.whose, "" if number else what
+        what = "" if any(c.isdigit() for c in what) else what
+        return self.scene, self.claim, " ".join(words), self.whose, what
 
     @property
     def case(self) -> Case:
@@ -90,6 +91,14 @@ class Find:
     def __str__(self) -> str:
         how = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{self.claim}, {self.subject}: {how}; {self.whose} ({self.evidence})"
+
+
+def cause_of(one: Find | Finding) -> list[str]:
+    """Return the words of a subject that tell causes apart: formulations, or the engine alone."""
+    words = one.subject.replace("~", " ").replace(":", " ").split()
+    if one.claim and CLAIMS[one.claim].asks:
+        words = [word for word in words if word not in FORMULATIONS]
+    return sorted(words)
 
 
 def find_of(finding: Finding, name: str) -> Find:
@@ -126,16 +135,17 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
     """Return a failure of the same claim about the same formulations, smaller and rounder.
 
     Smaller ones are looked for by hypothesis, then each number is tried at 0, at 1 and with fewer
-    digits.
+    digits. What an engine says is left as it is: each try would make the engine again.
     """
     scene = finding.scene
     assert isinstance(scene, Scene)
     selection = Selection.of(formulations, [], [finding.claim], scenes=[type(scene)])
-    if finding.engine is None:
+    if not CLAIMS[finding.claim].asks:
         links = (1, getattr(scene, "links", 1))
         smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
         finding = smaller if about(smaller) == about(finding) else finding
-    return _rounded(finding, formulations)
+        finding = _rounded(finding, formulations)
+    return finding
 
 
 def _rounded(finding: Finding, formulations: Sequence[str]) -> Finding:
@@ -197,8 +207,7 @@ def _tried(
         with np.errstate(all="ignore"):
             at = Evaluation(scene, *state)
             state = state._replace(v=consistent_velocity(at, state.v))
-        engines = () if finding.engine is None else (finding.engine,)
-        found = failures((scene, state), [finding.claim], formulations, engines)
+        found = failures((scene, state), [finding.claim], formulations)
     except (EomcheckError, np.linalg.LinAlgError):
         return None
     return next((one for one in found if one.subject == finding.subject), None)

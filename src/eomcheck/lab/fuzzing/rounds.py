@@ -14,7 +14,7 @@ from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.lanes import liftable
 from eomcheck.engines import Engine
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.draws import FAMILIES, Case, Stratum, drawn
+from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, Stratum, drawn
 from eomcheck.lab.fuzzing.judging import checked
 from eomcheck.lab.fuzzing.mutation import mutated
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
@@ -29,7 +29,10 @@ BATCH = 256
 MOST_JUDGED = 24
 """Suspects of a batch that are judged, the highest first: of one cause there may be many."""
 
-BALLS = ("enclosures", "true-error")
+PIVOTED = {"null-space-embedding"}
+"""Claims that look at pivoted partitions too, which differ from lane to lane."""
+
+BALLS: tuple[str, ...] = ("enclosures", "true-error")
 """Claims that look at all formulations in balls."""
 
 
@@ -122,11 +125,12 @@ def run_round(plan: Plan, given: Round) -> Result:
     with np.errstate(all="ignore"):
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
-        _look(plan, result, cases)
+        ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
+        _look(plan, result, cases, ordinary)
         if plan.climbing and population:
             climbed = _climbed(population, plan.batch, random)
             result.counts["climbed"] += len(climbed)
-            _look(plan, result, climbed)
+            _look(plan, result, climbed, set())
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
@@ -143,8 +147,11 @@ def _climbed(population: Population, count: int, random: np.random.Generator) ->
     return mutated(pairs, random)[0]
 
 
-def _look(plan: Plan, result: Result, cases: Sequence[Case]) -> None:
-    """Screen cases, judge what is suspect and what the ration says, and keep the highest."""
+def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
+    """Screen cases, judge what is suspect and what the ration says, and keep the highest.
+
+    Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
+    """
     if not cases:
         return
     first = result.number * 2 * plan.batch + result.states
@@ -163,7 +170,7 @@ def _look(plan: Plan, result: Result, cases: Sequence[Case]) -> None:
         _judge(plan, result, found, cases[i], i, claims, "suspects judged")
     for i in suspects[MOST_JUDGED:]:
         _settle(found, i, {})  # nobody knows how high it is
-    _ration(plan, result, found, cases, first)
+    _ration(plan, result, found, cases, first, ordinary)
     _keep(result.population, found, cases)
 
 
@@ -171,7 +178,7 @@ def _ration(plan: Plan, result: Result, found: Screened, cases: Sequence[Case], 
     ration, lifted = plan.ration, set(liftable(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
     others = set(plan.claims) - lifted - engines - set(BALLS)
-    lost = others | set(found.lost)
+    lost = others | set(found.lost) | (PIVOTED & set(plan.claims))
     kinds = (
         ("balls", ration.balls, set(BALLS) & set(plan.claims)),
         ("engines", ration.engines if plan.engines else 0, engines),
@@ -181,10 +188,11 @@ def _ration(plan: Plan, result: Result, found: Screened, cases: Sequence[Case], 
     unseen = set(found.unseen)
     for name, every, claims in kinds:
         for i in range(len(cases)) if every and claims else ():
-            if (first + i) % every == 0 and i not in unseen:
+            asked = name != "engines" or i in ordinary
+            if (first + i) % every == 0 and i not in unseen and asked:
                 _judge(plan, result, found, cases[i], i, claims, name)
     for number, i in enumerate(found.unseen):
-        if ration.checks and number % ration.unlifted == 0:
+        if ration.unlifted and number % ration.unlifted == 0:
             _judge(plan, result, found, cases[i], i, {"finite-terms"}, "not finite, judged")
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -130,8 +130,8 @@ def _enclose(
         return
     worst = found.worst
     chosen = (worst[places] > ENCLOSED_ABOVE) | ((first + places) % every == 0)
-    for lane in np.flatnonzero(chosen):
-        truth = truth_of(case, int(lane))
+    for lane in np.flatnonzero(chosen).tolist():
+        truth = truth_of(case, lane)
         if truth is None:
             continue
         found.enclosed += 1
@@ -139,7 +139,8 @@ def _enclose(
             if case.refused(f.key)[lane]:
                 continue
             allowed = allowed_error(float(case.vdot_sensitivity(f).data[lane]))
-            error = largest(true_error(x.vdot.data[:, lane], truth))
+            vdot: Any = x.vdot
+            error = largest(true_error(vdot.data[:, lane], truth))
             if not np.isfinite(allowed):
                 continue
             heights = found.heights.setdefault((TRUTH, f.key), np.zeros(count))
