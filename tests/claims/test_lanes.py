@@ -28,7 +28,7 @@ Verdicts = dict[tuple[int, str, str], tuple[str, float, float]]
 
 
 def alone(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
-    """Return (verdict, observed, allowed) by case, claim and subject, as `eomcheck.check` judges."""
+    """Return (verdict, observed, allowed) by case, claim and subject, as `check` judges."""
     found: Verdicts = {}
     for i, (scene, state) in enumerate(cases):
         able = tuple(f for f in ALL if f.applies_to(scene))
@@ -58,7 +58,7 @@ def in_lanes(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
 
 
 def differences(cases: Sequence[tuple[Scene, State]]) -> list[tuple]:
-    """Return the subjects of which lanes say something else; pivoted partitions are not in lanes."""
+    """Return the subjects of which lanes say something else; no lane has pivoted partitions."""
     one, other = alone(cases), in_lanes(cases)
     both = {key for key in one.keys() | other.keys() if not key[2].endswith("pivoted")}
     nothing = "absent", 0.0, 0.0

@@ -174,7 +174,14 @@ def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int])
     _keep(result.population, found, cases)
 
 
-def _ration(plan: Plan, result: Result, found: Screened, cases: Sequence[Case], first: int) -> None:
+def _ration(
+    plan: Plan,
+    result: Result,
+    found: Screened,
+    cases: Sequence[Case],
+    first: int,
+    ordinary: set[int],
+) -> None:
     ration, lifted = plan.ration, set(liftable(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
     others = set(plan.claims) - lifted - engines - set(BALLS)

@@ -49,6 +49,7 @@ class Screened:
     """What lanes say of cases.
 
     Attributes:
+        count: number of cases L.
         heights: by claim and formulation, observed / allowed (L,).
         suspects: which cases are to be looked at again, and by which claims.
         verdicts: number of subjects by verdict.
@@ -57,6 +58,7 @@ class Screened:
         unseen: cases whose terms are not all finite: lanes say nothing of them.
     """
 
+    count: int
     heights: dict[Key, Array] = field(default_factory=dict)
     suspects: dict[int, set[str]] = field(default_factory=dict)
     verdicts: Counter[str] = field(default_factory=Counter)
@@ -67,7 +69,7 @@ class Screened:
     @property
     def worst(self) -> Array:
         """The largest height of each case (L,)."""
-        return np.max(list(self.heights.values()), axis=0, initial=0.0)
+        return np.max([np.zeros(self.count), *self.heights.values()], axis=0)
 
 
 def screened(
@@ -86,7 +88,7 @@ def screened(
         every: one state in so many is enclosed whatever the lanes say, 0 for none.
         first: number of the first case, of which `every` counts.
     """
-    found, ids = Screened(), liftable(claims)
+    found, ids = Screened(len(cases)), liftable(claims)
     for places, case in lane_cases(cases, formulations):
         finite = np.ones(case.at.lanes, bool)
         for term in case.at.terms:
@@ -98,12 +100,12 @@ def screened(
             if not places.size:
                 continue
             ((_, case),) = lane_cases([cases[i] for i in places], formulations)
-        _look(found, places, case, ids, len(cases))
-        _enclose(found, places, case, every, first, len(cases))
+        _look(found, places, case, ids)
+        _enclose(found, places, case, every, first)
     return found
 
 
-def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str], count: int) -> None:
+def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) -> None:
     keys = {f.key for f in case.formulations}
     for one in case.look(ids):
         for number, name in (
@@ -115,16 +117,14 @@ def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str], co
         ratio = one.ratio
         words = one.subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
         for key in [word for word in words if word in keys] or [""]:
-            heights = found.heights.setdefault((one.claim, key), np.zeros(count))
+            heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
             heights[places] = np.maximum(heights[places], ratio)
         for i in places[one.verdict == FAILED]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
     found.lost |= case.lost
 
 
-def _enclose(
-    found: Screened, places: Array, case: LaneCase, every: int, first: int, count: int
-) -> None:
+def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: int) -> None:
     """Enclose the truth of what is near its bounds, and of some others, and judge all by it."""
     if every == 0:
         return
@@ -143,7 +143,7 @@ def _enclose(
             error = largest(true_error(vdot.data[:, lane], truth))
             if not np.isfinite(allowed):
                 continue
-            heights = found.heights.setdefault((TRUTH, f.key), np.zeros(count))
+            heights = found.heights.setdefault((TRUTH, f.key), np.zeros(found.count))
             heights[places[lane]] = height = error / max(allowed, UNDERFLOW)
             if height > 1.0:
                 found.suspects.setdefault(int(places[lane]), set()).add("true-error")
