@@ -240,13 +240,18 @@ def sensitivity_in_lanes(
     quantity: Callable[[Any], Any],
     coordinates: bool = False,
     solved: bool = False,
+    samples: int = SAMPLES,
 ) -> Array:
-    """Return κ · scale (L,) of a quantity; see `eomcheck.evaluation.sensitivity_of`."""
+    """Return κ · scale (L,) of a quantity; see `eomcheck.evaluation.sensitivity_of`.
+
+    With less than all `samples` of noise it is no larger.
+    """
     here = doubles(quantity(at))
     with np.errstate(all="ignore"):
         try:
             changes = []
-            for copy in at.perturbed(coordinates):
+            copies = at.perturbed(coordinates)
+            for copy in (*copies[:samples], copies[-1]):
                 with copy.computing("quantity"):
                     changes.append(largest_in(doubles(quantity(copy)) - here, at.lanes))
         except (RefusedError, np.linalg.LinAlgError):
@@ -260,19 +265,31 @@ def largest_in(x: Any, lanes: int) -> Array:
 
 
 def acceleration_sensitivity_in_lanes(
-    at: LaneEvaluation, formulation: Formulation, part: str = "vdot", *, coordinates: bool = False
+    at: LaneEvaluation,
+    formulation: Formulation,
+    part: str = "vdot",
+    *,
+    coordinates: bool = False,
+    samples: int = SAMPLES,
 ) -> Array:
-    """Return κ · scale (L,) of a part of the result, see `acceleration_sensitivity`."""
+    """Return κ · scale (L,) of a part of the result, see `acceleration_sensitivity`.
+
+    With less than all `samples` of noise it is no larger.
+    """
     rcond = at.acceleration(formulation).rcond
     found = sensitivity_in_lanes(
-        at, lambda e: getattr(e.acceleration(formulation), part), coordinates, solved=True
+        at,
+        lambda e: getattr(e.acceleration(formulation), part),
+        coordinates,
+        solved=True,
+        samples=samples,
     )
     with np.errstate(all="ignore"):
         unsure = np.zeros(at.lanes, bool)
         if rcond:
             unsure = allowed_error(1.0) / np.min(list(rcond.values()), axis=0) > INCONCLUSIVE
         here = at.solves[formulation.key, False]
-        for copy in at.perturbed(coordinates)[:SAMPLES]:
+        for copy in at.perturbed(coordinates)[:samples]:
             copy.acceleration(formulation)
             for name, solve in copy.solves[formulation.key, False].items():
                 change = np.abs(solve.log_determinant - here[name].log_determinant) * np.log(2.0)
