@@ -102,7 +102,8 @@ def test_on_hostile_snakes_lanes_differ_only_below_what_underflows():
     ]
     assert len(cases) > 30
     for key, (verdict, _, allowed), (there, _, _) in differences(cases):
-        looked_at_again = key[1] == "invariance" and there == "failed"
+        # Where the scene as it was moved is refused, or noise is lost, lanes do not ask.
+        looked_at_again = key[1] == "invariance" and verdict != "failed"
         tiny = verdict == "passed" and there == "inconclusive" and allowed <= UNDERFLOW
         assert looked_at_again or tiny, (key, verdict, there, allowed)
 

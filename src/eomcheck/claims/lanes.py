@@ -246,6 +246,7 @@ class LaneCase:
             t = at.t.data if isinstance(at.t, LaneArray) else np.full(at.lanes, at.t)
             states = [State(s.q, s.v, float(x)) for s, x in zip(each, t, strict=True)]
             there = LaneEvaluation([s.scene for s in each], states)
+            there.conditions = False
             image = LaneArray(np.stack([s.image for s in each], axis=-1))
             size = largest(np.abs(image).sum(axis=1))
             turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)

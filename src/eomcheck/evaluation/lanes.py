@@ -52,7 +52,10 @@ class LaneEvaluation(Evaluation):
         lanes: number of states L.
         scenes: all of them; `scene` is the first, which stands for what they have in common.
         refused: by formulation, where it refuses (L,).
+        conditions: whether it refuses by condition numbers, or only what overflows.
     """
+
+    conditions = True
 
     def __init__(self, scenes: Sequence[Scene], states: Sequence[State]):
         q, v = (_of_states([state[i] for state in states]) for i in (0, 1))
@@ -79,6 +82,10 @@ class LaneEvaluation(Evaluation):
             TypeError: it does more than rational operations.
         """
         return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved."""
+        return watching(conditions=self.conditions)
 
     def unmoved(self, function: Callable, *arguments) -> Any:
         """Call a generic function without noise, see `Evaluation`."""

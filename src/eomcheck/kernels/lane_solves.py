@@ -49,6 +49,11 @@ def _moved(x: np.ndarray, noise: Noise) -> np.ndarray:
     return x + noise.changes(x.shape[1:]) * size_of(x)
 
 
+def _conditions_wanted() -> bool:
+    watch = linear.watch_present()
+    return watch is None or watch.conditions
+
+
 def _note(found: Solve, refused: np.ndarray) -> None:
     watch = linear.watch_present()
     if watch is not None:
@@ -146,7 +151,9 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
         rounding: Any = LaneRounding(sizes, scale, row_scale)
         x = factors.solve(b)
         if noise is None:
-            rcond = _reciprocal_conditions(factors, sizes)
+            rcond = np.ones(count)
+            if _conditions_wanted():
+                rcond = _reciprocal_conditions(factors, sizes)
             refused = ~(rcond > singular_below(A.shape[-1]))
             x[refused] = np.nan
             _note(Solve(name, A.shape[-1], rcond, *det, 0, factors.pivots, rounding), refused)
@@ -299,7 +306,7 @@ def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
         det = determinant(A.lu[:, :, 2 * REACH], A.pivots - 1, scale, row_scale)
         x, error, steps = A.solve(b * row_scale)
         if noise is None:
-            rcond = A.reciprocal_conditions()
+            rcond = A.reciprocal_conditions() if _conditions_wanted() else np.ones(count)
             refused = ~(rcond > singular_below(TERMS)) | ((error > REFINED) & (error < np.inf))
             _note(Solve(name, size, rcond, *det, steps), refused)
             x[refused] = np.nan

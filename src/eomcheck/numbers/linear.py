@@ -77,11 +77,17 @@ class Watch:
         noise: what matrices are moved by.
         like: see `watching`.
         solves: every matrix solved.
+        conditions: in lanes, whether condition numbers are wanted.
         refused: in lanes, where each of them is refused (L,).
     """
 
-    def __init__(self, noise: Noise | None = None, like: Mapping[str, Solve] | None = None):
-        self.noise, self.like = noise, like or {}
+    def __init__(
+        self,
+        noise: Noise | None = None,
+        like: Mapping[str, Solve] | None = None,
+        conditions: bool = True,
+    ):
+        self.noise, self.like, self.conditions = noise, like or {}, conditions
         self.solves: list[Solve] = []
         self.refused: list[np.ndarray] = []
 
@@ -96,7 +102,9 @@ _watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
 
 @contextmanager
 def watching(
-    noise: Noise | None = None, like: Mapping[str, Solve] | None = None
+    noise: Noise | None = None,
+    like: Mapping[str, Solve] | None = None,
+    conditions: bool = True,
 ) -> Iterator[Watch]:
     """Collect every `Solve` made inside the block.
 
@@ -105,8 +113,9 @@ def watching(
         like: name of a matrix -> how it was solved as it is: moved, it is given the same pivots.
             Where several rows would do as well, another choice is another elimination, which tells
             nothing of the rounding of this one.
+        conditions: in lanes, whether condition numbers are wanted.
     """
-    token = _watch.set(watch := Watch(noise, like))
+    token = _watch.set(watch := Watch(noise, like, conditions))
     try:
         yield watch
     finally:
