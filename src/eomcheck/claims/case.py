@@ -275,7 +275,7 @@ class Case:
         sensitivity: float,
         *,
         names: Names,
-        scale: float | None = None,
+        scale: Any = None,
         evidence: str = "property-tested",
         engine: type[Engine] | None = None,
     ) -> Finding:

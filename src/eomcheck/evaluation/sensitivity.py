@@ -60,12 +60,13 @@ def amplified(size: Any, changes: Any, solved: bool) -> Any:
         solved: see `sensitivity_of`.
     """
     changes, stretched = changes[:-1], changes[-1]
-    found = size + changes.max(axis=0) / STEP
-    lost = np.isinf(stretched)
-    if solved:
-        # What underflows changes in steps of its own, whatever the noise.
-        seen = changes[0] > np.maximum(NOISY * size, UNDERFLOW)
-        lost = lost | (seen & (stretched < STRETCH / 2 * changes[0]))
+    with np.errstate(all="ignore"):
+        found = size + changes.max(axis=0) / STEP
+        lost = np.isinf(stretched)
+        if solved:
+            # What underflows changes in steps of its own, whatever the noise.
+            seen = changes[0] > np.maximum(NOISY * size, UNDERFLOW)
+            lost = lost | (seen & (stretched < STRETCH / 2 * changes[0]))
     return np.where(lost, np.inf, found)
 
 
