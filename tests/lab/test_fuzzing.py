@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.strata import strata_of as measured_strata
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing import judging, rounds
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import FAMILIES, FAST, ORDINARY, WIDE, Stratum, drawn, strata_of
@@ -284,3 +286,16 @@ def test_all_that_was_found_holds_now():
     assert len(finds) >= 2
     small = [one for one in finds if len(one.q) <= 12]
     assert small and replayed(small, KEYS) == []
+
+
+def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges():
+    by_lanes, _ = drawn(Snake, Stratum(3, ()), (ORDINARY,), 100, np.random.default_rng(0))
+    by_hypothesis = draw(strategies.scene_states(strategies.snakes(3, 3)), 100, 0)
+    for cases in (by_lanes, by_hypothesis):
+        for name, one in Snake.ranges(3).items():
+            values = [getattr(scene, name) for scene, _ in cases]
+            x = np.concatenate([value for value in values if value is not None])
+            assert x.min() >= one.low and x.max() <= one.high
+            assert x.max() - x.min() > 0.7 * (one.high - one.low), name
+        components = np.array([np.abs(state.v).max() for _, state in cases])
+        assert 1.0 < components.max() < 50.0

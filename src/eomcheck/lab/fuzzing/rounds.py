@@ -32,8 +32,11 @@ MOST_JUDGED = 24
 PIVOTED = {"null-space-embedding"}
 """Claims that look at pivoted partitions too, which differ from lane to lane."""
 
-BALLS: tuple[str, ...] = ("enclosures", "true-error")
+BALLS = {"enclosures"}
 """Claims that look at all formulations in balls."""
+
+ENCLOSED = {"true-error"}
+"""Claims that lanes look at by enclosures."""
 
 
 class Plan(NamedTuple):
@@ -184,10 +187,10 @@ def _ration(
 ) -> None:
     ration, lifted = plan.ration, set(liftable(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
-    others = set(plan.claims) - lifted - engines - set(BALLS)
+    others = set(plan.claims) - lifted - engines - BALLS - ENCLOSED
     lost = others | set(found.lost) | (PIVOTED & set(plan.claims))
     kinds = (
-        ("balls", ration.balls, set(BALLS) & set(plan.claims)),
+        ("balls", ration.balls, BALLS & set(plan.claims)),
         ("engines", ration.engines if plan.engines else 0, engines),
         ("unlifted", ration.unlifted, lost),
         ("full checks", ration.checks, set(plan.claims) - engines),
