@@ -1,6 +1,6 @@
 """Measure how many ordinary snakes a second are looked at: in lanes, and one by one.
 
-    python -m tests.rate [--links 1..12] [--batch 256] [--alone 4] [--seed 0]
+    python -m tests.rate [--links 1..12] [--batch 512] [--alone 4] [--seed 0]
 
 The same claims on the same states, all that lanes can look at. Both are warm, in one process; times
 are CPU times, for a core is seldom one's own.
@@ -18,6 +18,7 @@ from eomcheck.claims.lanes import liftable
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import ORDINARY, drawn, strata_of
 from eomcheck.lab.fuzzing.judging import checked
+from eomcheck.lab.fuzzing.rounds import BATCH
 from eomcheck.lab.fuzzing.screening import screened
 from eomcheck.lab.options import interval
 from eomcheck.scenes import Snake
@@ -27,7 +28,7 @@ def main() -> None:
     """Measure, and print a line a number of links, and the mean."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--links", default="1..12")
-    parser.add_argument("--batch", type=int, default=256)
+    parser.add_argument("--batch", type=int, default=BATCH)
     parser.add_argument("--alone", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

@@ -23,7 +23,7 @@ from eomcheck.mechanics.scene import Scene
 KEPT = 6
 """Cases kept of each claim and formulation, to climb from."""
 
-BATCH = 256
+BATCH = 512
 """States side by side."""
 
 MOST_JUDGED = 24
