@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ from hypothesis.strategies import SearchStrategy
 
 import eomcheck
 from eomcheck import strategies
+from eomcheck.lab.fuzzing.finds import read_finds
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
@@ -58,11 +58,12 @@ SPECIAL: tuple[tuple[Snake, State], ...] = (
 )
 """States that a draw would hardly hit."""
 
-FOUND: tuple[tuple[Snake, State], ...] = tuple(
-    (Snake(**found["scene"]), State(np.array(found["q"]), np.array(found["v"])))
-    for found in json.loads(Path(__file__).with_name("found.json").read_text(encoding="utf-8"))
+FINDS = tuple(read_finds(Path(__file__).with_name("found.json")))
+"""States on which fuzzing once found a claim to fail, and why it did."""
+
+FOUND: tuple[tuple[Scene, State], ...] = tuple(
+    find.case for find in FINDS if find.scene == Snake.key
 )
-"""States on which the fuzz profile once found a claim to fail, and why it did."""
 
 
 def holds(

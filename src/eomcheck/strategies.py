@@ -341,14 +341,15 @@ def state_ranges(
     usual = Range(-position, position), Range(-angle, angle)
     heading = math.pi if own is None else 0.0
     return StateRanges(
-        own or tuple(usual[flag] for flag in _angles(scene)),
+        own or tuple(usual[flag] for flag in angles_of(scene)),
         Range(-heading, heading),
         Range(-speed, speed, (scene.p,)),
         Range(0.0, time if scene.depends_on_time else 0.0),
     )
 
 
-def _angles(scene: Scene) -> list[bool]:
+def angles_of(scene: Scene) -> list[bool]:
+    """Return which coordinates are angles (n,)."""
     flags = [False] * scene.n
     flags[scene.angle_coordinates] = [True] * len(flags[scene.angle_coordinates])
     return flags
@@ -362,7 +363,7 @@ def ordinary_state(scene: Scene, coordinates, heading: float, components, t: flo
     """
     q = np.array(coordinates)
     if scene.coordinate_ranges() is None:
-        flags = np.array(_angles(scene))
+        flags = np.array(angles_of(scene))
         q = q + (CURVATURE * np.cumsum(flags) + heading) * flags
     return _consistent_state(scene, q, components, t)
 

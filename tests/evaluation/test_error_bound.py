@@ -249,5 +249,5 @@ def test_a_choice_between_equal_pivots_is_the_same_in_every_copy(key: str, snake
     """By the other row, which most copies would take, nearly nothing is lost."""
     at = Evaluation(snake, *AT)
     truth = eomcheck.enclose(snake, key, at.q, v=at.v, digits=20)
-    any_row = patch.object(linear, "_like", lambda _: None)
+    any_row = patch.object(linear, "like_present", lambda _: None)
     assert bound(at, key, any_row) < error(at, key, truth) < bound(at, key)

@@ -9,7 +9,6 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import null_space
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
@@ -36,8 +35,9 @@ from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.factors import column_scale
+from eomcheck.numbers.decompositions import least_squares, null_space, row_scale, singular_values
 from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.lanes import lanes_in, where
 
 
 def _row_sum(matrix: Any) -> float:
@@ -64,28 +64,28 @@ def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
-            sensitivity = sensitivity if told else np.inf
+            sensitivity = where(told, sensitivity, np.inf)
         scale = largest(terms)
         yield vanishing(f.key, residual, (names,), scale, sensitivity + scale)
 
 
-def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, bool]:
+def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, Any]:
     """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
     if look.exact:
         return at.speeds.W, True
     a = at.terms.a
     basis = null_space(a)
-    values = np.linalg.svd(a * column_scale(a.T)[:, None], compute_uv=False)
+    values = singular_values(a * row_scale(a)[:, None])
     told = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
     # Singular vectors are as accurate as the largest row of a allows, not each row for itself.
-    return basis - np.linalg.lstsq(a, a @ basis, rcond=None)[0], bool(told)
+    return basis - least_squares(a, a @ basis), told
 
 
 def _constraint_forces(a: Any, net: Array) -> Array:
     """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, which may have cancelled there."""
-    if not np.isfinite(net).all():
+    if not lanes_in(net) and not np.isfinite(net).all():
         return np.full(net.size, np.inf)
-    return np.abs(a.T) @ np.abs(np.linalg.lstsq(a.T, net, rcond=None)[0])
+    return np.abs(a.T) @ np.abs(least_squares(a.T, net))
 
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")

@@ -241,8 +241,8 @@ class Case:
                     sensitivity = (
                         measured(one, "found") + measured(one, "expected") + (one.size or 0.0)
                     )
-                scale = sensitivity if one.may_vanish else one.size
-                here = one.subject, one.found, one.expected, sensitivity
+                scale: Any = sensitivity if one.may_vanish else one.size
+                here: tuple[Any, ...] = one.subject, one.found, one.expected, sensitivity
                 yield self.compare(*here, scale=scale, names=one.names)
 
     def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
@@ -275,7 +275,7 @@ class Case:
         sensitivity: float,
         *,
         names: Names,
-        scale: float | None = None,
+        scale: Any = None,
         evidence: str = "property-tested",
         engine: type[Engine] | None = None,
     ) -> Finding:

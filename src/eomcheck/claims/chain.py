@@ -14,6 +14,7 @@ from eomcheck.claims.registry import (
     along,
     claim,
     magnitude,
+    measured_where,
     numbered,
     size,
     vanishing,
@@ -22,8 +23,10 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.decompositions import least_squares
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.entries import objects
+from eomcheck.numbers.lanes import doubles, everywhere, lanes_in
 
 
 def _is_chain(at: Quantities) -> bool:
@@ -122,14 +125,14 @@ def chain_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
         vdot, allowed = _allowed_acceleration(at)
     here = objects(at.parameters), *at.moving(at.v), duals(at.v, vdot)
     xdot = rate(at.scene.quasi_velocities(*here))
-    xdot = xdot if look.exact else np.asarray(xdot, np.float64)
+    xdot = xdot if look.exact else doubles(xdot)
     found = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
     terms = size(vdot) + size(at.v) * (1 + size(at.v))
-    names, sensitivity = (at.scene.coordinate_names,), None if allowed else np.inf
-    yield vanishing("q̈", found - vdot, names, terms, sensitivity)
+    names = (at.scene.coordinate_names,)
+    yield vanishing("q̈", found - vdot, names, terms, measured_where(allowed))
 
 
-def _allowed_acceleration(e: Quantities) -> tuple[Array, bool]:
+def _allowed_acceleration(e: Quantities) -> tuple[Array, Any]:
     """Return the smallest v̇ (n,) that satisfies the constraints differentiated, and if it does.
 
     Dependent constraints may forbid it: with v only nearly consistent, gamma is not what dependent
@@ -138,10 +141,10 @@ def _allowed_acceleration(e: Quantities) -> tuple[Array, bool]:
     a, gamma = e.terms.a, e.terms.gamma
     if a is None:
         return np.zeros(e.scene.n), True
-    vdot = np.linalg.lstsq(a, -gamma, rcond=None)[0]
+    vdot = least_squares(a, -gamma)
     residual = a @ vdot + gamma
-    if np.isfinite(residual).all():
+    if lanes_in(residual) or np.isfinite(residual).all():
         # Its rounding is that of its largest entry, which is much where a long link multiplies it.
-        vdot = vdot - np.linalg.lstsq(a, residual, rcond=None)[0]
+        vdot = vdot - least_squares(a, residual)
     terms = np.abs(a) @ np.abs(vdot) + np.abs(gamma)
-    return vdot, bool((np.abs(a @ vdot + gamma) <= allowed_error(1.0) * terms).all())
+    return vdot, everywhere(np.abs(a @ vdot + gamma) <= allowed_error(1.0) * terms)

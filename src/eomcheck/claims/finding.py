@@ -173,6 +173,25 @@ def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Ver
     return allowed, "passed" if observed <= allowed else "failed"
 
 
+PASSED, FAILED, INCONCLUSIVE_ = 1, 2, 3
+"""Verdicts by number."""
+
+
+def judged(observed: Array, allowed: Array, scale: Array) -> Array:
+    """Return the verdicts (...,), by number, that `judge` comes to of errors (...,)."""
+    untold = (allowed > INCONCLUSIVE * scale) & ~((observed == 0.0) & (allowed <= UNDERFLOW))
+    return np.select(
+        [
+            ~np.isfinite(scale),
+            ~np.isfinite(observed),
+            ~np.isfinite(allowed) | untold | ((allowed < observed) & (observed <= UNDERFLOW)),
+            observed <= allowed,
+        ],
+        [INCONCLUSIVE_, FAILED, INCONCLUSIVE_, PASSED],
+        FAILED,
+    )
+
+
 def diagnose(
     found: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
 ) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,15 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import Look, Sides, check, claim, vanishing
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import MOVES, perturbed_copies
+from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
-from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate, value
 from eomcheck.numbers.entries import each, objects
+from eomcheck.numbers.lanes import doubles, lanes_in, where
 from eomcheck.numbers.noise import SAMPLES, STEP
 
 
@@ -57,7 +58,7 @@ class _Rates:
         here = e.parameters, e.prepared, e.q, e.v, vdot
         if isinstance(e, Evaluation):
             with suppress(TypeError):
-                return MOVES.unmoved(function, of, *here)
+                return e.unmoved(function, of, *here)
         return function(of, *objects(here))
 
     @cached_property
@@ -81,10 +82,10 @@ class _Rates:
     def bodies(self, vdot: Array) -> Array:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
         along_v = self._along_v(_rates_along, self._e.scene.velocities, vdot)
-        return np.array([*self._velocities_of_q, along_v], dtype=np.float64)
+        return doubles([*self._velocities_of_q, along_v])
 
 
-def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> tuple[float, float]:
+def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> tuple[Any, Any]:
     """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇|, W, and the same of what V, ω and their rates come from.
 
     Of the first the power is a sum, and may cancel. The second takes for each entry its size and
@@ -95,14 +96,14 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         rates: see `_Rates.bodies`.
     """
 
-    def power(sizes: Array) -> float:
+    def power(sizes: Array) -> Any:
         speed, change = sizes[0], sizes[1] + sizes[2]
         inertia = np.abs(at.parameters.inertia)
         e = round((inertia.size / len(speed)) ** 0.5)
         d = speed.shape[1] - e
         pushing = at.parameters.mass @ (speed[:, :d] * change[:, :d]).sum(axis=1)
         turning = inertia.reshape(len(speed), e, e) * change[:, None, d:]
-        return float(pushing + (speed[:, d:, None] * turning).sum())
+        return pushing + (speed[:, d:, None] * turning).sum()
 
     with np.errstate(all="ignore"):
         here = rates(at)
@@ -110,7 +111,7 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
             changes = [np.abs(rates(copy) - here) for copy in perturbed_copies(at)[:SAMPLES]]
         except RefusedError:
             return power(np.abs(here)), np.inf
-        return power(np.abs(here)), power(np.abs(here) + np.max(changes, axis=0) / STEP)
+        return power(np.abs(here)), power(np.abs(here) + reduce(np.maximum, changes) / STEP)
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
@@ -127,7 +128,7 @@ def power_balance(at: Quantities, look: Look) -> Iterator[Sides]:
 
 def _of_power(
     case: Any, f: Formulation, rates_of: Callable[[Evaluation], _Rates], shares: tuple
-) -> tuple[float, float]:
+) -> tuple[Any, Any]:
     """Return the size of what is summed to the power, and κ · scale of the sum."""
 
     def power(e: Evaluation) -> float:
@@ -137,11 +138,12 @@ def _of_power(
         return rates_of(e).bodies(e.acceleration(f).vdot)
 
     summed, summed_sensitivity = _power_of_inertia(case.at, of_bodies)
-    if not np.isfinite(case.vdot_sensitivity(f)):
-        return max(largest(shares), summed), np.inf
+    size, told = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
+    if not lanes_in(told) and not told:
+        return size, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity)
-    return max(largest(shares), summed), case.sensitivity(power) + rounding
+    return size, where(told, case.sensitivity(power) + rounding, np.inf)
 
 
 @check("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")

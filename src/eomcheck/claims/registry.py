@@ -18,6 +18,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.lanes import doubles, lanes_in, where
 
 if TYPE_CHECKING:
     from eomcheck.claims.case import Case
@@ -35,7 +36,8 @@ class Sides(NamedTuple):
         expected: what it should be, same shape.
         names: names along each axis.
         size: of the terms that cancel in a side, which then are to be seen beside its entries.
-        sensitivity: κ · scale of both sides; None where it is to be measured on them.
+        sensitivity: κ · scale of both sides; None where it is to be measured on them. Of lanes
+            both are those of each, and NaN stands for None.
         may_vanish: whether sides that are 0 are compared all the same.
     """
 
@@ -43,8 +45,8 @@ class Sides(NamedTuple):
     found: Any
     expected: Any
     names: Names
-    size: float | None = None
-    sensitivity: float | None = None
+    size: Any = None
+    sensitivity: Any = None
     may_vanish: bool = False
 
 
@@ -55,11 +57,17 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def vanishing(
-    subject: str, found: Any, names: Names, size: float, sensitivity: float | None = None
-) -> Sides:
+def vanishing(subject: str, found: Any, names: Names, size: Any, sensitivity: Any = None) -> Sides:
     """Return the sides of found = 0, where `size` is that of the terms that cancel."""
     return Sides(subject, found, np.zeros(np.shape(found), object), names, size, sensitivity)
+
+
+def measured_where(told: Any) -> Any:
+    """Return the sensitivity that is to be measured where sides are told, and infinite elsewhere.
+
+    See `Sides.sensitivity`.
+    """
+    return where(told, np.nan, np.inf) if lanes_in(told) else None if told else np.inf
 
 
 def along(
@@ -182,13 +190,15 @@ def claim(id: str, statement: str, equations: str, term: str, **options: Any) ->
 
 def magnitude(*factors: Any) -> Any:
     """Return |x| |y| ... of a product of arrays; 0 of exact numbers, and of what is absent."""
+    if lanes_in(factors):
+        return reduce(np.matmul, (np.abs(doubles(x)) for x in factors))
     arrays = [np.asarray(x) for x in factors]
     if any(x.dtype == object for x in arrays):
         return 0.0
     return reduce(np.matmul, map(np.abs, arrays))
 
 
-def size(*factors: Any) -> float:
+def size(*factors: Any) -> Any:
     """Return the largest entry of |x| |y| ...; 0 of exact numbers, and of what is absent."""
     return largest(magnitude(*factors))
 

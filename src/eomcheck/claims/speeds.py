@@ -31,6 +31,7 @@ from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate, value
 from eomcheck.numbers.entries import each, map_record, objects
+from eomcheck.numbers.lanes import doubles
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -103,10 +104,6 @@ def _differentiated(
     return rate(W) @ u if offset is None else rate(W) @ u + rate(offset)
 
 
-def _doubles(part: Array) -> Array:
-    return np.asarray(part, np.float64)
-
-
 @claim(
     "speeds-remainder",
     "a (ẇ′u + ẋ′) + gamma = 0",
@@ -123,7 +120,7 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         prepared, _ = at.moving(at.v)
         still, rates = (map_record(partial(each, of), prepared) for of in (value, rate))
         if not look.exact:
-            still, rates = (map_record(_doubles, of) for of in (still, rates))
+            still, rates = (map_record(doubles, of) for of in (still, rates))
         here = at.parameters, still, rates, at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so.

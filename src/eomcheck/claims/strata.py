@@ -250,11 +250,11 @@ def _scene(kind: type[Scene], row: Row, random: np.random.Generator) -> Scene:
     links = int(row[LINKS]) if LINKS in row else None
     one = kind.of_topology(links, row, FromGenerator(random))
     ranges = one.ranges(links)
-    return one(**{name: _value(of, row[name], random) for name, of in ranges.items()})
+    return one(**{name: value_of(of, row[name], random) for name, of in ranges.items()})
 
 
-def _value(one: Range, way: str, random: np.random.Generator) -> Any:
-    """Return a number or an array from a range, in one of its ways."""
+def value_of(one: Range, way: str, random: np.random.Generator) -> Any:
+    """Return a number or an array from a range, in one of its ways, see `ways_of`."""
     if way == ABSENT:
         return None if one.optional else np.zeros(one.shape)
     if way == ZERO:

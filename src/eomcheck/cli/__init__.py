@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 
-from eomcheck.cli import checking, comparing, drawing, motions
+from eomcheck.cli import checking, comparing, drawing, fuzzing, motions
 from eomcheck.cli.app import app, help_width
 from eomcheck.cli.study import bench, draw, study
 from eomcheck.console import said_at_work
@@ -36,4 +36,4 @@ def main() -> None:
             sys.exit(2)
 
 
-__all__ = ["app", "checking", "comparing", "drawing", "main", "motions"]
+__all__ = ["app", "checking", "comparing", "drawing", "fuzzing", "main", "motions"]

@@ -19,12 +19,16 @@ from eomcheck.evaluation.point import Quantities, quantity
 from eomcheck.evaluation.rank import independent_partition
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import Formulation, Partition
+from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.linear import Solve, Watch, watching
 
 T = TypeVar("T")
+
+MOVES = Moves()
+"""What has been listed of functions of scenes and formulations."""
 
 Key = tuple[str, bool]
 """A formulation, and whether its partition is a pivoted one."""
@@ -64,6 +68,9 @@ class Evaluation(Quantities):
         InputError: q, v or t has the wrong shape or is not finite.
     """
 
+    lanes = 0
+    """Number of states side by side; 0 where there is one, and no axis for it."""
+
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
         q, v = checked_scene(scene).check_state(q, v, t)
         self._begin(scene, q, t)
@@ -81,6 +88,14 @@ class Evaluation(Quantities):
         """Call a generic function on doubles."""
         with np.errstate(all="ignore"):
             return function(*arguments)
+
+    def unmoved(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that makes objects on the way, in machine code.
+
+        Raises:
+            TypeError: it does more than rational operations.
+        """
+        return MOVES.unmoved(function, *arguments)
 
     def kept(self, function: Callable[[Evaluation], T]) -> T:
         """Return function(self), found when it is first asked for."""
@@ -107,9 +122,13 @@ class Evaluation(Quantities):
         with self.watched(SPEEDS) as watch, np.errstate(all="ignore"):
             here = self.parameters, self.prepared, self.q, self.u
             found = self.call(self.scene.kinematics, *here)
+        self.speeds_solved(watch)
+        return found
+
+    def speeds_solved(self, watch: Watch) -> None:
+        """Note what was solved for generalized speeds by a partition."""
         self._speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
-        return found
 
     def refuse_speeds(self) -> None:
         """Raise RefusedError where the scene has no generalized speeds."""

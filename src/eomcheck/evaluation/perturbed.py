@@ -16,20 +16,16 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Acceleration, Evaluation, Key, violation
+from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key, violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.linear import Watch, one_by_one, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, MovedArray, Noise, Noises, Noisy
-
-MOVES = Moves()
-"""What has been listed of functions of scenes and formulations."""
 
 SLIP = 4.0
 """Steps by which v violates each constraint: changes may be half a step and cancel between rows,
@@ -353,7 +349,7 @@ def _perturbed(at: Evaluation, coordinates: bool) -> tuple[Perturbed, ...]:
     return copies
 
 
-def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Perturbed, ...]:
+def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Any, ...]:
     """Return copies of `at` with every number perturbed, on request the coordinates as well.
 
     There are `SAMPLES` by `STEP`, and the first once more by `STRETCH` times as much.
@@ -361,4 +357,6 @@ def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Perturb
     Our own formulations read one and the same q, so that its rounding is no error of theirs; an
     outside engine forms its own angles from q and rounds them again.
     """
+    if at.lanes:
+        return at.perturbed(coordinates)  # type: ignore[attr-defined]
     return at.kept(_copies_everywhere if coordinates else _copies)

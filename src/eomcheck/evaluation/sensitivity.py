@@ -48,14 +48,26 @@ def sensitivity_of(
             changes = [largest(np.asarray(_of(copy, quantity)) - here) for copy in copies]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
-    *changes, stretched = changes
-    if np.isinf(stretched):
-        return stretched
-    # What underflows changes in steps of its own, whatever the noise.
-    seen = solved and changes[0] > max(NOISY * size, UNDERFLOW)
-    if seen and stretched < STRETCH / 2 * changes[0]:
-        return float("inf")
-    return size + max(changes) / STEP
+    return float(amplified(size, np.array(changes), solved))
+
+
+def amplified(size: Any, changes: Any, solved: bool) -> Any:
+    """Return how strongly rounding can change what is of this size, of one state or of several.
+
+    Args:
+        size: the size (...,).
+        changes: largest changes (k, ...) by noise, the last by noise that is stretched.
+        solved: see `sensitivity_of`.
+    """
+    changes, stretched = changes[:-1], changes[-1]
+    with np.errstate(all="ignore"):
+        found = size + changes.max(axis=0) / STEP
+        lost = np.isinf(stretched)
+        if solved:
+            # What underflows changes in steps of its own, whatever the noise.
+            seen = changes[0] > np.maximum(NOISY * size, UNDERFLOW)
+            lost = lost | (seen & (stretched < STRETCH / 2 * changes[0]))
+    return np.where(lost, np.inf, found)
 
 
 def _of(copy: Perturbed, quantity: Callable[[Evaluation], Any]) -> Any:

@@ -10,10 +10,12 @@ not show. ε is the spacing of doubles at 1.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
 from eomcheck.numbers.pivots import EPS
 
 C = 32.0
@@ -48,7 +50,18 @@ def can_overflow(*inputs: Array) -> bool:
     return max(map(largest, inputs)) > HUGE
 
 
-def largest(x) -> float:
-    """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite)."""
+def largest(x: Any) -> Any:
+    """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite).
+
+    Of lanes it is that of each.
+    """
+    if lanes := lanes_in(x):
+        data = np.abs(lanes_of(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
+        return LaneArray(np.where(np.isfinite(data), data, np.inf))
     x = float(np.abs(np.asarray(x, dtype=np.float64)).max(initial=0.0))
     return x if math.isfinite(x) else math.inf
+
+
+def larger(x: Any, y: Any) -> Any:
+    """Return the larger of two numbers, lane by lane where there are lanes."""
+    return np.maximum(x, y) if lanes_in((x, y)) else max(x, y)

@@ -168,11 +168,11 @@ class Inline:
 
 
 @cache
-def _capsule(module: str, name: str) -> int:
-    """Return the address of a routine that SciPy offers to compiled code."""
+def address_of(library: str, name: str) -> int:
+    """Return the address of a routine of "blas" or "lapack" that SciPy offers to compiled code."""
     import importlib
 
-    capsule = importlib.import_module(module).__pyx_capi__[name]
+    capsule = importlib.import_module(f"scipy.linalg.cython_{library}").__pyx_capi__[name]
     api = ctypes.pythonapi
     api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = (
         ctypes.c_char_p,
@@ -183,8 +183,8 @@ def _capsule(module: str, name: str) -> int:
     return get(capsule, api.PyCapsule_GetName(capsule))
 
 
-def _call(code: Code, module: str, name: str, *pointers: str) -> None:
-    address = _capsule(f"scipy.linalg.cython_{module}", name)
+def _call(code: Code, library: str, name: str, *pointers: str) -> None:
+    address = address_of(library, name)
     given = ", ".join(f"ptr {p}" for p in pointers)
     code.do(f"call void inttoptr (i64 {address} to ptr)({given})")
 

@@ -24,6 +24,7 @@ from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.generic import BRANCH, NotRationalError
+from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -95,9 +96,29 @@ class Moves:
                 forgotten = self._known.pop(next(iter(self._known)))
                 places -= forgotten.places if forgotten else 0
 
+    def in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
+        """Call a generic function of lanes, each of its operations moved if there is noise.
+
+        Raises:
+            TypeError: as `run`.
+        """
+        doubles: list[Any] = []
+        key = function, _gather(arguments, 0, doubles)
+        if key not in self._known:
+            listed = None
+            with suppress(TypeError):
+                listed = _List(function, arguments, 0)
+            self._keep(key, listed)
+        listed = self._known[key]
+        if listed is None:
+            raise TypeError(f"{function.__qualname__} does more than rational operations")
+        from eomcheck.kernels.lane_runs import run_in_lanes
+
+        return run_in_lanes(listed, noise, doubles)
+
 
 def _is_moved(x: Any) -> bool:
-    return isinstance(x, np.ndarray) and x.dtype == np.float64
+    return isinstance(x, LaneArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
 
 
 def _gather(x: Any, front: int, doubles: list[Array]) -> Hashable:
@@ -136,20 +157,20 @@ class _List:
 
     def __init__(self, function: Callable, arguments: tuple, front: int):
         self._operations, self._next = array("q"), count().__next__
-        self._groups: list[_Group] = []
+        self.groups: list[_Group] = []
         self._literals: dict[float, int] = {}
-        self._read = 0
+        self.read = 0
         found = function(*map_record(lambda x: self._inputs(x, front), arguments))
-        self._found = map_record(self._places, found)
+        self.found = map_record(self._places, found)
         self.places = self._next()
-        self._start = np.empty(self.places)
-        self._start[list(self._literals.values())] = list(self._literals)
+        self.start = np.empty(self.places)
+        self.start[list(self._literals.values())] = list(self._literals)
 
     def _inputs(self, x: Any, front: int) -> Any:
         if not _is_moved(x):
             return x
         numbers = self._numbers(x.shape[front:])
-        self._read += numbers.size
+        self.read += numbers.size
         return numbers
 
     def _numbers(self, shape: tuple[int, ...]) -> Array:
@@ -179,24 +200,29 @@ class _List:
         """Return the result, of this shape, of a function of arrays of doubles."""
         read, numbers = [self._places(x) for x in arrays], self._numbers(shape)
         after = len(self._operations) // 4
-        self._groups.append(_Group(after, function, read, self._places(numbers)))
+        self.groups.append(_Group(after, function, read, self._places(numbers)))
         return numbers
+
+    @property
+    def operations(self) -> Array:
+        """Operations (k, 4): see the class."""
+        return np.frombuffer(self._operations, np.int64).reshape(-1, 4)
 
     def run(self, noise: Noise, doubles: list[Array]) -> Any:
         """Return the function's result, arrays of doubles, of arguments of the same shapes."""
         front = noise.shape
         values = np.empty((*front, self.places))
-        values[...] = self._start
+        values[...] = self.start
         if doubles:
             flat = [x.reshape(*front, -1) for x in doubles]
-            np.concatenate(flat, axis=-1, out=values[..., : self._read])
+            np.concatenate(flat, axis=-1, out=values[..., : self.read])
         done = 0
-        for after, function, read, found in self._groups:
+        for after, function, read, found in self.groups:
             done = self._through(noise, values, done, after)
             result = function(*(noise.array(values.take(places, axis=-1)) for places in read))
             values[..., found] = result
         self._through(noise, values, done, len(self._operations) // 4)
-        return map_record(lambda places: values.take(places, axis=-1), self._found)
+        return map_record(lambda places: values.take(places, axis=-1), self.found)
 
     def _through(self, noise: Noise, values: Array, first: int, last: int) -> int:
         """Do the operations from `first` up to `last` on the doubles at their places."""

@@ -104,7 +104,7 @@ def _lapack_solve(bands, b, name):
         each = one_by_one(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
         return noise.array(np.stack(each))
     size = len(bands)
-    columns, inside = _columns(size)
+    columns, inside = columns_of(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = noise.entries(bands), noise.entries(b)
@@ -138,7 +138,7 @@ def _lapack_solve(bands, b, name):
 
 
 @lru_cache(64)
-def _columns(size):
+def columns_of(size):
     """Return the columns (size, 7) of what is in bands, 0 where it is outside, and what is not."""
     columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
     inside = (columns >= 0) & (columns < size)
@@ -148,6 +148,24 @@ def _columns(size):
 
 PROBES = 8
 """Vectors of random signs with which the rows of |A⁻¹| are measured."""
+
+
+def probes(size):
+    """Return them (size, PROBES)."""
+    return np.random.default_rng(0).choice((-1.0, 1.0), (size, PROBES))
+
+
+@lru_cache(64)
+def storage(size):
+    """Return the order of elimination, and where LAPACK stores what is inside: rows and columns.
+
+    Entry (i, j) is at row 6 + i - j of column j, behind room for fill-in.
+    """
+    columns, inside = columns_of(size)
+    order = from_both_ends(size)
+    place = np.argsort(order)
+    i, j = (np.broadcast_to(x, columns.shape)[inside] for x in (place[:, None], place[columns]))
+    return order, 2 * REACH + i - j, j
 
 
 class _Factored:
@@ -162,12 +180,9 @@ class _Factored:
     def __init__(self, bands, columns, inside):
         self.bands, self.columns, self.inside = bands, columns, inside
         size = len(bands)
-        self.order = from_both_ends(size)
-        place = np.argsort(self.order)
-        i, j = (np.broadcast_to(x, bands.shape)[inside] for x in (place[:, None], place[columns]))
-        # As LAPACK stores it: entry (i, j) at row 6 + i - j of column j, behind room for fill-in.
+        self.order, rows, places = storage(size)
         A = np.zeros((3 * REACH + 1, size))
-        A[2 * REACH + i - j, j] = bands[inside]
+        A[rows, places] = bands[inside]
         self.lu, self.pivots, _ = _gbtrf(A, REACH, REACH)
         self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * REACH].all())
 
@@ -225,7 +240,7 @@ class _Factored:
         best w are found as there, |A⁻¹| by random signs: everything is O(m).
         """
         weights, rcond = np.ones(len(self.bands)), 0.0
-        signs = np.random.default_rng(0).choice((-1.0, 1.0), (len(weights), PROBES))
+        signs = probes(len(weights))
         for _ in range(ROUNDS):
             if not (self.invertible and np.isfinite(weights).all()):
                 break

@@ -32,8 +32,7 @@ class Factors:
             self.place: Any = (..., order_of(pivots))
             self.rows: Any = (*self.place, slice(None))
         else:
-            first, orders = np.arange(len(pivots))[:, None], [order_of(one) for one in pivots]
-            self.place = self.rows = first, np.stack(orders)
+            self.place = self.rows = np.arange(len(pivots))[:, None], order_of(pivots)
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """Return |L||U| x, x (..., k) or (..., k, m); of one matrix, x may be several."""
@@ -119,7 +118,12 @@ def column_scale(A: np.ndarray) -> np.ndarray:
 
 
 def order_of(pivots):
-    """Return the rows (k,) in the order of their elimination."""
+    """Return the rows (..., k) in the order of their elimination, of pivots of this shape."""
+    if pivots.ndim > 1:
+        first, order = np.arange(len(pivots)), np.tile(np.arange(pivots.shape[1]), (len(pivots), 1))
+        for i, pivot in enumerate(pivots.T):
+            order[:, i], order[first, pivot] = order[first, pivot], order[:, i].copy()
+        return order
     order = list(range(len(pivots)))
     for i, pivot in enumerate(pivots.tolist()):
         order[i], order[pivot] = order[pivot], order[i]

@@ -52,7 +52,7 @@ class Solve(NamedTuple):
     Attributes:
         name: what the formulation calls it.
         size: its order.
-        rcond: its reciprocal condition number.
+        rcond: its reciprocal condition number; in lanes (L,).
         sign: the sign of its determinant; of several copies side by side, those of all (k,).
         log_determinant: log2 |det|, or those of all.
         refinements: steps of refinement that the solution took.
@@ -62,20 +62,34 @@ class Solve(NamedTuple):
 
     name: str
     size: int
-    rcond: float
+    rcond: Any
     sign: Any
     log_determinant: Any
-    refinements: int = 0
+    refinements: Any = 0
     pivots: np.ndarray | None = None
-    rounding: Rounding | None = None
+    rounding: Any = None
 
 
 class Watch:
-    """What `solve` reports to while doubles are evaluated."""
+    """What `solve` reports to while doubles are evaluated.
 
-    def __init__(self, noise: Noise | None = None, like: Mapping[str, Solve] | None = None):
-        self.noise, self.like = noise, like or {}
+    Attributes:
+        noise: what matrices are moved by.
+        like: see `watching`.
+        solves: every matrix solved.
+        conditions: in lanes, whether condition numbers are wanted.
+        refused: in lanes, where each of them is refused (L,).
+    """
+
+    def __init__(
+        self,
+        noise: Noise | None = None,
+        like: Mapping[str, Solve] | None = None,
+        conditions: bool = True,
+    ):
+        self.noise, self.like, self.conditions = noise, like or {}, conditions
         self.solves: list[Solve] = []
+        self.refused: list[np.ndarray] = []
 
     @property
     def rcond(self) -> dict[str, float]:
@@ -88,7 +102,9 @@ _watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
 
 @contextmanager
 def watching(
-    noise: Noise | None = None, like: Mapping[str, Solve] | None = None
+    noise: Noise | None = None,
+    like: Mapping[str, Solve] | None = None,
+    conditions: bool = True,
 ) -> Iterator[Watch]:
     """Collect every `Solve` made inside the block.
 
@@ -97,12 +113,18 @@ def watching(
         like: name of a matrix -> how it was solved as it is: moved, it is given the same pivots.
             Where several rows would do as well, another choice is another elimination, which tells
             nothing of the rounding of this one.
+        conditions: in lanes, whether condition numbers are wanted.
     """
-    token = _watch.set(watch := Watch(noise, like))
+    token = _watch.set(watch := Watch(noise, like, conditions))
     try:
         yield watch
     finally:
         _watch.reset(token)
+
+
+def watch_present() -> Watch | None:
+    """Return what `solve` reports to, if anything."""
+    return _watch.get()
 
 
 def noise_present() -> Noise | None:
@@ -215,7 +237,7 @@ def _lapack_solve(A, b, name):
     if noise is not None:
         with np.errstate(all="ignore"):
             return _moved_solve(A, b, name, noise)
-    A, b, scale, row_scale = _scaled(A, b)
+    A, b, scale, row_scale = scaled(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
     rcond = reciprocal_condition(lu, pivots)
@@ -230,8 +252,8 @@ def _moved_solve(A, b, name, noise):
     Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
     refused; what is singular is NaN. Noise may be several noises: A is (k, n, n) then.
     """
-    A, b, scale, row_scale = _scaled(noise.entries(A), noise.entries(b))
-    like = _like(name)
+    A, b, scale, row_scale = scaled(noise.entries(A), noise.entries(b))
+    like = like_present(name)
     lu, pivots = _factored(A, None if like is None else like.pivots)
     diagonal = np.diagonal(lu, axis1=-2, axis2=-1)
     record(Solve(name, A.shape[-1], np.nan, *determinant(diagonal, pivots, scale, row_scale)), A)
@@ -263,7 +285,7 @@ def _substituted(lu, pivots, b):
     return _getrs(lu, pivots, b)[0]
 
 
-def _like(name):
+def like_present(name):
     """Return how the matrix was solved as it is, if that is known."""
     watch = _watch.get()
     return None if watch is None else watch.like.get(name)
@@ -278,7 +300,7 @@ def _eliminated(A, pivots):
     return lu
 
 
-def _scaled(A, b):
+def scaled(A, b):
     """Return A (..., n, n), b and the scales (..., n) of columns and rows.
 
     The scale of rows decides which pivots are taken. First rows, as equations come: with columns

@@ -1,0 +1,205 @@
+"""`eomcheck fuzz`: states drawn and climbed to by the thousand, finds kept and looked at again."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck.cli.app import app
+from eomcheck.cli.options import Formulations, Kept, Kind, Seed, records_or_none
+from eomcheck.errors import InputError
+from eomcheck.files import check_writable
+from eomcheck.lab.options import at_least_one, interval
+
+if TYPE_CHECKING:
+    from eomcheck.claims.run import Selection
+    from eomcheck.lab.fuzzing.rounds import Plan
+    from eomcheck.mechanics.scene import Scene
+
+UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def seconds_of(text: str) -> float:
+    """Return the seconds that a text such as "20s", "10m" or "1.5h" says.
+
+    Raises:
+        InputError: it says none.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text)
+    if found is None or not float(found[1]):
+        raise InputError(f"time = {text!r}, expected a time such as 20s, 10m or 3h")
+    return float(found[1]) * UNITS[found[2]]
+
+
+def _rations(text: str) -> list[int]:
+    if re.fullmatch(r"\d+(,\d+){4}", text) is None:
+        raise InputError(f"ration = {text!r}, expected five whole numbers such as 4,20,10,200,20")
+    return [int(one) for one in text.split(",")]
+
+
+@app.command()
+def fuzz(
+    scene: Kind = "snake",
+    links: Annotated[str, typer.Option(help="Number of links, N or N..M.")] = "1..12",
+    engine: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Engine to compare with, or your own: path/to/file.py:Class; repeat for more. "
+            "Default those that no extra installs; none for no engine."
+        ),
+    ] = None,
+    formulation: Formulations = None,
+    claim: Annotated[
+        list[str] | None, typer.Option(help="Claim to look at; repeat for more. Default all.")
+    ] = None,
+    time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
+    states: Annotated[
+        int | None, typer.Option(help="Number of states, those in --records included.")
+    ] = None,
+    seed: Seed = 0,
+    family: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all."
+        ),
+    ] = None,
+    climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
+    ration: Annotated[
+        str | None,
+        typer.Option(
+            help="One state in how many is looked at by enclosures, balls, engines, full checks, "
+            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]"
+        ),
+    ] = None,
+    executor: Annotated[
+        str | None,
+        typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]"),
+    ] = None,
+    records: Kept = None,
+    replay: Annotated[
+        Path | None, typer.Option(help="Look at the finds in this file again, and at nothing else.")
+    ] = None,
+    keep: Annotated[
+        Path | None, typer.Option(help="Add finds to this file, such as validation/found.json.")
+    ] = None,
+) -> None:
+    """Look for states at which a claim fails, by the thousand, and keep them.
+
+    States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
+    of the others. A campaign with --records goes on where it stopped. Exit code 1 if there is a
+    find, 130 if interrupted.
+    """
+    check_writable(keep)
+    if replay is not None:
+        _replay(replay, formulation, scene)
+        return
+    if time is not None and states is not None:
+        raise InputError("time and states: expected one of them")
+    most = None if states is not None else seconds_of(time or "1m")
+    if states is not None:
+        at_least_one(states=states)
+
+    from eomcheck.console import console, stoppable
+    from eomcheck.lab.fuzzing.campaign import Campaign
+    from eomcheck.lab.fuzzing.draws import strata_of
+    from eomcheck.lab.report.fuzzing import Teller, print_campaign
+    from eomcheck.lab.store.workers import check_place
+
+    kind, name = _kind(scene)
+    low, high = interval(links)
+    if executor is not None:
+        check_place(executor)
+    interrupted = False
+    with stoppable(), records_or_none(records) as kept:
+        selection = _selection(kind, engine, formulation, claim)
+        plan = _plan(kind, selection, seed, family, climb, ration)
+        campaign = Campaign(plan, name, strata_of(kind, range(low, high + 1)), kept)
+        try:
+            campaign.run(states, most, executor, Teller())
+        except KeyboardInterrupt:
+            interrupted = True
+        if keep is not None and campaign.finds:
+            from eomcheck.lab.fuzzing.finds import read_finds, write_finds
+
+            write_finds(keep, [*read_finds(keep), *campaign.finds.values()])
+    print_campaign(campaign)
+    if keep is not None and campaign.finds:
+        print(f"written: {keep}")
+    if interrupted:
+        console.print("interrupted: the tables hold what was looked at until then")
+        raise typer.Exit(130)
+    if campaign.finds:
+        raise typer.Exit(1)
+
+
+def _kind(scene: str) -> tuple[type[Scene], str]:
+    from eomcheck.lab.fuzzing.finds import name_of
+    from eomcheck.scenes.named import kinds_of
+
+    kinds = kinds_of(scene)
+    if len(kinds) > 1:
+        raise InputError(f"scene = {scene!r}, expected one kind of scene")
+    kind = next(iter(kinds))
+    return kind, name_of(kind, scene)
+
+
+def _selection(
+    kind: type[Scene],
+    engine: list[str] | None,
+    formulation: list[str] | None,
+    claim: list[str] | None,
+) -> Selection:
+    from eomcheck.claims.run import Selection
+    from eomcheck.claims.trial import represented
+
+    engines = [] if engine == ["none"] else engine
+    selection = Selection.of(formulation, engines, claim, scenes=[kind])
+    if engines:
+        represented(selection.engines, (kind,))
+    for made in selection.engines:
+        made.version()  # a missing library is bad input, said before anything is computed
+    return selection
+
+
+def _plan(
+    kind: type[Scene],
+    selection: Selection,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+    ration: str | None,
+) -> Plan:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.draws import FAMILIES
+    from eomcheck.lab.fuzzing.rounds import Plan
+    from eomcheck.lab.fuzzing.screening import Ration
+
+    families = FAMILIES if family is None else tuple(distinct("family", family))
+    for one in families:
+        named("family", one, dict.fromkeys(FAMILIES))
+    claims = tuple(one for one in selection.claims if one != "coverage")
+    formulations = tuple(f.key for f in selection.formulations)
+    counts = Ration() if ration is None else Ration(*_rations(ration))
+    return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
+
+
+def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
+    """Look at kept finds again; exit code 1 if one still fails."""
+    from eomcheck.console import console, progress
+    from eomcheck.formulations import FORMULATIONS
+    from eomcheck.lab.fuzzing.finds import read_finds, replayed
+
+    if not path.exists():
+        raise InputError(f"{str(path)!r} is no file")
+    finds = read_finds(path)
+    with progress("replaying", len(finds)) as advance:
+        still = replayed(finds, formulation or tuple(FORMULATIONS), advance)
+    console.print(f"{len(finds)} finds: {len(finds) - len(still)} hold now, {len(still)} fail")
+    for find in still:
+        console.print(str(find), markup=False)
+        print(find.python)
+    if still:
+        raise typer.Exit(1)

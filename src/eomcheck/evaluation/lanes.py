@@ -1,0 +1,305 @@
+"""Scenes of one structure and their formulations at many states at once, a lane each.
+
+Every lane gives what `Evaluation` gives at its state. Where one is refused in a lane, its result is
+NaN there, and `refused` tells. All scenes have generalized speeds at their states, or none has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation, Key
+from eomcheck.evaluation.perturbed import SLIP, allowed_violation
+from eomcheck.evaluation.point import quantity
+from eomcheck.evaluation.sensitivity import amplified
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.formulations import Formulation
+from eomcheck.mechanics.records import State, Terms
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.lanes import IN_LANES, LaneArray, LaneNoise, doubles, lanes_in
+from eomcheck.numbers.linear import Watch, watching
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noisy
+
+
+def stacked(records: Sequence[Any]) -> Any:
+    """Return records of arrays as one of lanes."""
+    return map_record(
+        lambda *parts: LaneArray(np.stack([np.asarray(x, np.float64) for x in parts], axis=-1)),
+        *records,
+    )
+
+
+def _of_states(each: Sequence[Any]) -> Any:
+    return LaneArray(np.array(each).T.copy())
+
+
+class LaneEvaluation(Evaluation):
+    """The quantities of scenes of one structure at states (q, v, t), each on first use.
+
+    Args:
+        scenes: one for each state.
+        states: where they are looked at.
+
+    Attributes:
+        lanes: number of states L.
+        scenes: all of them; `scene` is the first, which stands for what they have in common.
+        refused: by formulation, where it refuses (L,).
+        conditions: whether it refuses by condition numbers, or only what overflows.
+    """
+
+    conditions = True
+
+    def __init__(self, scenes: Sequence[Scene], states: Sequence[State]):
+        q, v = (_of_states([state[i] for state in states]) for i in (0, 1))
+        t: Any = 0.0
+        if scenes[0].depends_on_time:
+            t = LaneArray(np.array([s.t for s in states]))
+        self._begin_lanes(scenes, q, t)
+        self.v = v
+
+    def _begin_lanes(self, scenes: Sequence[Scene], q: LaneArray, t: Any) -> None:
+        self._begin(scenes[0], q, t)  # type: ignore[arg-type]
+        self.arithmetic, self.scenes, self.lanes = IN_LANES, scenes, len(scenes)
+        self.refused: dict[Key, Array] = {}
+
+    @quantity
+    def parameters(self) -> Any:
+        """The scenes' parameters."""
+        return self.keep(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function on lanes.
+
+        Raises:
+            TypeError: it does more than rational operations.
+        """
+        return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved."""
+        return watching(conditions=self.conditions)
+
+    def unmoved(self, function: Callable, *arguments) -> Any:
+        """Call a generic function without noise, see `Evaluation`."""
+        return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+
+    def _packed(self, x: Any) -> Any:
+        return doubles(x) if isinstance(x, np.ndarray) and lanes_in(x) else x
+
+    def speeds_solved(self, watch: Watch) -> None:
+        """Note what was solved for generalized speeds by a partition; see `Evaluation`."""
+        super().speeds_solved(watch)
+        self.refused[SPEEDS] = np.any(watch.refused, axis=0)
+
+    def refuse_speeds(self) -> None:
+        """Do nothing: of lanes all have speeds, or none is asked for them."""
+
+    def check_finite(
+        self, vdot: Array, multipliers: Array | None, formulation: Formulation
+    ) -> None:
+        """Let everything pass: what is not finite is found lane by lane."""
+
+    def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
+        key = formulation.key, pivoted
+        self.refused[key] = np.zeros(self.lanes, bool)
+        with self.computing(formulation.key), self.watched(key) as watch:
+            vdot, multipliers = self.solution(formulation, self.partition)
+        found = map_record(doubles, (vdot, multipliers))
+        for x in found:
+            if x is not None:
+                self.refused[key] |= ~np.isfinite(x.data).reshape(-1, self.lanes).all(axis=0)
+        for refused in watch.refused:
+            self.refused[key] |= refused
+        if formulation.in_speeds and SPEEDS in self.refused:
+            self.refused[key] |= self.refused[SPEEDS]
+        self.solves[key] = {solve.name: solve for solve in watch.solves}
+        rcond = watch.rcond
+        if formulation.state == "q, u":
+            rcond = self._speeds_rcond | rcond
+        for x in found:
+            if x is not None:
+                x.data[..., self.refused[key]] = np.nan
+        return Acceleration(found[0], found[1], rcond, float("inf"))
+
+    def alone(self, lane: int) -> Evaluation:
+        """Return the evaluation at the state of one lane."""
+        t = self.t.data[lane] if isinstance(self.t, LaneArray) else self.t
+        q, v = self.q.data[:, lane], self.v.data[:, lane]  # type: ignore[attr-defined]
+        return Evaluation(self.scenes[lane], q, v, float(t))
+
+    def perturbed(self, coordinates: bool = False) -> tuple[LaneCopy, ...]:
+        """Return copies with every number perturbed, see `perturbed_copies`."""
+        return self.kept(_copies_everywhere if coordinates else _copies)
+
+
+class LaneCopy(LaneEvaluation):
+    """A copy of an evaluation in lanes in which every number is perturbed.
+
+    Args:
+        original: the evaluation.
+        noise: what its numbers are changed by, the same in all lanes.
+        coordinates: whether the coordinates are perturbed too.
+    """
+
+    def __init__(self, original: LaneEvaluation, noise: LaneNoise, coordinates: bool):
+        with noise.stream("state"):
+            q = noise.entries(original.q) if coordinates else original.q
+            v = original.v + _change_of_velocity(original, noise)
+        self._begin_lanes(original.scenes, q, original.t)  # type: ignore[arg-type]
+        self.v, self._original, self.noise = v, original, noise
+
+    def computing(self, name: str) -> AbstractContextManager:
+        """Return the context in which noise is that of what is called `name`, from its start."""
+        return self.noise.stream(name)
+
+    def keep(self, record: Any) -> Any:
+        """Return `record`, perturbed."""
+        return self.noise.record(record)
+
+    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
+        return watching(self.noise, self._original.solves.get(key) if key else None)
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function, each of its operations perturbed."""
+        return MOVES.in_lanes(self.noise, function, *map_record(self._packed, arguments))
+
+    @quantity
+    def parameters(self) -> Any:
+        """The scenes' parameters."""
+        return self.keep(self._original.parameters)
+
+    @property
+    def preparing(self) -> Any:
+        """What prepares: cosines, sines and roots are perturbed as well."""
+        lanes: Any = IN_LANES
+        return Noisy(lanes, self.noise)
+
+    @quantity
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
+        scene = self.scene
+        if "terms" not in scene.composed:
+            return super().terms
+        here = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.keep(self.call(scene.jacobians, *here))
+        return self.keep(self.call(scene.assemble, *here, jacobians))
+
+
+def _copies(at: Any) -> tuple[LaneCopy, ...]:
+    return _perturbed(at, coordinates=False)
+
+
+def _copies_everywhere(at: Any) -> tuple[LaneCopy, ...]:
+    return _perturbed(at, coordinates=True)
+
+
+def _perturbed(at: LaneEvaluation, coordinates: bool) -> tuple[LaneCopy, ...]:
+    noises = (*(LaneNoise(seed) for seed in range(SAMPLES)), LaneNoise(0, STRETCH * STEP))
+    return tuple(LaneCopy(at, noise, coordinates) for noise in noises)
+
+
+def _change_of_velocity(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
+    change = noise.entries(at.v) - at.v
+    if at.terms.a is None:
+        return change
+    allowed = at.kept(_allowed_violation)
+    residual = allowed.data / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))[:, None]
+    Q, R = at.kept(_constraint_factors)
+    with np.errstate(all="ignore"):
+        usable: Any = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
+        R = np.where(usable[:, None, None], R, np.eye(R.shape[-1]))
+        slip = (Q @ np.linalg.solve(R.swapaxes(-1, -2), residual.T[..., None]))[..., 0]
+        usable &= np.isfinite(slip).all(axis=1)
+    return change + LaneArray(np.where(usable[:, None], slip, 0.0).T)
+
+
+def _allowed_violation(at: Any) -> LaneArray:
+    """Return `allowed_violation` (r, L): in the few lanes that need more, at the state itself."""
+    a, b, v = at.terms.a, at.terms.b, at.v
+    residual = a @ v if b is None else a @ v + b
+    allowed = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
+    allowed = allowed_error(1.0) * allowed
+    for lane in np.flatnonzero((np.abs(residual.data) > allowed.data).any(axis=0)):
+        allowed.data[:, lane] = allowed_violation(at.alone(lane))
+    return allowed
+
+
+def _constraint_factors(at: Any) -> tuple[Array, Array]:
+    """Return Q (L, n, r) and R (L, r, r) with aᵀ = Q R."""
+    Q, R = np.linalg.qr(np.moveaxis(at.terms.a.data, -1, 0).swapaxes(-1, -2))
+    return Q, R
+
+
+# ---- How far rounding can go ---------------------------------------------------------------------
+
+
+def sensitivity_in_lanes(
+    at: LaneEvaluation,
+    quantity: Callable[[Any], Any],
+    coordinates: bool = False,
+    solved: bool = False,
+    samples: int = SAMPLES,
+) -> Array:
+    """Return κ · scale (L,) of a quantity; see `eomcheck.evaluation.sensitivity_of`.
+
+    With less than all `samples` of noise it is no larger.
+    """
+    here = doubles(quantity(at))
+    with np.errstate(all="ignore"):
+        try:
+            changes = []
+            copies = at.perturbed(coordinates)
+            for copy in (*copies[:samples], copies[-1]):
+                with copy.computing("quantity"):
+                    changes.append(largest_in(doubles(quantity(copy)) - here, at.lanes))
+        except (RefusedError, np.linalg.LinAlgError):
+            return np.full(at.lanes, np.inf)
+        return amplified(largest_in(here, at.lanes), np.array(changes), solved)
+
+
+def largest_in(x: Any, lanes: int) -> Array:
+    """Return the largest magnitude (L,) of lanes, or of an array that is the same in all."""
+    return np.broadcast_to(np.asarray(getattr(largest(x), "data", largest(x))), (lanes,))
+
+
+def acceleration_sensitivity_in_lanes(
+    at: LaneEvaluation,
+    formulation: Formulation,
+    part: str = "vdot",
+    *,
+    coordinates: bool = False,
+    samples: int = SAMPLES,
+) -> Array:
+    """Return κ · scale (L,) of a part of the result, see `acceleration_sensitivity`.
+
+    With less than all `samples` of noise it is no larger.
+    """
+    rcond = at.acceleration(formulation).rcond
+    found = sensitivity_in_lanes(
+        at,
+        lambda e: getattr(e.acceleration(formulation), part),
+        coordinates,
+        solved=True,
+        samples=samples,
+    )
+    with np.errstate(all="ignore"):
+        unsure = np.zeros(at.lanes, bool)
+        if rcond:
+            unsure = allowed_error(1.0) / np.min(list(rcond.values()), axis=0) > INCONCLUSIVE
+        here = at.solves[formulation.key, False]
+        for copy in at.perturbed(coordinates)[:samples]:
+            copy.acceleration(formulation)
+            for name, solve in copy.solves[formulation.key, False].items():
+                change = np.abs(solve.log_determinant - here[name].log_determinant) * np.log(2.0)
+                unsure |= solve.sign != here[name].sign
+                unsure |= ~(allowed_error(1.0) * (change / STEP) <= INCONCLUSIVE)
+    return np.where(unsure, np.inf, found)

@@ -1,0 +1,320 @@
+"""Solves in lanes: the matrix of each lane solved as it would be alone.
+
+The scales, pivots, refusals and steps of refinement are those of `eomcheck.numbers.linear` and
+`eomcheck.numbers.banded`, whose parts do the work; what they do matrix by matrix in Python, LAPACK
+does here in a loop of machine code. A lane that would be refused is NaN, and told as such.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.kernels.each import each
+from eomcheck.numbers import banded, linear
+from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
+from eomcheck.numbers.factors import (
+    ROUNDS,
+    Factors,
+    column_scale,
+    determinant,
+    order_of,
+    times_rows,
+)
+from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of, size_of
+from eomcheck.numbers.linear import SOLVERS, Solve, singular_below
+from eomcheck.numbers.noise import NORMAL, Noise
+from eomcheck.numbers.pivots import (
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
+    SMALLEST_SIZE,
+    STALLED,
+)
+
+
+def _in_front(x: np.ndarray) -> np.ndarray:
+    """Return (L, *shape), contiguous, of data (*shape, L)."""
+    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
+
+
+def _behind(x: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.moveaxis(x, 0, -1))
+
+
+def _moved(x: np.ndarray, noise: Noise) -> np.ndarray:
+    """Return numbers (L, *shape), each moved by what is the same in all lanes."""
+    return x + noise.changes(x.shape[1:]) * size_of(x)
+
+
+def _conditions_wanted() -> bool:
+    watch = linear.watch_present()
+    return watch is None or watch.conditions
+
+
+def _note(found: Solve, refused: np.ndarray) -> None:
+    watch = linear.watch_present()
+    if watch is not None:
+        watch.solves.append(found)
+        watch.refused.append(refused)
+
+
+# ---- Full matrices -------------------------------------------------------------------------------
+
+
+class LaneFactors(NamedTuple):
+    """Factors of matrices, one a lane.
+
+    Attributes:
+        columns: factors (L, k, k), column by column.
+        pivots: as LAPACK counts them, from 1 (L, k).
+    """
+
+    columns: np.ndarray
+    pivots: np.ndarray
+
+    @property
+    def lu(self) -> np.ndarray:
+        """Factors (L, k, k)."""
+        return self.columns.swapaxes(-1, -2)
+
+    @classmethod
+    def of(cls, A: np.ndarray, like: np.ndarray | None = None) -> LaneFactors:
+        """Factor matrices (L, k, k), with pivots `like` (L, k) where these are given."""
+        count, size, _ = A.shape
+        columns = np.ascontiguousarray(A.swapaxes(-1, -2))
+        pivots, info = np.zeros((count, size), np.int32), [np.zeros(1, np.int32)]
+        each("dgetrf", size, size, columns, size, pivots, info)
+        if like is not None:
+            other = np.flatnonzero((pivots != like).any(axis=1))
+            if other.size:
+                columns[other] = _eliminated(A[other], like[other] - 1).swapaxes(-1, -2)
+                pivots[other] = like[other]
+        return cls(columns, pivots)
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """Return the solutions for b (L, k) or (L, k, m)."""
+        size, many = self.pivots.shape[1], 1 if b.ndim == 2 else b.shape[2]
+        x = b.copy() if b.ndim == 2 else np.ascontiguousarray(b.swapaxes(-1, -2))
+        info = [np.zeros(1, np.int32)]
+        each("dgetrs", "N", size, many, self.columns, size, self.pivots, x, size, info)
+        return x if b.ndim == 2 else x.swapaxes(-1, -2)
+
+    def inverse(self) -> np.ndarray:
+        """Return the inverses (L, k, k)."""
+        size, out = self.pivots.shape[1], self.columns.copy()
+        work = [np.zeros(64 * size)]
+        info = [np.zeros(1, np.int32)]
+        each("dgetri", size, out, size, self.pivots, work, 64 * size, info)
+        return out.swapaxes(-1, -2)
+
+
+class LaneRounding(NamedTuple):
+    """What elimination rounds of matrices, one a lane; see `eomcheck.numbers.linear.Rounding`."""
+
+    sizes: Factors
+    scale: np.ndarray
+    row_scale: np.ndarray
+
+    def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
+        """Return |L||U| x for x >= 0 (L, k) or (L, k, m), both scaled as told (L, k)."""
+        size = times_rows(x, scale / self.scale)
+        return times_rows(self.sizes.times(size), row_scale / self.row_scale)
+
+
+def _eliminated(A: np.ndarray, pivots: np.ndarray) -> np.ndarray:
+    """Return the factors of A (L, k, k), as `getrf` has them, with given pivots."""
+    lu = np.take_along_axis(A, order_of(pivots)[..., None], axis=1)
+    for i in range(A.shape[-1] - 1):
+        lu[:, i + 1 :, i] /= lu[:, i, i, None]
+        lu[:, i + 1 :, i + 1 :] -= lu[:, i + 1 :, i, None] * lu[:, i, None, i + 1 :]
+    return lu
+
+
+def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
+    """Solve A x = b in each lane; see `eomcheck.numbers.linear.solve`."""
+    count = lanes_in(A) or lanes_in(b)
+    A, b = (_in_front(lanes_of(x, count)) for x in (A, b))
+    if A.shape[-1] == 0:
+        return LaneArray(_behind(b))
+    noise, like = linear.noise_present(), linear.like_present(name)
+    with np.errstate(all="ignore"):
+        if noise is not None:
+            A, b = _moved(A, noise), _moved(b, noise)
+        A, b, scale, row_scale = linear.scaled(A, b)
+        factors = LaneFactors.of(A, None if noise is None or like is None else like.pivots)
+        diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
+        sizes = Factors(factors.lu, factors.pivots - 1)
+        det = determinant(diagonal, factors.pivots - 1, scale, row_scale)
+        rounding: Any = LaneRounding(sizes, scale, row_scale)
+        x = factors.solve(b)
+        if noise is None:
+            rcond = np.ones(count)
+            if _conditions_wanted():
+                rcond = _reciprocal_conditions(factors, sizes)
+            refused = ~(rcond > singular_below(A.shape[-1]))
+            x[refused] = np.nan
+            _note(Solve(name, A.shape[-1], rcond, *det, 0, factors.pivots, rounding), refused)
+            return LaneArray(_behind(times_rows(x, scale)))
+        rounded = sizes.times(np.abs(x))
+        if like is not None and like.rounding is not None:
+            rounded = np.maximum(rounded, like.rounding.of(np.abs(x), scale, row_scale))
+        x = x + factors.solve(noise.changes(b.shape[1:]) * rounded)
+        x[~diagonal.all(axis=-1)] = np.nan
+        _note(Solve(name, A.shape[-1], np.nan, *det), np.zeros(count, bool))
+        return LaneArray(_behind(_moved(times_rows(x, scale), noise)), noise)
+
+
+def _reciprocal_conditions(factors: LaneFactors, sizes: Factors) -> np.ndarray:
+    """Return what `eomcheck.numbers.linear.reciprocal_condition` gives, for each lane (L,)."""
+    count, size = factors.pivots.shape
+    diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
+    usable = np.isfinite(factors.columns).all(axis=(1, 2)) & diagonal.all(axis=1)
+    inverse = np.abs(factors.inverse())
+    usable &= np.isfinite(inverse).all(axis=(1, 2))
+    weights, radius, open_ = np.ones((count, size)), np.full(count, np.inf), usable.copy()
+    for _ in range(ROUNDS):
+        product = (inverse @ sizes.times(weights)[..., None])[..., 0]
+        before = radius
+        radius = np.where(open_, np.fmin(radius, (product / weights).max(axis=1)), radius)
+        open_ &= ~(radius > 0.9 * before)
+        if not open_.any():
+            break
+        product = np.maximum(product / product.max(axis=1, keepdims=True), NORMAL)
+        weights = np.where(open_[:, None], product, weights)
+    return np.where(usable, np.minimum(1.0 / radius, 1.0), 0.0)
+
+
+# ---- Bands ---------------------------------------------------------------------------------------
+
+
+class _Factored:
+    """Banded matrices and their factors; see `eomcheck.numbers.banded`."""
+
+    def __init__(self, bands: np.ndarray, columns: np.ndarray, inside: np.ndarray):
+        self.bands, self.columns, self.inside = bands, columns, inside
+        count, size, _ = bands.shape
+        self.order, rows, places = banded.storage(size)
+        # As LAPACK stores it, column by column.
+        stored = np.zeros((count, size, 3 * REACH + 1))
+        stored[:, places, rows] = bands[:, inside]
+        self.lu, self.pivots = stored, np.zeros((count, size), np.int32)
+        info, width = [np.zeros(1, np.int32)], 3 * REACH + 1
+        each("dgbtrf", size, size, REACH, REACH, self.lu, width, self.pivots, info)
+        diagonal = self.lu[:, :, 2 * REACH]
+        self.invertible = np.isfinite(self.lu).all(axis=(1, 2)) & diagonal.all(axis=1)
+
+    def solve(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x (L, m), its backward errors (L,), and how often each was refined."""
+        x = self.eliminated(b)
+        steps, error, before = (np.full(len(b), y) for y in (0.0, 0.0, np.inf))
+        error = self._backward_error(x, b)
+        while True:
+            go = (steps < LEAST_STEPS) | (
+                (steps < MOST_STEPS) & (error > REFINED) & (error < STALLED * before)
+            )
+            if not go.any():
+                break
+            refined = x + self.eliminated(b - self.times(x))
+            x = np.where(go[:, None], refined, x)
+            steps += go
+            now = self._backward_error(x, b)
+            before, error = np.where(go, error, before), np.where(go, now, error)
+        x[~self.invertible], error[~self.invertible] = np.nan, np.nan
+        return x, error, steps
+
+    def _backward_error(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return (np.abs(b - self.times(x)) / self.sizes(x, b)).max(axis=1)
+
+    def sizes(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return |A||x| + |b| (L, m), no entry below what counts as rounding of others."""
+        sizes = self.size(np.abs(x)) + np.abs(b)
+        least = np.maximum(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max(axis=1, keepdims=True))
+        return np.maximum(sizes, least)
+
+    def moved(self, x: np.ndarray, b: np.ndarray, noise: Noise) -> np.ndarray:
+        """Return solutions x (L, m) moved by what a backward error does to them."""
+        residual = b - self.times(x) + noise.changes(b.shape[1:]) * self.sizes(x, b)
+        return x + self.eliminated(residual)
+
+    def eliminated(self, b: np.ndarray) -> np.ndarray:
+        """Return the unrefined solutions for b (L, m) or (L, m, k)."""
+        many, width = 1 if b.ndim == 2 else b.shape[2], 3 * REACH + 1
+        ordered = b[:, self.order] if b.ndim == 2 else b[:, self.order].swapaxes(-1, -2)
+        ordered, info = np.ascontiguousarray(ordered), [np.zeros(1, np.int32)]
+        size = self.order.size
+        given = "N", size, REACH, REACH, many, self.lu, width, self.pivots, ordered, size, info
+        each("dgbtrs", *given)
+        x = np.empty(b.shape)
+        x[:, self.order] = ordered if b.ndim == 2 else ordered.swapaxes(-1, -2)
+        return x
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """Return A x."""
+        return (self.bands * x[:, self.columns]).sum(axis=2)
+
+    def size(self, x: np.ndarray) -> np.ndarray:
+        """Return |A| x."""
+        return (np.abs(self.bands) * x[:, self.columns]).sum(axis=2)
+
+    def reciprocal_conditions(self) -> np.ndarray:
+        """Return 1 / ρ(|A⁻¹||A|) (L,) as LAPACK estimates it; 0 where A is singular."""
+        count, size, _ = self.bands.shape
+        weights, rcond, open_ = np.ones((count, size)), np.zeros(count), self.invertible.copy()
+        signs = banded.probes(size)
+        for _ in range(ROUNDS):
+            open_ &= np.isfinite(weights).all(axis=1)
+            if not open_.any():
+                break
+            rows = self.size(weights)
+            scaled = self.bands * weights[:, self.columns] / rows[..., None]
+            other, before = _Factored(scaled, self.columns, self.inside), rcond
+            rcond = np.where(open_, np.fmax(rcond, other.condition()), rcond)
+            open_ &= ~(rcond < before / 0.9)
+            weights = np.abs(self.eliminated(rows[..., None] * signs)).max(axis=2)
+            weights = np.maximum(weights / weights.max(axis=1, keepdims=True), NORMAL)
+        return np.minimum(rcond, 1.0)
+
+    def condition(self) -> np.ndarray:
+        """Return LAPACK's estimates (L,) of the reciprocal condition number, the norm being 1."""
+        count, size = self.pivots.shape
+        found, info = np.zeros((count, 1)), [np.zeros(1, np.int32)]
+        work, whole, width = [np.zeros(3 * size)], [np.zeros(size, np.int32)], 3 * REACH + 1
+        given = "I", size, REACH, REACH, self.lu, width, self.pivots, 1.0, found, work, whole, info
+        each("dgbcon", *given)
+        return found[:, 0]
+
+
+def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
+    """Solve A x = b in each lane; see `eomcheck.numbers.banded.solve_banded`."""
+    count = lanes_in(bands) or lanes_in(b)
+    bands, b = (_in_front(lanes_of(x, count)) for x in (bands, b))
+    size, noise = b.shape[1], linear.noise_present()
+    columns, inside = banded.columns_of(size)
+    with np.errstate(all="ignore"):
+        if noise is not None:
+            bands, b = _moved(bands, noise), _moved(b, noise)
+        row_scale = column_scale(bands.swapaxes(-1, -2))
+        bands = np.where(inside, bands * row_scale[..., None], 0.0)
+        by_column = np.zeros((count, WIDTH, size))
+        rows = np.broadcast_to(np.arange(WIDTH)[::-1], inside.shape)
+        by_column[:, rows[inside], columns[inside]] = bands[:, inside]
+        scale = column_scale(by_column)
+        A = _Factored(bands * scale[:, columns], columns, inside)
+        det = determinant(A.lu[:, :, 2 * REACH], A.pivots - 1, scale, row_scale)
+        x, error, steps = A.solve(b * row_scale)
+        if noise is None:
+            rcond = A.reciprocal_conditions() if _conditions_wanted() else np.ones(count)
+            refused = ~(rcond > singular_below(TERMS)) | ((error > REFINED) & (error < np.inf))
+            _note(Solve(name, size, rcond, *det, steps), refused)
+            x[refused] = np.nan
+            return LaneArray(_behind(x * scale))
+        moved = A.moved(x, b * row_scale, noise) * scale
+        moved[~(error <= REFINED)] = np.nan
+        _note(Solve(name, size, np.nan, *det, steps), np.zeros(count, bool))
+        return LaneArray(_behind(_moved(moved, noise)), noise)
+
+
+SOLVERS[LaneArray], BANDED_SOLVERS[LaneArray] = solve_in_lanes, solve_banded_in_lanes

@@ -1,0 +1,243 @@
+"""A campaign: round after round until the time is up, kept in a file, and gone on with from there.
+
+Rounds come in generations, one round a structure. A round climbs from what those of its structure
+found in earlier generations, so that how many workers there are, and which is first, makes no
+difference. Only where a campaign ends depends on the time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eomcheck.claims import Finding
+from eomcheck.errors import EomcheckError
+from eomcheck.lab.fuzzing.draws import Stratum
+from eomcheck.lab.fuzzing.finds import Find, cause_of, find_of, parameters_of, shrunk
+from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Population, Result, Round, run_round
+from eomcheck.lab.fuzzing.screening import Key
+from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.workers import spread
+from eomcheck.mechanics.records import State
+
+STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
+"""Names that Records are read by."""
+
+MOST_SHRUNK = 3
+"""Failures of one claim and subject that are made small; more of them tell nothing new."""
+
+
+@dataclass
+class Campaign:
+    """What was looked at so far, and what was found.
+
+    Attributes:
+        plan: what rounds have in common.
+        name: what the kind of scene is found again by.
+        strata: the structures.
+        counts: of states, by how they were drawn and looked at, and of verdicts.
+        by_stratum: number of states of each structure.
+        worst: by claim and formulation, the highest case.
+        finds: what fails, made small, by cause.
+        failures: number of findings that failed, by claim and what it is about.
+        lost: claims that lanes could not look at, and why.
+        seconds: time spent in rounds, added up over processes.
+        cpu_seconds: CPU time of it.
+        rounds: number of rounds done.
+        resumed: number of states that were looked at before.
+    """
+
+    plan: Plan
+    name: str
+    strata: Sequence[Stratum]
+    records: Records | None = None
+    counts: Counter[str] = field(default_factory=Counter)
+    by_stratum: Counter[str] = field(default_factory=Counter)
+    worst: dict[Key, Candidate] = field(default_factory=dict)
+    finds: dict[tuple[str, ...], Find] = field(default_factory=dict)
+    failures: Counter[tuple[str, str]] = field(default_factory=Counter)
+    lost: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    rounds: int = 0
+    resumed: int = 0
+    _populations: dict[Stratum, Population] = field(default_factory=dict)
+    _done: set[int] = field(default_factory=set)
+
+    def __post_init__(self):
+        if self.records is not None:
+            self._resume(self.records)
+
+    @property
+    def states(self) -> int:
+        """Number of states looked at."""
+        return self.counts["states"]
+
+    def run(
+        self,
+        states: int | None = None,
+        seconds: float | None = None,
+        executor: str | None = None,
+        told: Callable[[Campaign], None] = lambda campaign: None,
+    ) -> None:
+        """Go on until so many states were looked at in all, or the time is up.
+
+        Args:
+            states: to be looked at at least, those of before included.
+            seconds: at most; the round in hand is finished.
+            executor: where rounds are run, see `eomcheck.lab.store.workers.executor`; None is this
+                process.
+            told: called after each round.
+        """
+        start = time.perf_counter()
+
+        def over() -> bool:
+            late = seconds is not None and time.perf_counter() - start >= seconds
+            return late or (states is not None and self.states >= states)
+
+        while not over():
+            # With a number of states to reach, no worker begins a round that is not needed.
+            left = None if states is None else -(-(states - self.states) // (2 * self.plan.batch))
+            for result in self._results(self._generation()[:left], executor, over):
+                self._take(result)
+                told(self)
+                if over():
+                    break
+
+    def _results(
+        self, rounds: list[Round], executor: str | None, over: Callable[[], bool]
+    ) -> Iterator[Result]:
+        work = partial(run_round, self.plan)
+        if executor is None:
+            yield from (work(one) for one in rounds if not over())
+            return
+        for _, result in spread(executor, work, rounds):
+            yield result
+
+    def _generation(self) -> list[Round]:
+        """Return the rounds of the first generation that is not done, those done left out."""
+        count, generation = len(self.strata), 0
+        while all(generation * count + i in self._done for i in range(count)):
+            generation += 1
+        order = np.random.default_rng([abs(self.plan.seed), generation]).permutation(count)
+        numbers = [(generation * count + i, self.strata[j]) for i, j in enumerate(order)]
+        return [
+            Round(number, stratum, self._populations.get(stratum, {}))
+            for number, stratum in numbers
+            if number not in self._done
+        ]
+
+    # ---- What rounds found -----------------------------------------------------------------------
+
+    def _take(self, result: Result) -> None:
+        self._done.add(result.number)
+        self._populations[result.stratum] = result.population
+        self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
+        self._raise(result.population)
+        self.lost |= result.lost
+        new = [find for one in result.failed if (find := self._found(one)) is not None]
+        if self.records is not None:
+            self._keep(self.records, result, new)
+
+    def _add(self, stratum: str, counts: Counter[str], seconds: float, cpu: float) -> None:
+        self.rounds += 1
+        self.counts.update(counts)
+        self.by_stratum[stratum] += counts["states"]
+        self.seconds += seconds
+        self.cpu_seconds += cpu
+
+    def _raise(self, population: Population) -> None:
+        for key, best in population.items():
+            if key not in self.worst or best[0].height > self.worst[key].height:
+                self.worst[key] = best[0]
+
+    def _found(self, failed: Finding) -> Find | None:
+        """Return the find that a failure is, made small; None if one of this cause is known."""
+        key = failed.claim, " ".join(cause_of(failed))
+        self.failures[key] += 1
+        if self.failures[key] > MOST_SHRUNK:
+            return None
+        small = failed
+        with suppress(EomcheckError, np.linalg.LinAlgError):
+            small = shrunk(failed, self.plan.formulations, self.plan.seed)
+        find = find_of(small, self.name)
+        if find.key in self.finds:
+            return None
+        self.finds[find.key] = find
+        return find
+
+    # ---- In a file -------------------------------------------------------------------------------
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides everything but where the campaign ends."""
+        plan = self.plan
+        return {
+            "scene": self.name,
+            "seed": plan.seed,
+            "strata": [one.name for one in self.strata],
+            "claims": list(plan.claims),
+            "formulations": list(plan.formulations),
+            "engines": [str(one) for one in plan.engines],
+            "families": list(plan.families),
+            "climbing": plan.climbing,
+            "ration": list(plan.ration),
+            "batch": plan.batch,
+        }
+
+    def _keep(self, records: Records, result: Result, new: Sequence[Find]) -> None:
+        here = self.settings
+        for find in new:
+            told = here | {"cause": list(find.key)}
+            records.add(Record(FIND, told, "failed", series={"find": [vars(find)]}))
+        best = [
+            [*key, one.height, parameters_of(one.case[0]), *_plain(one.case[1])]
+            for key, kept in result.population.items()
+            for one in kept
+        ]
+        of = here | {"stratum": result.stratum.name}
+        records.add(Record(POPULATION, of, series={"best": best}))
+        heights = {
+            f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()
+        }
+        of = of | {"round": result.number}
+        record = Record(
+            STUDY,
+            of,
+            seconds=result.seconds,
+            cpu_seconds=result.cpu_seconds,
+            counts=dict(result.counts),
+            errors=heights,
+        )
+        records.add(record)
+
+    def _resume(self, records: Records) -> None:
+        here = self.settings
+        by_name = {one.name: one for one in self.strata}
+        for record in records.all(STUDY, **here):
+            self._done.add(record.settings["round"])
+            counts = Counter(record.counts)
+            times = record.seconds or 0.0, record.cpu_seconds or 0.0
+            self._add(record.settings["stratum"], counts, *times)
+        for record in records.all(POPULATION, **here):
+            population: Population = {}
+            for claim, f, height, parameters, q, v, t in record.series["best"]:
+                case = self.plan.kind(**parameters), State(np.array(q), np.array(v), t)
+                population.setdefault((claim, f), []).append(Candidate(height, case))
+            self._populations[by_name[record.settings["stratum"]]] = population
+            self._raise(population)
+        for record in records.all(FIND, **here):
+            find = Find(**record.series["find"][0])
+            self.finds[find.key] = find
+        self.resumed = self.states
+
+
+def _plain(state: State) -> tuple[list[float], list[float], float]:
+    return state.q.tolist(), state.v.tolist(), float(state.t)

@@ -1,0 +1,269 @@
+"""Finds: failures made small and round, told apart by cause, and kept to be looked at again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims.repeat import python_of
+from eomcheck.claims.run import Selection, no_larger, smallest_failure
+from eomcheck.errors import EomcheckError, InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import consistent_velocity
+from eomcheck.files import write_text
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.judging import about, failures, fault_of
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.scenes import SCENES
+from eomcheck.scenes.named import kinds_of
+
+MOST_TRIES = 150
+"""States looked at while numbers are made round."""
+
+
+@dataclass(frozen=True)
+class Find:
+    """A state at which a claim fails, ready to be kept.
+
+    Attributes:
+        scene: key of the kind of scene, or where it is found: path/to/file.py:Class.
+        parameters: its arguments.
+        q: coordinates (n,).
+        v: velocities (n,).
+        t: time, s.
+        claim: id of the claim; "" stands for all of them.
+        subject: what it is about.
+        observed: the error.
+        allowed: what rounding explains.
+        whose: whose fault it is, see `eomcheck.lab.fuzzing.judging`.
+        evidence: how that is known.
+        detail: what the finding says is wrong.
+        why: a sentence by whoever mended it.
+    """
+
+    scene: str
+    parameters: dict[str, Any]
+    q: list[float]
+    v: list[float]
+    t: float = 0.0
+    claim: str = ""
+    subject: str = ""
+    observed: float = 0.0
+    allowed: float = 0.0
+    whose: str = ""
+    evidence: str = ""
+    detail: str = ""
+    why: str = ""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What tells causes apart: scene, claim, formulations, fault, and what is wrong."""
+        words = cause_of(self)
+        what = self.detail.rpartition(": ")[2] if ": " in self.detail else ""
+        what = "" if any(c.isdigit() for c in what) else what
+        return self.scene, self.claim, " ".join(words), self.whose, what
+
+    @property
+    def case(self) -> Case:
+        """The scene and its state.
+
+        Raises:
+            EomcheckError: there is no such scene.
+        """
+        (kind,) = kinds_of(self.scene)
+        state = State(np.array(self.q, float), np.array(self.v, float), self.t)
+        return kind(**self.parameters), state
+
+    @property
+    def python(self) -> str:
+        """Python code that shows it again."""
+        return python_of(*self.case)
+
+    def __str__(self) -> str:
+        how = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
+        return f"{self.claim}, {self.subject}: {how}; {self.whose} ({self.evidence})"
+
+
+def cause_of(one: Find | Finding) -> list[str]:
+    """Return the words of a subject that tell causes apart: formulations, or the engine alone."""
+    words = one.subject.replace("~", " ").replace(":", " ").split()
+    if one.claim and CLAIMS[one.claim].asks:
+        words = [word for word in words if word not in FORMULATIONS]
+    return sorted(words)
+
+
+def find_of(finding: Finding, name: str) -> Find:
+    """Return what to keep of a failure; `name` is that of the kind of scene."""
+    scene, state, fault = finding.scene, finding.state, fault_of(finding)
+    assert isinstance(scene, Scene) and state is not None
+    return Find(
+        name,
+        parameters_of(scene),
+        state.q.tolist(),
+        state.v.tolist(),
+        float(state.t),
+        finding.claim,
+        finding.subject,
+        float(finding.observed),
+        float(finding.allowed),
+        fault.whose,
+        fault.evidence,
+        finding.detail,
+    )
+
+
+def parameters_of(scene: Scene) -> dict[str, Any]:
+    """Return the arguments of a scene by name, plain."""
+    links = getattr(scene, "links", None) if scene.has_links else None
+    values = {name: getattr(scene, name) for name in type(scene).ranges(links)}
+    return {name: None if x is None else np.asarray(x).tolist() for name, x in values.items()}
+
+
+# ---- Made small ----------------------------------------------------------------------------------
+
+
+def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Finding:
+    """Return a failure of the same claim about the same formulations, smaller and rounder.
+
+    Smaller ones are looked for by hypothesis, then each number is tried at 0, at 1 and with fewer
+    digits. What an engine says is left as it is: each try would make the engine again.
+    """
+    scene = finding.scene
+    assert isinstance(scene, Scene)
+    selection = Selection.of(formulations, [], [finding.claim], scenes=[type(scene)])
+    if not CLAIMS[finding.claim].asks:
+        links = (1, getattr(scene, "links", 1))
+        smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
+        finding = smaller if about(smaller) == about(finding) else finding
+        finding = _rounded(finding, formulations)
+    return finding
+
+
+def _rounded(finding: Finding, formulations: Sequence[str]) -> Finding:
+    tries = 0
+    for digits in (0, 1, 2, 4, 8):
+        for part in _parts(finding):
+            for i in range(part.size):
+                scene, state = finding.scene, finding.state
+                assert isinstance(scene, Scene) and state is not None
+                here = _parts(finding)
+                same = next(one for one in here if one.name == part.name)
+                x = float(same.values[i])
+                for y in _rounder(x, digits):
+                    if y == x or tries >= MOST_TRIES:
+                        continue
+                    tries += 1
+                    finding = _tried(finding, same, i, y, formulations) or finding
+                    if finding.scene is not scene or finding.state is not state:
+                        break
+    return finding
+
+
+def _rounder(x: float, digits: int) -> list[float]:
+    return [0.0, 1.0] if digits == 0 else [float(f"{x:.{digits - 1}e}")]
+
+
+@dataclass
+class _Part:
+    name: str
+    values: Array
+
+    @property
+    def size(self) -> int:
+        return self.values.size
+
+
+def _parts(finding: Finding) -> list[_Part]:
+    scene, state = finding.scene, finding.state
+    assert isinstance(scene, Scene) and state is not None
+    found = [_Part(name, np.ravel(x)) for name, x in parameters_of(scene).items() if x is not None]
+    return [*found, _Part("q", state.q), _Part("v", state.v)]
+
+
+def _tried(
+    finding: Finding, part: _Part, i: int, y: float, formulations: Sequence[str]
+) -> Finding | None:
+    """Return the failure with one number replaced, None where it does not fail there."""
+    scene, state = finding.scene, finding.state
+    assert isinstance(scene, Scene) and state is not None
+    values = part.values.copy()
+    values[i] = y
+    try:
+        if part.name in ("q", "v"):
+            state = state._replace(**{part.name: values})
+        else:
+            given = parameters_of(scene)
+            given[part.name] = values.reshape(np.shape(given[part.name])).tolist()
+            scene = type(scene)(**given)
+        with np.errstate(all="ignore"):
+            at = Evaluation(scene, *state)
+            state = state._replace(v=consistent_velocity(at, state.v))
+        found = failures((scene, state), [finding.claim], formulations)
+    except (EomcheckError, np.linalg.LinAlgError):
+        return None
+    return next((one for one in found if one.subject == finding.subject), None)
+
+
+# ---- Kept ----------------------------------------------------------------------------------------
+
+
+def read_finds(path: Path) -> list[Find]:
+    """Return the finds in a file.
+
+    Raises:
+        InputError: it cannot be read, or holds something else.
+    """
+    if not path.exists():
+        return []
+    try:
+        return [_read(one) for one in json.loads(path.read_text(encoding="utf-8"))]
+    except (OSError, TypeError, KeyError, ValueError) as error:
+        raise InputError(f"{str(path)!r} holds no finds: {error}") from None
+
+
+def _read(one: dict[str, Any]) -> Find:
+    fields = set(Find.__dataclass_fields__)
+    if unknown := set(one) - fields:
+        raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
+    return Find(**one)
+
+
+def write_finds(path: Path, finds: Iterable[Find]) -> None:
+    """Write finds into a file, those of one cause once."""
+    kept = [{k: x for k, x in asdict(one).items() if x != ""} for one in told_apart(finds)]
+    write_text(path, "[\n" + ",\n".join(json.dumps(one) for one in kept) + "\n]\n")
+
+
+def told_apart(finds: Iterable[Find]) -> list[Find]:
+    """Return the first find of each cause."""
+    found: dict[Any, Find] = {}
+    for i, one in enumerate(finds):
+        found.setdefault(one.key if one.claim else i, one)
+    return list(found.values())
+
+
+def replayed(
+    finds: Iterable[Find], formulations: Sequence[str], looked_at: Callable[[], None] = lambda: None
+) -> list[Find]:
+    """Return those finds that still fail, with what is observed now."""
+    still = []
+    for one in finds:
+        failed = failures(one.case, [one.claim] if one.claim else list(CLAIMS), formulations)
+        if failed:
+            still.append(find_of(failed[0], one.scene))
+        looked_at()
+    return still
+
+
+def name_of(kind: type[Scene], asked: str) -> str:
+    """Return the name under which a kind of scene is found again: its key, or what was asked."""
+    return kind.key if SCENES.get(kind.key) is kind else asked

@@ -1,0 +1,158 @@
+"""Screening: all claims at many states in lanes, and what is to be looked at again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
+from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
+from eomcheck.errors import EomcheckError
+from eomcheck.evaluation.certified import TRUE_DIGITS, true_error
+from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
+from eomcheck.formulations import Formulation
+from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.numbers.contract import Array
+
+Key = tuple[str, str]
+"""A claim, and the formulation that it is about there, "" if it is about none."""
+
+TRUTH = "true error"
+"""In the place of a claim: error against an enclosure, over what is allowed."""
+
+ENCLOSED_ABOVE = 0.3
+"""Observed / allowed above which a state is always enclosed."""
+
+
+class Ration(NamedTuple):
+    """How often what takes long is looked at: at one state in so many, 0 for never."""
+
+    enclosures: int = 4
+    """One true acceleration, which judges all formulations."""
+    balls: int = 20
+    """All formulations in balls."""
+    engines: int = 10
+    checks: int = 200
+    """All claims by `eomcheck.check`, but engines."""
+    unlifted: int = 20
+    """What lanes cannot look at."""
+
+
+@dataclass
+class Screened:
+    """What lanes say of cases.
+
+    Attributes:
+        count: number of cases L.
+        heights: by claim and formulation, observed / allowed (L,).
+        suspects: which cases are to be looked at again, and by which claims.
+        verdicts: number of subjects by verdict.
+        lost: claims that could not be looked at in lanes, and why.
+        enclosed: number of states at which the truth was enclosed.
+        unseen: cases whose terms are not all finite: lanes say nothing of them.
+    """
+
+    count: int
+    heights: dict[Key, Array] = field(default_factory=dict)
+    suspects: dict[int, set[str]] = field(default_factory=dict)
+    verdicts: Counter[str] = field(default_factory=Counter)
+    lost: dict[str, str] = field(default_factory=dict)
+    enclosed: int = 0
+    unseen: list[int] = field(default_factory=list)
+
+    @property
+    def worst(self) -> Array:
+        """The largest height of each case (L,)."""
+        return np.max([np.zeros(self.count), *self.heights.values()], axis=0)
+
+
+def screened(
+    cases: Sequence[Case],
+    formulations: Sequence[Formulation],
+    claims: Sequence[str],
+    every: int,
+    first: int = 0,
+) -> Screened:
+    """Return what lanes say of cases of any structures.
+
+    Args:
+        cases: scenes and states.
+        formulations: those that take part.
+        claims: ids, of which those that can be are looked at.
+        every: one state in so many is enclosed whatever the lanes say, 0 for none.
+        first: number of the first case, of which `every` counts.
+    """
+    found, ids = Screened(len(cases)), liftable(claims)
+    for places, case in lane_cases(cases, formulations):
+        finite = np.ones(case.at.lanes, bool)
+        for term in case.at.terms:
+            if term is not None:
+                finite &= np.isfinite(term.data).reshape(-1, case.at.lanes).all(axis=0)
+        if not finite.all():
+            found.unseen += [int(i) for i in places[~finite]]
+            places = places[finite]
+            if not places.size:
+                continue
+            ((_, case),) = lane_cases([cases[i] for i in places], formulations)
+        _look(found, places, case, ids)
+        _enclose(found, places, case, every, first)
+    return found
+
+
+def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) -> None:
+    keys = {f.key for f in case.formulations}
+    for one in case.look(ids):
+        for number, name in (
+            (PASSED, "passed"),
+            (FAILED, "failed"),
+            (INCONCLUSIVE_, "inconclusive"),
+        ):
+            found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
+        ratio = one.ratio
+        words = one.subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
+        for key in [word for word in words if word in keys] or [""]:
+            heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
+            heights[places] = np.maximum(heights[places], ratio)
+        for i in places[one.verdict == FAILED]:
+            found.suspects.setdefault(int(i), set()).add(one.claim)
+    found.lost |= case.lost
+
+
+def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: int) -> None:
+    """Enclose the truth of what is near its bounds, and of some others, and judge all by it."""
+    if every == 0:
+        return
+    worst = found.worst
+    chosen = (worst[places] > ENCLOSED_ABOVE) | ((first + places) % every == 0)
+    for lane in np.flatnonzero(chosen).tolist():
+        truth = truth_of(case, lane)
+        if truth is None:
+            continue
+        found.enclosed += 1
+        for f, x in case.solutions:
+            if case.refused(f.key)[lane]:
+                continue
+            allowed = allowed_error(float(case.vdot_sensitivity(f).data[lane]))
+            vdot: Any = x.vdot
+            error = largest(true_error(vdot.data[:, lane], truth))
+            if not np.isfinite(allowed):
+                continue
+            heights = found.heights.setdefault((TRUTH, f.key), np.zeros(found.count))
+            heights[places[lane]] = height = error / max(allowed, UNDERFLOW)
+            if height > 1.0:
+                found.suspects.setdefault(int(places[lane]), set()).add("true-error")
+
+
+def truth_of(case: LaneCase, lane: int) -> Enclosure | None:
+    """Return the true acceleration in one lane, None where there is none."""
+    at = case.at.alone(lane)
+    key = "kane" if case.has_speeds else "au"
+    with suppress(EomcheckError, TypeError):
+        return enclose(at.scene, key, at.q, t=at.t, digits=TRUE_DIGITS, v=at.v)
+    return None

@@ -1,0 +1,92 @@
+"""What a campaign of fuzzing says: while it goes on, and at its end."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+
+from eomcheck.console import console
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.draws import FAMILIES
+from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets
+
+EVERY = 10.0
+"""Seconds between two lines of progress."""
+
+
+class Teller:
+    """Prints a line of progress now and then: states, their rate, the worst ratio, finds."""
+
+    def __init__(self) -> None:
+        self._start = self._last = time.perf_counter()
+
+    def __call__(self, campaign: Campaign) -> None:
+        """Print a line if the last one is old enough."""
+        now = time.perf_counter()
+        if now - self._last < EVERY:
+            return
+        self._last = now
+        new = campaign.states - campaign.resumed
+        worst = max(campaign.worst.items(), key=lambda item: item[1].height, default=None)
+        high = ""
+        if worst is not None:
+            (claim, formulation), candidate = worst
+            high = f"; worst {candidate.height:.2g}, {f'{claim} {formulation}'.strip()}"
+        rate = f"{campaign.states} states, {new / (now - self._start):.0f} a second"
+        console.print(f"{rate}{high}; {len(campaign.finds)} finds", highlight=False)
+
+
+def rate_of(campaign: Campaign) -> float:
+    """Return states per second of CPU time."""
+    return campaign.states / campaign.cpu_seconds if campaign.cpu_seconds else 0.0
+
+
+def summary_sheet(campaign: Campaign) -> Sheet:
+    """Return how many states were looked at, and by what."""
+    counts = campaign.counts
+    rows = [
+        ("states", str(campaign.states)),
+        ("a second of CPU time", f"{rate_of(campaign):.0f}"),
+        ("rounds", str(campaign.rounds)),
+    ]
+    rows += [(name, str(counts[name])) for name in (*FAMILIES, "climbed") if counts[name]]
+    shown = {name for name, _ in rows} | {"states"}
+    rows += [(name, str(x)) for name, x in sorted(counts.items()) if x and name not in shown]
+    rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
+    return Sheet("fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("", ""), rows)
+
+
+def strata_sheet(campaign: Campaign) -> Sheet:
+    """Return the number of states by structure."""
+    rows = [(one.name, str(campaign.by_stratum[one.name])) for one in campaign.strata]
+    return Sheet("strata", "States by structure", ("structure", "states"), rows)
+
+
+def worst_sheet(campaign: Campaign) -> Sheet:
+    """Return the largest observed / allowed of each claim, and of which formulation it is."""
+    best: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
+    for (claim, formulation), candidate in campaign.worst.items():
+        best[claim] = max(best[claim], (candidate.height, formulation))
+    rows = [(claim, f"{height:.2g}", f) for claim, (height, f) in sorted(best.items())]
+    return Sheet("worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows)
+
+
+def finds_sheet(campaign: Campaign) -> Sheet:
+    """Return the finds, one a cause."""
+    rows = [
+        (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
+        for one in campaign.finds.values()
+    ]
+    columns = "claim", "subject", "fault", "what", "evidence"
+    return Sheet("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
+
+
+def print_campaign(campaign: Campaign) -> None:
+    """Print what a campaign came to; of each find the code that shows it."""
+    print_sheets([summary_sheet(campaign), strata_sheet(campaign), worst_sheet(campaign)])
+    if campaign.finds:
+        print_sheets([finds_sheet(campaign)])
+        for find in campaign.finds.values():
+            print(f"# {find}\n{find.python}")
+    else:
+        print("no find")

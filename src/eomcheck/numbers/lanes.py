@@ -1,0 +1,387 @@
+"""Lanes: many numbers in the place of one, so that the same source runs at many states at once.
+
+A `LaneArray` stands for an array of the shape that its source knows, every entry of which is one
+double a lane: data are (..., L). Whole arrays are computed with at once; where code builds arrays
+of its own, or differentiates, entries are numbers like any other kind, in arrays of objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.generic import BRANCH, NotRationalError
+from eomcheck.numbers.noise import EXACT, NORMAL, Noise
+from eomcheck.numbers.pivots import SMALLEST_SIZE
+
+ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
+
+
+class LaneArray:
+    """An array with a double per lane in each entry.
+
+    What noise moves it as `MovedArray` does: the result of an operation on the whole array, an
+    entry that is taken out no more.
+
+    Args:
+        data: doubles (*shape, L).
+        noise: what moves the results of operations, if anything.
+    """
+
+    __slots__ = ("data", "known", "noise", "turned")
+    __array_priority__ = 100.0
+
+    def __init__(self, data: np.ndarray, noise: Noise | None = None):
+        self.data, self.noise = data, noise
+        # What is known of a matrix and its transpose (`eomcheck.numbers.decompositions`).
+        self.known: list[Any] = []
+        self.turned = False
+
+    # ---- As an array -----------------------------------------------------------------------------
+
+    dtype = np.dtype(object)
+    """What is made like it can hold any number."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape that the source knows."""
+        return self.data.shape[:-1]
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes of `shape`."""
+        return self.data.ndim - 1
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return int(np.prod(self.shape))
+
+    @property
+    def lanes(self) -> int:
+        """L."""
+        return self.data.shape[-1]
+
+    @property
+    def flat(self) -> Iterator[LaneArray]:
+        """One of the entries: all are of the same kind."""
+        return iter((LaneArray(self.data.reshape(-1, self.lanes)[0]),) if self.size else ())
+
+    @property
+    def T(self) -> LaneArray:
+        """The array with its axes in reverse."""
+        data = self.data.transpose(*range(self.ndim - 1, -1, -1), self.ndim)
+        turned = LaneArray(data, self.noise)
+        turned.known, turned.turned = self.known, not self.turned
+        return turned
+
+    def __len__(self) -> int:
+        if not self.ndim:
+            raise TypeError("one number has no length")
+        return self.shape[0]
+
+    def __getitem__(self, where: Any) -> LaneArray:
+        found = self.data[(*where, slice(None)) if _has_dots(where) else where]
+        return LaneArray(found, self.noise if found.ndim > 1 else None)
+
+    def __setitem__(self, where: Any, x: Any) -> None:
+        self.known.clear()
+        self.data[where] = x.data if isinstance(x, LaneArray) else x
+
+    def __iter__(self) -> Iterator[LaneArray]:
+        return (self[i] for i in range(len(self)))
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        if dtype is not None and np.dtype(dtype) != object:
+            raise TypeError("lanes are no array of doubles")
+        return entries(self)
+
+    def copy(self) -> LaneArray:
+        """Return a copy."""
+        return LaneArray(self.data.copy(), self.noise)
+
+    def reshape(self, *shape: Any) -> LaneArray:
+        """Return the entries in another shape."""
+        shape = shape[0] if len(shape) == 1 and isinstance(shape[0], tuple) else shape
+        if -1 in shape:
+            known = -int(np.prod(shape))
+            shape = tuple(self.size // known if x == -1 else x for x in shape)
+        return LaneArray(self.data.reshape(*shape, self.lanes), self.noise)
+
+    def sum(self, axis: int | None = None) -> LaneArray:
+        """Return the sum along an axis, or of all entries."""
+        return LaneArray(self._flattened(axis).sum(axis=0 if axis is None else _front(axis)))
+
+    def max(self, axis: int | None = None) -> LaneArray:
+        """Return the largest entries along an axis, or of all."""
+        return LaneArray(self._flattened(axis).max(axis=0 if axis is None else _front(axis)))
+
+    def _flattened(self, axis: int | None) -> np.ndarray:
+        return self.data.reshape(-1, self.lanes) if axis is None else self.data
+
+    # ---- Operations ------------------------------------------------------------------------------
+
+    def _with(self, ufunc: Any, x: Any, y: Any) -> Any:
+        other = y if x is self else x
+        kind = type(other)
+        if kind is LaneArray or kind in PLAIN:
+            noise = self.noise
+            if noise is None and kind is LaneArray:
+                noise = other.noise
+            first, second = (z.data if type(z) is LaneArray else z for z in (x, y))
+            return _moved(ufunc(first, second), noise)
+        if isinstance(other, np.ndarray):
+            return ufunc(x, y)
+        return NotImplemented
+
+    def __add__(self, other):
+        return self._with(np.add, self, other)
+
+    def __radd__(self, other):
+        return self._with(np.add, other, self)
+
+    def __sub__(self, other):
+        return self._with(np.subtract, self, other)
+
+    def __rsub__(self, other):
+        return self._with(np.subtract, other, self)
+
+    def __mul__(self, other):
+        return self._with(np.multiply, self, other)
+
+    def __rmul__(self, other):
+        return self._with(np.multiply, other, self)
+
+    def __truediv__(self, other):
+        return self._with(np.true_divide, self, other)
+
+    def __rtruediv__(self, other):
+        return self._with(np.true_divide, other, self)
+
+    def __neg__(self):
+        return LaneArray(-self.data, self.noise)
+
+    def __matmul__(self, other):
+        return np.matmul(self, other)
+
+    def __rmatmul__(self, other):
+        return np.matmul(other, self)
+
+    def __le__(self, other):
+        return np.less_equal(self, other)
+
+    def __gt__(self, other):
+        return np.greater(self, other)
+
+    def _branched(self, other=None):
+        raise NotRationalError(BRANCH)
+
+    __eq__ = __bool__ = __float__ = _branched
+    __hash__ = object.__hash__
+
+    def __array_ufunc__(self, ufunc, method, *inputs, out=None, **options):
+        if method != "__call__" or out is not None:
+            return NotImplemented
+        noise = next(
+            (x.noise for x in inputs if isinstance(x, LaneArray) and x.noise is not None), None
+        )
+        objects = any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs)
+        if ufunc is np.matmul:
+            count = self.lanes
+            data = [lanes_of(x, count) for x in inputs]
+            result = _product(*data)
+            if noise is None:
+                return LaneArray(result)
+            size = _product(*map(np.abs, data))
+            return LaneArray(result + _changes(noise, result) * size_of(size), noise)
+        if objects:
+            return ufunc(*(entries(x) if isinstance(x, LaneArray) else x for x in inputs))
+        data = [
+            x.data
+            if isinstance(x, LaneArray)
+            else x[..., None]
+            if isinstance(x, np.ndarray) and x.ndim
+            else x
+            for x in inputs
+        ]
+        result = ufunc(*data, **options)
+        return LaneArray(result, noise) if ufunc in EXACT else _moved(result, noise)
+
+    def __array_function__(self, function, types, arguments, options):
+        mine = FUNCTIONS.get(function)
+        return NotImplemented if mine is None else mine(*arguments, **options)
+
+
+PLAIN = {float, int, np.float64}
+"""Kinds of number that stand beside lanes as they are."""
+
+
+def _has_dots(where: Any) -> bool:
+    return isinstance(where, tuple) and any(x is Ellipsis for x in where)
+
+
+def _front(axis: int) -> int:
+    return axis if axis >= 0 else axis - 1
+
+
+def size_of(x: np.ndarray) -> np.ndarray:
+    """Return what noise moves x relative to: |x|, and `SMALLEST_SIZE` of what is no normal number.
+
+    A zero then becomes no subnormal number, with which machines compute a hundred times as slowly.
+    """
+    size = np.abs(x)
+    size[size < NORMAL] = SMALLEST_SIZE
+    return size
+
+
+def _changes(noise: Noise, x: np.ndarray) -> np.ndarray:
+    return noise.changes(x.shape[:-1])[..., None]
+
+
+def _moved(result: np.ndarray, noise: Noise | None) -> LaneArray:
+    if noise is None or result.dtype != np.float64:
+        return LaneArray(result)
+    change = _changes(noise, result) * size_of(result)
+    return LaneArray(result + change, noise)
+
+
+def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the product of matrices or vectors, lanes behind: each sum in its order."""
+    before, behind = ("j" if x.ndim == 2 else "...ij"), ("j" if y.ndim == 2 else "...jk")
+    rows = "" if x.ndim == 2 else "...i"
+    columns = "" if y.ndim == 2 else ("k" if rows else "...k")
+    return np.einsum(f"{before}z,{behind}z->{rows}{columns}z", x, y)
+
+
+# ---- To and from other arrays --------------------------------------------------------------------
+
+
+def entries(x: LaneArray) -> np.ndarray:
+    """Return the entries of lanes as an array of objects, of x's shape."""
+    out = np.empty(x.shape, object)
+    flat = x.data.reshape(-1, x.lanes)
+    places = out.reshape(-1)
+    for i, one in enumerate(flat):
+        places[i] = LaneArray(one)
+    return out
+
+
+def lanes_in(x: Any) -> int:
+    """Return the number of lanes in an array or a number, 0 if it has none."""
+    if isinstance(x, LaneArray):
+        return x.lanes
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return next((y.lanes for y in x.flat if isinstance(y, LaneArray)), 0)
+    if isinstance(x, list | tuple):
+        return next((n for n in map(lanes_in, x) if n), 0)
+    return 0
+
+
+def lanes_of(x: Any, count: int) -> np.ndarray:
+    """Return the doubles (*shape, L) of an array of any kind, L = `count`."""
+    if isinstance(x, LaneArray):
+        return x.data
+    if isinstance(x, list | tuple):
+        return np.stack([lanes_of(part, count) for part in x])
+    x = np.asarray(x)
+    if x.dtype != object:
+        return np.broadcast_to(np.asarray(x, np.float64)[..., None], (*x.shape, count))
+    out = np.empty((*x.shape, count))
+    flat = out.reshape(-1, count)
+    for i, one in enumerate(x.reshape(-1)):
+        flat[i] = one.data if isinstance(one, LaneArray) else one
+    return out
+
+
+def doubles(x: Any) -> Any:
+    """Return an array of doubles, or of lanes where x has any."""
+    if isinstance(x, LaneArray):
+        return x
+    count = lanes_in(x)
+    return LaneArray(lanes_of(x, count)) if count else np.asarray(x, np.float64)
+
+
+def where(condition: Any, x: Any, y: Any) -> Any:
+    """Return x where the condition holds, otherwise y, lane by lane; all are lanes or plain."""
+    count = next((n for n in map(lanes_in, (condition, x, y)) if n), 0)
+    if not count:
+        return x if condition else y
+    of = condition.data if isinstance(condition, LaneArray) else condition
+    return LaneArray(np.where(of, *(z.data if isinstance(z, LaneArray) else z for z in (x, y))))
+
+
+def everywhere(condition: Any) -> Any:
+    """Return whether a condition holds in all entries, lane by lane where there are lanes."""
+    if not isinstance(condition, LaneArray):
+        return bool(np.all(condition))
+    return LaneArray(np.asarray(condition.data.reshape(-1, condition.lanes).all(axis=0)))
+
+
+def _concatenate(arrays: Any, axis: int = 0) -> Any:
+    count = lanes_in(list(arrays))
+    return LaneArray(np.concatenate([lanes_of(x, count) for x in arrays], _front(axis)))
+
+
+FUNCTIONS: dict[Any, Callable] = {
+    np.shape: lambda x: x.shape,
+    np.ndim: lambda x: x.ndim,
+    np.size: lambda x: x.size,
+    np.ravel: lambda x: entries(x).reshape(-1),
+    np.sum: lambda x, axis=None: x.sum(axis),
+    np.concatenate: _concatenate,
+    np.zeros_like: lambda x: LaneArray(np.zeros_like(x.data)),
+    np.eye: np.eye,
+}
+"""Functions of numpy for lanes."""
+
+
+# ---- Arithmetic and noise ------------------------------------------------------------------------
+
+
+class InLanes:
+    """The arithmetic of lanes (`eomcheck.numbers.contract.Arithmetic`)."""
+
+    def numbers(self, x: Any) -> Any:
+        """Return x as it is: parameters are stacked by who knows all scenes."""
+        return x
+
+    def angles(self, x: Any) -> Angles:
+        """Return the angles x (k,) with their cosines and sines."""
+        x = doubles(x)
+        return Angles(x, LaneArray(np.cos(x.data)), LaneArray(np.sin(x.data)))
+
+    def root(self, x: Any) -> LaneArray:
+        """Return the positive square roots of x (k,)."""
+        return LaneArray(np.sqrt(doubles(x).data))
+
+
+IN_LANES = InLanes()
+
+
+class LaneNoise(Noise):
+    """A source of changes that are the same in all lanes, as they are the same at all states.
+
+    What is no normal number is moved like the smallest of which residuals tell, see `size_of`.
+    """
+
+    def entries(self, x: Any) -> Any:
+        """Change each entry of x relative to itself."""
+        data = x.data
+        with np.errstate(all="ignore"):
+            return LaneArray(data + _changes(self, data) * size_of(data))
+
+    def record(self, x: Any) -> Any:
+        """Change each entry of every array in a record; what is absent stays absent."""
+        if isinstance(x, Angles):
+            return Angles(x.value, self.entries(x.cos), self.entries(x.sin))
+        if isinstance(x, tuple):
+            parts = [self.record(part) for part in x]
+            return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
+        return x if x is None else self.array(self.entries(doubles(x)))
+
+    def array(self, x: Any) -> Any:
+        """Return x with every operation of whole arrays on it moved."""
+        return LaneArray(x.data, self)

@@ -1,0 +1,80 @@
+"""`eomcheck fuzz`: what it says, keeps and returns."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from eomcheck import cli
+from eomcheck.cli.fuzzing import seconds_of
+from eomcheck.lab.fuzzing import campaign, rounds
+from eomcheck.lab.fuzzing.rounds import Result
+
+FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
+
+
+def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run `eomcheck fuzz` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *FEW, *arguments])
+    monkeypatch.setattr(rounds, "BATCH", 8)
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    return stop.value.code or 0
+
+
+def test_times_are_read():
+    assert [seconds_of(x) for x in ("20s", "10m", "1.5h")] == [20.0, 600.0, 5400.0]
+
+
+def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatch, capsys):
+    how = "--states", "1", "--family", "ordinary"
+    assert run(*how, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert "no find" in said and "2 links, without damping" in said and "equivalence" in said
+
+
+def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path):
+    scene = tmp_path / "wrong.py"
+    scene.write_text(
+        "from eomcheck.scenes import Snake, snake_terms\n"
+        "class Wrong(Snake, functions=()):\n"
+        "    @staticmethod\n"
+        "    def terms(*here):\n"
+        "        found = snake_terms.terms(*here)\n"
+        "        return found._replace(B=-found.B)\n"
+    )
+    kept, records = tmp_path / "found.json", tmp_path / "r.db"
+    how = ["--scene", f"{scene}:Wrong", "--claim", "kane-ml-force", "--states", "1"]
+    how += ["--family", "ordinary", "--keep", str(kept), "--records", str(records)]
+    assert run(*how, monkeypatch=monkeypatch) == 1
+    said = capsys.readouterr().out
+    assert "kane-ml-force" in said and "for finding in eomcheck.check" in said
+    (find,) = json.loads(kept.read_text())
+    assert find["claim"] == "kane-ml-force" and find["whose"] == "scene"
+    assert run("--replay", str(kept), monkeypatch=monkeypatch) == 1
+    assert "1 fail" in capsys.readouterr().out
+    # It goes on with what was found before.
+    assert run(*how, monkeypatch=monkeypatch) == 1
+    assert len(json.loads(kept.read_text())) == 1
+
+
+def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch, capsys):
+    def stopped(plan, given) -> Result:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "run_round", stopped)
+    assert run("--states", "1", monkeypatch=monkeypatch) == 130
+    assert "interrupted" in capsys.readouterr().out
+
+
+def test_rounds_of_workers_come_to_what_rounds_here_come_to(monkeypatch, capsys):
+    how = ("--states", "4", "--family", "ordinary", "--claim", "kinetic-energy")
+    tables = []
+    for where in ((), ("--executor", "local:2")):
+        assert run(*how, *where, monkeypatch=monkeypatch) == 0
+        lines = capsys.readouterr().out.splitlines()
+        tables.append([line for line in lines if "CPU time" not in line])
+    assert tables[0] == tables[1]

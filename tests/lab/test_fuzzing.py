@@ -1,0 +1,301 @@
+"""Fuzzing: draws, climbing, rounds that can be repeated, and finds that are kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.strata import strata_of as measured_strata
+from eomcheck.errors import InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.draws import draw
+from eomcheck.lab.fuzzing import judging, rounds
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.draws import FAMILIES, FAST, ORDINARY, WIDE, Stratum, drawn, strata_of
+from eomcheck.lab.fuzzing.finds import (
+    Find,
+    find_of,
+    read_finds,
+    replayed,
+    shrunk,
+    told_apart,
+    write_finds,
+)
+from eomcheck.lab.fuzzing.judging import failures, fault_of
+from eomcheck.lab.fuzzing.mutation import mutated
+from eomcheck.lab.fuzzing.rounds import Plan, Round, run_round
+from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
+from eomcheck.lab.store.records import Records
+from eomcheck.scenes import SCENES, Snake, snake_terms
+
+ALL = tuple(one for one in CLAIMS if one != "coverage")
+KEYS = tuple(FORMULATIONS)
+LANES_ONLY = Ration(0, 0, 0, 0, 0)
+STRATUM = Stratum(2, ("damping",))
+
+
+def plan(**options) -> Plan:
+    """Return a plan of small batches, in lanes only."""
+    usual = {"kind": Snake, "seed": 3, "claims": ALL, "formulations": KEYS, "batch": 16}
+    return Plan(**(usual | {"ration": LANES_ONLY} | options))
+
+
+class Wrong(Snake, functions=()):
+    """A snake whose bias has the wrong sign."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        found = snake_terms.terms(parameters, prepared, q, v)
+        return found._replace(B=-found.B)
+
+
+# ---- Draws ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", SCENES.values(), ids=lambda kind: kind.key)
+def test_what_is_drawn_is_of_its_structure_and_keeps_the_constraints(kind):
+    for stratum in strata_of(kind, (2,))[:2]:
+        cases, families = drawn(kind, stratum, FAMILIES, 8, np.random.default_rng(1))
+        assert cases and len(cases) == len(families)
+        for scene, state in cases:
+            assert {name for name in stratum.absent if getattr(scene, name) is None} == set(
+                stratum.absent
+            )
+            check_consistent(Evaluation(scene, *state))
+
+
+def test_families_are_drawn_evenly_and_are_what_they_say():
+    cases, families = drawn(Snake, STRATUM, FAMILIES, 64, np.random.default_rng(0))
+    assert min(Counter(families).values()) >= 12
+    of = {f: [cases[i] for i, g in enumerate(families) if g == f] for f in FAMILIES}
+    masses = {f: np.array([scene.mass for scene, _ in of[f]]) for f in FAMILIES}
+    speeds = {f: [np.abs(state.v).max() for _, state in of[f]] for f in FAMILIES}
+    assert masses[ORDINARY].min() >= 0.1 and masses[ORDINARY].max() <= 10.0
+    assert masses[WIDE].min() < 1e-4 and masses[WIDE].max() > 1e4
+    assert max(speeds[FAST]) > 1e50 and min(x for x in speeds[FAST] if x) < 1e-20
+    ways = Counter(measured_strata(*case)["stiffness"] for case in cases)
+    assert len(ways) > 1 and "absent" not in ways
+
+
+def test_strata_are_all_numbers_of_links_with_and_without_what_may_be_absent():
+    found = strata_of(Snake, range(1, 4))
+    assert len(found) == len(set(found)) == 1 + 4 + 4
+    assert Stratum(3, ("stiffness", "damping")) in found
+
+
+def test_what_is_changed_keeps_its_structure_and_the_constraints():
+    random = np.random.default_rng(0)
+    cases, _ = drawn(Snake, STRATUM, FAMILIES, 32, random)
+    pairs = [(cases[i], cases[-1 - i]) for i in range(len(cases))]
+    found, places = mutated(pairs, random)
+    assert len(found) > 16
+    changed = 0
+    for (scene, state), place in zip(found, places, strict=True):
+        check_consistent(Evaluation(scene, *state))
+        assert scene.structure == cases[0][0].structure
+        same = repr(scene) == repr(pairs[place][0][0])
+        changed += not (same and np.array_equal(state.q, pairs[place][0][1].q))
+    assert changed > len(found) / 3
+
+
+# ---- Rounds and campaigns ------------------------------------------------------------------------
+
+
+def test_a_round_is_the_same_each_time_and_another_with_another_number():
+    one, again = (run_round(plan(), Round(4, STRATUM, {})) for _ in range(2))
+    other = run_round(plan(), Round(5, STRATUM, {}))
+    heights = [
+        {key: [x.height for x in best] for key, best in result.population.items()}
+        for result in (one, again, other)
+    ]
+    assert heights[0] == heights[1] != heights[2]
+    assert one.counts == again.counts and one.counts["climbed"] > 0
+
+
+class Hole(Snake, functions=()):
+    """A snake whose bias is wrong by a share that grows with the ratio of two masses."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        found = snake_terms.terms(parameters, prepared, q, v)
+        share = parameters.mass[0] / parameters.mass[1] / 2**40
+        return found._replace(B=found.B + found.B * share)
+
+
+def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
+    monkeypatch.setattr(rounds, "MOST_JUDGED", 4)
+
+    def deepest(climbing: bool) -> float:
+        population = {}
+        for number in range(5):
+            batch, claims = 32 if climbing else 64, ("equivalence",)
+            here = plan(kind=Hole, claims=claims, climbing=climbing, batch=batch)
+            here = here._replace(families=(ORDINARY,))
+            population = run_round(here, Round(number, STRATUM, population)).population
+        return max(best[0].height for best in population.values())
+
+    assert deepest(True) > 10 * deepest(False) > 0
+
+
+def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Path):
+    strata = strata_of(Snake, (1, 2))
+
+    def populations(campaign: Campaign) -> dict:
+        return {
+            (stratum.name, key): [one.height for one in best]
+            for stratum, population in campaign._populations.items()
+            for key, best in population.items()
+        }
+
+    whole = Campaign(plan(), "snake", strata)
+    whole.run(states=7 * 32)
+    with Records(tmp_path / "r.db") as records:
+        first = Campaign(plan(), "snake", strata, records)
+        first.run(states=70)
+        stopped = first.states
+    with Records(tmp_path / "r.db") as records:
+        second = Campaign(plan(), "snake", strata, records)
+        assert second.resumed == second.states == stopped > 0
+        second.run(states=7 * 32)
+    assert second.states == whole.states and second.counts == whole.counts
+    assert populations(second) == populations(whole)
+    assert second.by_stratum == whole.by_stratum
+
+
+def test_rounds_go_through_all_structures_before_any_comes_again():
+    campaign = Campaign(plan(batch=4), "snake", strata_of(Snake, (1, 2)))
+    campaign.run(states=1)
+    assert campaign.rounds == 1
+    campaign.run(states=campaign.states + 4 * 8)
+    assert len(campaign.by_stratum) == campaign.rounds == 5
+
+
+# ---- What fails ----------------------------------------------------------------------------------
+
+
+def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
+    wrong = plan(kind=Wrong, claims=("power-balance", "equivalence"), families=(ORDINARY,))
+    result = run_round(wrong, Round(0, STRATUM, {}))
+    assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
+    fault = fault_of(next(one for one in result.failed if one.claim == "power-balance"))
+    assert fault.whose == judging.SCENE
+
+
+def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
+    (case,), _ = drawn(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
+    for module in ("eomcheck.evaluation.dynamics", "eomcheck.claims.case"):
+        monkeypatch.setattr(f"{module}.acceleration_sensitivity", lambda *_, **__: 1e-9)
+    (finding, *_) = failures(case, ["equivalence"], KEYS)
+    fault = fault_of(finding)
+    assert fault.whose == judging.SILENT and "true error" in fault.evidence
+
+
+def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
+    (case,), _ = drawn(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
+    monkeypatch.setattr("eomcheck.claims.case.sensitivity_of", lambda *_, **__: 1e-9)
+    found = failures(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
+    assert found and fault_of(found[0]).whose == judging.ALARM
+
+
+def test_screening_finds_a_wrong_truth(monkeypatch):
+    cases, _ = drawn(Snake, STRATUM, (ORDINARY,), 8, np.random.default_rng(2))
+    right = screened(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    assert right.enclosed == len([i for i in range(len(cases)) if i % 2 == 0])
+    assert not right.suspects and 0 < right.heights[TRUTH, "kane"].max() < 1
+    monkeypatch.setattr("eomcheck.lab.fuzzing.screening.true_error", lambda x, _: np.abs(x))
+    wrong = screened(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    assert any("true-error" in claims for claims in wrong.suspects.values())
+
+
+def test_suspects_are_judged_by_check_alone(monkeypatch):
+    judged = []
+
+    def nothing(case, claims, *_):
+        judged.append(set(claims))
+        return []
+
+    monkeypatch.setattr(rounds, "checked", nothing)
+    wrong = plan(kind=Wrong, families=(ORDINARY,))
+    result = run_round(wrong, Round(0, STRATUM, {}))
+    assert judged and not result.failed
+    assert result.counts["suspects judged"] == len(judged) <= 2 * rounds.MOST_JUDGED
+    # What was not confirmed is nothing to climb to.
+    assert all(best[0].height <= 1.0 for best in result.population.values())
+
+
+# ---- Finds ---------------------------------------------------------------------------------------
+
+
+def found_wrong():
+    """Return a failure of the wrong scene."""
+    cases, _ = drawn(Wrong, STRATUM, (ORDINARY,), 4, np.random.default_rng(0))
+    return next(one for case in cases for one in failures(case, ["power-balance"], KEYS))
+
+
+def test_a_find_is_made_round_and_still_fails():
+    before = found_wrong()
+    after = shrunk(before, KEYS)
+    assert after.verdict == "failed" and after.claim == before.claim
+
+    def written(finding) -> int:
+        return len(repr(finding.scene)) + len(repr(finding.state.q.tolist()))
+
+    assert written(after) < 0.8 * written(before)
+
+
+def test_finds_are_kept_by_cause_and_looked_at_again(tmp_path: Path):
+    file = tmp_path / "found.json"
+    failed = found_wrong()
+    name = f"{Path(__file__).resolve()}:Wrong"
+    find = find_of(failed, name)
+    write_finds(file, [find, find])
+    (kept,) = read_finds(file)
+    assert kept == find and kept.key == find.key
+    scene, state = kept.case
+    assert repr(scene) == repr(failed.scene) and np.array_equal(state.q, failed.state.q)
+    assert [one.claim for one in replayed([kept], KEYS)] == ["power-balance"]
+    right = Find("snake", kept.parameters, kept.q, kept.v, claim="power-balance")
+    assert replayed([right], KEYS) == []
+
+
+def test_finds_of_another_claim_or_fault_are_other_finds():
+    one = Find("snake", {}, [], [], claim="equivalence", subject="au ~ im", whose="false alarm")
+    row = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: 1.2, expected 1.3"}))
+    other = one.__class__(**(vars(one) | {"whose": "silent error"}))
+    sign = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: sign"}))
+    assert told_apart([one, row, other, sign]) == [one, other, sign]
+
+
+def test_a_file_of_something_else_holds_no_finds(tmp_path: Path):
+    file = tmp_path / "found.json"
+    file.write_text('[{"scene": "snake", "colour": "red"}]')
+    with pytest.raises(InputError, match="colour"):
+        read_finds(file)
+
+
+def test_all_that_was_found_holds_now():
+    corpus = Path(__file__).parents[2] / "validation" / "found.json"
+    finds = read_finds(corpus)
+    assert len(finds) >= 2
+    small = [one for one in finds if len(one.q) <= 12]
+    assert small and replayed(small, KEYS) == []
+
+
+def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges():
+    by_lanes, _ = drawn(Snake, Stratum(3, ()), (ORDINARY,), 100, np.random.default_rng(0))
+    by_hypothesis = draw(strategies.scene_states(strategies.snakes(3, 3)), 100, 0)
+    for cases in (by_lanes, by_hypothesis):
+        for name, one in Snake.ranges(3).items():
+            values = [getattr(scene, name) for scene, _ in cases]
+            x = np.concatenate([value for value in values if value is not None])
+            assert x.min() >= one.low and x.max() <= one.high
+            assert x.max() - x.min() > 0.7 * (one.high - one.low), name
+        components = np.array([np.abs(state.v).max() for _, state in cases])
+        assert 1.0 < components.max() < 50.0
