@@ -16,7 +16,6 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
-from eomcheck.mechanics.linkage import with_row
 from eomcheck.scenes import Bricard, FourBarChain, Snake
 
 UK = FORMULATIONS["uk"]
@@ -260,6 +259,13 @@ def test_of_rows_that_say_the_same_the_last_is_redundant(times: float):
 
 def changed(scene: FourBarChain, **functions) -> FourBarChain:
     """Return the chain with other functions."""
+
+    def terms(parameters, prepared, q, v):
+        found = FourBarChain.terms(parameters, prepared, q, v)
+        a, b = other.constraints(parameters, prepared, q)
+        return found._replace(a=a, b=b, gamma=other.drift(parameters, prepared, q, v))
+
+    functions |= {"terms": terms}
     held = {name: staticmethod(x) if callable(x) else x for name, x in functions.items()}
     other = object.__new__(type("Changed", (FourBarChain,), held))
     vars(other).update(vars(scene))
@@ -272,7 +278,7 @@ def off(amount: float) -> FourBarChain:
     def constraints(parameters, angles, q):
         a, b = FourBarChain.constraints(parameters, angles, q)
         turned = a[-1:] + amount * np.array([[0, 0, 0, 0, 1]])
-        return with_row(a[:4], turned, np.ones(1)), b
+        return np.concatenate((a[:4], turned)), b
 
     return changed(CHAIN, constraints=constraints)
 

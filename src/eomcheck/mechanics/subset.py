@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError, distinct, named
+from eomcheck.mechanics.records import Terms
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.generic import generic
@@ -39,10 +40,10 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
         raise InputError("constraints = (), expected the names of some")
     if len(rows) == scene.r:
         return scene
-    if not {"terms", "kinematics"} <= scene.composed:
+    if scene.natural_speeds:
         raise InputError(
-            f"{scene.name} writes terms or generalized speeds of its own, for all of its "
-            "constraints: none can be left out"
+            f"{scene.name} writes generalized speeds of its own, for all of its constraints: none "
+            "can be left out"
         )
     closed = range(scene.r)[scene.holonomic] if scene.position_residual else ()
     # Those come first, so that they are a slice again.
@@ -68,7 +69,11 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
     all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
-    all_closed = kind.position_residual
+    all_closed, all_terms = kind.position_residual, kind.terms
+
+    def terms(parameters, prepared, q, v):
+        M, Q, B, a, gamma, b = all_terms(parameters, prepared, q, v)
+        return Terms(M, Q, B, chosen(a, rows), chosen(gamma, rows), chosen(b, rows))
 
     def constraints(parameters, prepared, q):
         a, b = all_constraints(parameters, prepared, q)
@@ -86,6 +91,8 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
         return chosen(all_closed(parameters, prepared, q), places)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
+    if "terms" not in kind.composed:
+        functions["terms"] = terms
     if count:
         functions["position_residual"] = position_residual
     for name, function in functions.items():
