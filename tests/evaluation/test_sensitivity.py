@@ -21,7 +21,7 @@ from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.factors import determinant
 from eomcheck.numbers.linear import _factored, solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
-from eomcheck.scenes import SCENES, ChainPendulum, Snake
+from eomcheck.scenes import SCENES, Bicycle, Snake
 
 SNAKE = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [4.0], [0.125, -0.5])
 Q = np.array([0.4, -0.2, 0.3, 1.1])
@@ -87,9 +87,9 @@ def test_terms_that_cancel_show_what_rounding_does_to_them(at: Evaluation):
 
 
 def test_jacobians_that_terms_are_made_of_are_moved():
-    scene = next(ChainPendulum.structures(3))
-    q = np.array([0.3, 0.8, -0.4])
-    at = Evaluation(scene, q, np.array([1.0, -0.5, 2.0]))
+    scene = Bicycle.example()
+    q, v = scene.initial_state()
+    at = Evaluation(scene, q + 0.3, v)
     copies, given = perturbed_copies(at), []
     together = copies[0].together
     calling = together.call
