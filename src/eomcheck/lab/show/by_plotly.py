@@ -63,10 +63,11 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
     edges = heat.edges
     low, high = heat.colors.range or (None, None)
     centres = [(a + b) / 2 for a, b in pairwise(edges)]
-    for name, (key, boxes) in heat.rows.items():
+    # Rows by number: plotly 7 draws no heat map with fewer rows than its axis has categories.
+    for row, (key, boxes) in enumerate(heat.rows.values()):
         figure.add_heatmap(
             x=edges,
-            y=[name],
+            y=[row - 0.5, row + 0.5],
             z=[[None if box is None else box.value for box in boxes]],
             coloraxis="coloraxis",
             **_told(key, [[() if box is None else box.said for box in boxes]]),
@@ -76,13 +77,18 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
             if at:
                 marker = {"symbol": symbol, "size": 7}
                 figure.add_scatter(
-                    x=at, y=[name] * len(at), mode="markers", marker=marker, **_told(key, ())
+                    x=at, y=[row] * len(at), mode="markers", marker=marker, **_told(key, ())
                 )
     ticks = {"tickvals": [k + 0.5 for k in range(len(heat.columns))]}
     bar = {"thickness": 12, "title": {"text": heat.colors.title, "side": "right"}}
     figure.update_layout(
         xaxis={"ticktext": list(heat.columns), "automargin": True, **ticks},
-        yaxis={"type": "category", "autorange": "reversed", "automargin": True},
+        yaxis={
+            "tickvals": list(range(len(heat.rows))),
+            "ticktext": list(heat.rows),
+            "autorange": "reversed",
+            "automargin": True,
+        },
         coloraxis={"colorscale": "YlOrRd", "cmin": low, "cmax": high, "colorbar": bar},
     )
 
