@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -12,7 +13,7 @@ from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.urdf import read_urdf
-from eomcheck.scenes.urdf_xml import root_of
+from eomcheck.scenes.urdf_xml import Element, root_of
 
 SHAPES = "visual", "collision"
 TOUCHING = 1e-9
@@ -66,12 +67,21 @@ def described(path: Path) -> Description:
     return Description(
         ElementTree.tostring(xml, encoding="unicode"),
         next(link.name for link in robot.links if link.name not in children),
-        {joint.name: joint.follows for joint in robot.joints if joint.follows is not None},
+        dict(_mimics(xml)),
         frozenset(joint.name for joint in robot.joints if _damped(joint)),
         tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
         tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
         tuple(link.name for link in robot.links if _impossible(link)),
     )
+
+
+def _mimics(xml: Element) -> Iterator[tuple[str, tuple[str, float, float]]]:
+    """Yield which joints follow which, read once more: our reader is what is compared."""
+    for joint in xml.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None and joint.get("type") != "fixed":
+            ratio, shift = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+            yield joint.get("name", ""), (mimic.get("joint", ""), ratio, shift)
 
 
 def _damped(joint: Joint) -> bool:
