@@ -11,6 +11,11 @@ from hypothesis.internal.conjecture import providers
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
+# What is printed is compared: it is not to depend on who looks at it. To be taken away before
+# eomcheck.console is imported, which asks once; colours of pytest are chosen by --color.
+for told in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    os.environ.pop(told, None)
+
 slow = [HealthCheck.too_slow, HealthCheck.data_too_large]
 settings.register_profile(
     "ci",

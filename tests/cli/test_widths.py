@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
@@ -141,3 +142,17 @@ def test_columns_is_honoured_where_output_is_piped_and_so_is_no_color(columns, m
     assert longest <= most and longest > most - 12
     colors = re.findall("\x1b\\[([0-9;]*)m", done.stdout)
     assert not [x for x in colors if re.search(r"\b(3|4|9)[0-7]\b", x)], "bold is no colour"
+
+
+def test_what_tests_compare_does_not_depend_on_who_looks_at_them():
+    test = "tests/cli/test_cli.py::test_a_refusal_names_the_matrix_and_its_rcond_and_is_exit_code_1"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider"]
+    environment = os.environ | {"COLUMNS": "40", "NO_COLOR": "1", "FORCE_COLOR": "1"}
+    done = subprocess.run(
+        [*command, "-o", "addopts=--import-mode=importlib", test],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=Path(__file__).parents[2],
+    )
+    assert done.returncode == 0, done.stdout

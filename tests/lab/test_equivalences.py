@@ -85,6 +85,17 @@ def test_the_page_is_the_one_that_the_suite_makes(small: Path, tmp_path: Path):
         assert stored[name] == made[name], f"{name}: {say}"
 
 
+def test_scenes_are_in_the_order_of_the_registry_whatever_ended_first(small: Path, tmp_path: Path):
+    made = []
+    for name, order in (("page.md", 1), ("turned.md", -1)):
+        overview = Overview(read([small])[::order])
+        assert overview.scenes == list(SCENES)
+        assert [one.scene for one in other_data(overview)] == list(SCENES)
+        write_equivalences(overview, tmp_path / name, SUITE)
+        made.append(independent_of_run((tmp_path / name).read_text(encoding="utf-8")))
+    assert made[0] == made[1]
+
+
 def test_what_no_engine_has_from_elsewhere_is_said_to_be_common(small: Path):
     found = {one.scene: one for one in other_data(Overview(read([small])))}
     assert found.keys() == SCENES.keys()

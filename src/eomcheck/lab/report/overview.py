@@ -16,6 +16,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.judged import Judged, by_claim, parties
 from eomcheck.lab.store.findings import PROOFS, RUNS, fault_of, kept_in
 from eomcheck.lab.store.records import Record, Records, key_of
+from eomcheck.scenes import SCENES
 
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
 
@@ -39,6 +40,12 @@ def read(paths: Iterable[Path], unread: list[str] | None = None) -> list[Record]
         why = f": {unread[0]}" if unread else ""
         raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}{why}")
     return list(found.values())
+
+
+def _registered(scenes: Iterable[str]) -> list[str]:
+    """Return keys of scenes in the order of the registry, then those that this install lacks."""
+    order = {key: place for place, key in enumerate(SCENES)}
+    return sorted(scenes, key=lambda key: order.get(key, len(order)))
 
 
 class Overview:
@@ -65,8 +72,9 @@ class Overview:
 
     @cached_property
     def runs(self) -> list[Record]:
-        """The validations, one per kind of scene."""
-        return self.of(RUNS)
+        """The validations, one per kind of scene, in the order of the registry."""
+        runs = {one.settings["scene"]: one for one in self.of(RUNS)}
+        return [runs[scene] for scene in _registered(runs)]
 
     @cached_property
     def claims(self) -> list[Judged]:
@@ -82,8 +90,8 @@ class Overview:
 
     @cached_property
     def scenes(self) -> list[str]:
-        """The kinds of scenes looked at."""
-        return list(dict.fromkeys(row.scene for row in self.rows))
+        """The kinds of scenes looked at, in the order of the registry."""
+        return _registered(dict.fromkeys(row.scene for row in self.rows))
 
     @property
     def states(self) -> int:

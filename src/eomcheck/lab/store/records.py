@@ -32,6 +32,9 @@ BUSY_SECONDS = 60.0
 TEXTS = "study", "reason", "when"
 """Fields of a Record that are text."""
 
+LAST_ID = 2**63 - 1
+"""No row of SQLite has a larger number."""
+
 _TABLE = """
 CREATE TABLE IF NOT EXISTS records (
     id INTEGER PRIMARY KEY,
@@ -306,15 +309,20 @@ class Records:
 
     def _texts(self, study: str | None) -> list[str]:
         """Return the texts of Records; of a damaged file, those before and after the damage."""
-        query = "SELECT id, record FROM records WHERE ? IS NULL OR study = ? ORDER BY id"
+        query = "SELECT id, record FROM records WHERE (? IS NULL OR study = ?)"
         if self._unread is None:
-            return [text for _, text in self._rows(query, (study, study))]
+            return [text for _, text in self._rows(f"{query} ORDER BY id", (study, study))]
         found: dict[int, str] = {}
-        for order in ("", " DESC"):
+        for sign, beyond, order in ((1, ">", "ASC"), (-1, "<", "DESC")):
+            # One at a time: sqlite3 reads one row ahead, and would lose the one before the damage.
+            one = f"{query} AND id {beyond} ? ORDER BY id {order} LIMIT 1"
+            place = -sign * LAST_ID
             try:
                 with self._sqlite():
-                    for place, text in self._connection.execute(query + order, (study, study)):
-                        found[place] = str(text)
+                    while row := self._connection.execute(one, (study, study, place)).fetchone():
+                        if sign * row[0] <= sign * place:
+                            break  # damaged: it would go round for ever
+                        place, found[row[0]] = row[0], str(row[1])
             except InputError as error:
                 self._unread.append(str(error))
         return [found[place] for place in sorted(found)]
