@@ -245,7 +245,7 @@ BETA = turning("β", "a", "b")
         ({"pose": {"γ": 1.0}}, "pose names 'γ', expected one of: α, β"),
         ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
         ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
-        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p' has the number nan"),
+        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p': a point of 'a' = .nan"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
         ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
         ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),
