@@ -37,7 +37,7 @@ from eomcheck.mechanics.described import (
 from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.words import Link, coupling, pin
+from eomcheck.mechanics.described.words import Link, coupling, pin, square
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
 
@@ -245,7 +245,8 @@ BETA = turning("β", "a", "b")
         ({"pose": {"γ": 1.0}}, "pose names 'γ', expected one of: α, β"),
         ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
         ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
-        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p' has the number nan"),
+        ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p': a point of 'a' = .nan"),
+        ({"constraints": [square("p", "a", (1, 0, 0), "a", (0, 1, 0))]}, "between 'a' and itself"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
         ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
         ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),

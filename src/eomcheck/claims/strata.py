@@ -73,9 +73,12 @@ def strata(kind: type[Scene], links: int | None) -> list[Ways]:
     at rest.
     """
     found: Ways = {} if links is None else {LINKS: (str(links),)}
-    found[MOTION] = (MOVING,) if kind.depends_on_time else (MOVING, AT_REST)
+    topologies = kind.topologies(links)
+    # Of scenes that are drawn, each says for itself; whether the example is driven tells nothing.
+    driven = kind.depends_on_time and not any(MOTION in ways for ways in topologies)
+    found[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
     found |= {name: ways_of(one) for name, one in kind.ranges(links).items()}
-    return [found | ways for ways in kind.topologies(links)]
+    return [found | ways for ways in topologies]
 
 
 def strata_of(scene: Scene, state: State) -> Row:

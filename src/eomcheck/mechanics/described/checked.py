@@ -107,7 +107,8 @@ def _check_constraint(one: Constraint) -> None:
         _check_numbers(f"{said}: a point of {link!r}", at, 3)
     for link, along in one.directions:
         _check_length(f"{said}, on {link!r}, has the direction", along, 3)
-    for names in (tuple(link for link, _ in one.points), one.joints):
+    points, directions = ([link for link, _ in of] for of in (one.points, one.directions))
+    for names in (points, directions, one.joints):
         if len(names) == 2 and names[0] == names[1]:
             raise InputError(f"{said} is between {names[0]!r} and itself")
     if one.kind in NUMBERS:

@@ -27,12 +27,14 @@ from eomcheck.mechanics.described.words import (
     knife_edge,
     on_plane,
     pin,
+    square,
     weld,
 )
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.scenes.random import parts
 from eomcheck.scenes.random.description import GROUND, Description, Pose, poses
+from eomcheck.scenes.random.trees import TURNING
 
 INDEPENDENT = 0.05
 """Smallest singular value, every row of length 1, of rows that are kept: those of states nearby are
@@ -103,7 +105,9 @@ def _constraint(tree: Description, kind: str, planar: bool, choices: Choices) ->
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
         return _of_coordinates(tree, kind, name, choices)
-    pairs = _pairs(tree, rows_of(kind, planar), kind == "edge")
+    pairs = (
+        _turning(tree) if kind == "square" else _pairs(tree, rows_of(kind, planar), kind == "edge")
+    )
     if not pairs:
         return None
     link, other = choices.one_of(pairs)
@@ -126,6 +130,20 @@ def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
         for i, link in enumerate(names)
         for other in (names[:1] if alone else names[:i])
         if len(before[link] ^ before[other]) >= rows
+    ]
+
+
+def _turning(tree: Description) -> list[tuple[str, str]]:
+    """Return the pairs of links between which some joint turns."""
+    before: dict[str, frozenset[str]] = {GROUND: frozenset()}
+    for joint in tree.joints:
+        here = {joint.name} if joint.kind in TURNING else set()
+        before[joint.child] = before[joint.parent] ^ here
+    return [
+        (link, other)
+        for i, link in enumerate(before)
+        for other in list(before)[:i]
+        if before[link] != before[other]
     ]
 
 
@@ -191,6 +209,17 @@ def _on_plane(
     return on_plane(name, link, other, across, at, (x, y, z))
 
 
+def _square(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    along, away = parts.direction(choices, planar), np.array([0.0, 0.0, 1.0])
+    if not planar:
+        away = np.asarray(parts.across(choices, along))
+    across = there.own_direction(here.direction(np.cross(along, away)))
+    return square(name, link, along, other, across)
+
+
 def _edge(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
@@ -204,5 +233,6 @@ _FITTING: dict[str, Fitting] = {
     "hinge": _hinge,
     "distance": _distance,
     "on-plane": _on_plane,
+    "square": _square,
     "edge": _edge,
 }

@@ -166,7 +166,9 @@ class RandomMechanism(Random):
         """
         kind, planar = ways[CONSTRAINTS], ways[SPACE] == PLANE
         least = rows_of(kind, planar) + 1
-        grown = posed(tree(ways, checked_links(links), choices, least), choices)
+        turning = kind == "square"
+        grown = tree(ways, checked_links(links), choices, least, turning=turning)
+        grown = posed(grown, choices)
         found = closed(grown, kind, planar, choices)
         if kind == "drive" or not choices.one_of((False, False, True)):
             return cls.described_so(found)

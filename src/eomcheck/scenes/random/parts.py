@@ -42,6 +42,16 @@ def direction(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
     return x, y, z
 
 
+def across(choices: Choices, along: Triple) -> Triple:
+    """Return a direction that is not nearly along another."""
+    other = direction(choices, planar=False)
+    sine = np.linalg.norm(np.cross(along, other)) / np.linalg.norm(along) / np.linalg.norm(other)
+    if sine >= SMALLEST:
+        return other
+    x, y, z = np.eye(3)[np.argmin(np.abs(along))].tolist()
+    return x, y, z
+
+
 def turn(choices: Choices) -> Quaternion:
     """Return a rotation as a quaternion of any length, often none at all."""
     if not choices.one_of((False, True, True)):

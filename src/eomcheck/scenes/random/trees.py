@@ -33,6 +33,9 @@ KINDS = {
 ALL = frozenset({*KINDS[SOLID], "fixed"})
 """Kinds of joints that a tree may have."""
 
+TURNING = ALL - {"fixed", "prismatic"}
+"""Kinds of joints that turn links against each other."""
+
 PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
 """What only joints with one coordinate have."""
 
@@ -123,6 +126,7 @@ def tree(
     choices: Choices,
     least: int = 1,
     among: frozenset[str] = ALL,
+    turning: bool = False,
 ) -> Description:
     """Return a tree that is in all `ways`.
 
@@ -132,8 +136,9 @@ def tree(
         choices: what chooses all else.
         least: number of coordinates that it has at least, if there is room for them.
         among: kinds of joints that there may be, one with one coordinate among them.
+        turning: whether some joint has to turn; there is a second one that moves, or the root does.
     """
-    return _Tree(ways, links, choices, least, among).description()
+    return _Tree(ways, links, choices, least, among, turning).description()
 
 
 @dataclass
@@ -145,6 +150,7 @@ class _Tree:
     choices: Choices
     least: int
     among: frozenset[str]
+    turning: bool
     kinds: list[str] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     carrier: int | None = None
@@ -202,6 +208,8 @@ class _Tree:
         if self.carrier is not None and self.kinds[self.carrier] == "prismatic":
             # Two slides may be along one line.
             self.kinds[self.carrier + 1] = "revolute"
+        if self.turning and TURNING.isdisjoint(self.kinds):
+            self.kinds[self._singles()[-1]] = "revolute"
 
     def _free_kinds(self, free: int, room: Room, root: str, single: int) -> list[list[str]]:
         """Return kinds of joints that may be any, with as many coordinates as are wanted."""
