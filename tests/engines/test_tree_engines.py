@@ -47,6 +47,13 @@ def in_other_frames(key: str, seed: int) -> type[Engine]:
     return Twisted
 
 
+def represented(kind: type[Engine], scene: Scene) -> type[Engine]:
+    """Return the engine; skip the test where it cannot hold these bodies."""
+    if not kind.represents(scene):
+        pytest.skip(f"{kind.key} does not hold the bodies of {scene.name}")
+    return kind
+
+
 def look(scene: Scene, state: State, engine: Engine, *claims: str):
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     case = Case(Evaluation(scene, *state), formulations, (engine,))
@@ -61,7 +68,8 @@ def test_mass_matrix_and_bias_do_not_depend_on_the_frames_that_bodies_are_given_
     key, scene_key, seed
 ):
     scene, state = ordinary(SCENES[scene_key], seed)
-    found = look(scene, state, in_other_frames(key, seed)(scene), "mass-matrix", "bias")
+    kind = represented(in_other_frames(key, seed), scene)
+    found = look(scene, state, kind(scene), "mass-matrix", "bias")
     assert [one.verdict for one in found] == ["passed"] * 2, found
 
 
@@ -69,7 +77,8 @@ def test_mass_matrix_and_bias_do_not_depend_on_the_frames_that_bodies_are_given_
 def test_accelerations_do_not_depend_on_the_frames_that_bodies_are_given_in(key, scene_key):
     scene, state = ordinary(SCENES[scene_key], 1)
     claims = "engine-acceleration", "engine-multipliers"
-    found = look(scene, state, in_other_frames(key, 1)(scene), *claims)
+    kind = represented(in_other_frames(key, 1), scene)
+    found = look(scene, state, kind(scene), *claims)
     assert found
     assert {one.verdict for one in found} == {"passed"}, found
 
@@ -80,7 +89,7 @@ def test_an_answer_depends_on_nothing_that_was_asked_before(key, scene_key):
     scene, here = ordinary(SCENES[scene_key], 2)
     _, there = ordinary(SCENES[scene_key], 3)
     there = State(there.q[: scene.n], there.v[: scene.n], there.t)
-    engine, at = ENGINES[key](scene), Evaluation(scene, *here)
+    engine, at = represented(ENGINES[key], scene)(scene), Evaluation(scene, *here)
     Q = np.zeros(scene.n) if at.terms.Q is None else at.terms.Q
     constraints = at.terms.a, at.terms.gamma
 

@@ -16,6 +16,7 @@ class PinocchioEngine(TreeEngine):
     """A scene that is a tree of rigid bodies, as Pinocchio's own model."""
 
     module = "pinocchio"
+    any_inertia = True
 
     @classmethod
     def holds(cls, links: list[Link]) -> bool:

@@ -33,6 +33,12 @@ class PybulletEngine(TreeEngine):
         cls._library()
         return f"pybullet {metadata.version('pybullet')}"
 
+    @classmethod
+    def takes(cls, link: Link) -> bool:
+        """Return whether a link is a point or extended: of a thin rod it takes none for all."""
+        moments = link.principal[0]
+        return super().takes(link) and bool(moments[0] > 0 or not moments.any())
+
     def _build(self, library: Any, links: list[Link]) -> None:
         self._bullet = library
         # There are only so many connections: one is given back with the engine.

@@ -14,6 +14,9 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Array
 
+TOUCHING = 1e-12
+"""Relative: of a thin rod or plate one moment is the sum of the others."""
+
 
 class TreeEngine(Engine):
     """A tree of rigid bodies as a model of the library's own, in coordinates of its joints x = T q.
@@ -23,6 +26,9 @@ class TreeEngine(Engine):
 
     module: ClassVar[str]
     """What to import."""
+
+    any_inertia: ClassVar[bool] = False
+    """Whether it takes moments of inertia that no body has."""
 
     solves_like = "gw"
     reads_parameters = False
@@ -52,12 +58,25 @@ class TreeEngine(Engine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is described as a tree that the library can hold."""
         tree = scene.tree()
-        return tree is not None and own_coordinates(tree) and cls.holds(cls.links(tree))
+        if tree is None or not own_coordinates(tree):
+            return False
+        links = cls.links(tree)
+        return cls.holds(links) and (cls.any_inertia or all(map(cls.takes, links)))
 
     @classmethod
     def links(cls, tree: Tree) -> list[Link]:
         """Return the links that the model is built from."""
         return links_of(tree)
+
+    @classmethod
+    def takes(cls, link: Link) -> bool:
+        """Return whether the moments of inertia of a link are those of some body.
+
+        None is negative and none exceeds the sum of the others; many libraries refuse or replace
+        what is not so. In the plane moments about other axes do not count, and all are the same.
+        """
+        low, middle, high = link.principal[0]
+        return bool(low >= -TOUCHING * high and low + middle >= high * (1 - TOUCHING))
 
     @classmethod
     def holds(cls, links: list[Link]) -> bool:
