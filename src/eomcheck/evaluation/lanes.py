@@ -14,12 +14,12 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation, Key
-from eomcheck.evaluation.perturbed import SLIP, allowed_violation
+from eomcheck.evaluation.perturbed import SLIP, Moved, allowed_violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Formulation
-from eomcheck.mechanics.records import State, Terms
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
@@ -140,7 +140,7 @@ class LaneEvaluation(Evaluation):
         return self.kept(_copies_everywhere if coordinates else _copies)
 
 
-class LaneCopy(LaneEvaluation):
+class LaneCopy(Moved, LaneEvaluation):
     """A copy of an evaluation in lanes in which every number is perturbed.
 
     Args:
@@ -156,18 +156,6 @@ class LaneCopy(LaneEvaluation):
         self._begin_lanes(original.scenes, q, original.t)  # type: ignore[arg-type]
         self.v, self._original, self.noise = v, original, noise
 
-    def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which noise is that of what is called `name`, from its start."""
-        return self.noise.stream(name)
-
-    def keep(self, record: Any) -> Any:
-        """Return `record`, perturbed."""
-        return self.noise.record(record)
-
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
-        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
-        return watching(self.noise, self._original.solves.get(key) if key else None)
-
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed."""
         return MOVES.in_lanes(self.noise, function, *map_record(self._packed, arguments))
@@ -182,16 +170,6 @@ class LaneCopy(LaneEvaluation):
         """What prepares: cosines, sines and roots are perturbed as well."""
         lanes: Any = IN_LANES
         return Noisy(lanes, self.noise)
-
-    @quantity
-    def terms(self) -> Terms:
-        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
-        scene = self.scene
-        if "terms" not in scene.composed:
-            return super().terms
-        here = self.parameters, self.prepared, self.q, self.v
-        jacobians = self.keep(self.call(scene.jacobians, *here))
-        return self.keep(self.call(scene.assemble, *here, jacobians))
 
 
 def _copies(at: Any) -> tuple[LaneCopy, ...]:

@@ -42,8 +42,8 @@ def _called(noise: Noise, function: Callable, *arguments: Any) -> Any:
         return MOVES.run(noise, function, *arguments)
 
 
-class _Moved(Evaluation):
-    """What a copy and all copies together have in common.
+class Moved(Evaluation):
+    """What all copies have in common whose numbers are perturbed, in lanes or not.
 
     Attributes:
         noise: what every number is changed by.
@@ -63,6 +63,21 @@ class _Moved(Evaluation):
     def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
         """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
         return watching(self.noise, self._original.solves.get(key) if key else None)
+
+    @quantity
+    def terms(self) -> Terms:
+        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
+        scene = self.scene
+        if "terms" not in scene.composed:
+            return super().terms
+        # Where inertia forces cancel in B, only this shows what rounding has done to them.
+        here = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.keep(self.call(scene.jacobians, *here))
+        return self.keep(self.call(scene.assemble, *here, jacobians))
+
+
+class _Copies(Moved):
+    """What a copy and all copies together have in common."""
 
     @quantity
     def pivoted_partition(self) -> Partition:
@@ -89,7 +104,7 @@ def _found_together(name: str) -> Any:
     return cached_property(part)
 
 
-class Perturbed(_Moved):
+class Perturbed(_Copies):
     """A copy of an evaluation in which every number is perturbed.
 
     Args:
@@ -160,7 +175,7 @@ class Perturbed(_Moved):
         return Acceleration(vdot, multipliers, found.rcond, float("inf"))
 
 
-class Together(_Moved):
+class Together(_Copies):
     """All copies of an evaluation side by side: the first axis of every array is theirs.
 
     Each is moved as it would be alone.
@@ -230,17 +245,6 @@ class Together(_Moved):
         return super().u
 
     # ---- What follows ----------------------------------------------------------------------------
-
-    @quantity
-    def terms(self) -> Terms:
-        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
-        scene = self.scene
-        if "terms" not in scene.composed:
-            return super().terms
-        # Where inertia forces cancel in B, only this shows what rounding has done to them.
-        here = self.parameters, self.prepared, self.q, self.v
-        jacobians = self.keep(self.call(scene.jacobians, *here))
-        return self.keep(self.call(scene.assemble, *here, jacobians))
 
     def refuse_speeds(self) -> None:
         """Raise RefusedError where the scene has no generalized speeds in one of the copies."""
