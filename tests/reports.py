@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Record, Records

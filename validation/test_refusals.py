@@ -6,7 +6,8 @@ from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake

@@ -17,7 +17,7 @@ from tests.samples import random_scene, random_state
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding, speeds
-from eomcheck.claims.run import Selection, case_at
+from eomcheck.claims.selection import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC

@@ -14,7 +14,8 @@ import pytest
 
 import eomcheck
 from eomcheck.claims import strata as module
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import (
     AT_REST,
     BOTH,

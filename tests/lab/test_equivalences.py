@@ -9,7 +9,8 @@ from tests import reports
 
 import eomcheck
 from eomcheck import CLAIMS
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.report.equivalences import (

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import Finding, State
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, kept_of, record_of
 from eomcheck.lab.store.records import Record, Records, select

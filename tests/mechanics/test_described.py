@@ -21,7 +21,8 @@ from tests.mechanics.descriptions import (
 import eomcheck
 from eomcheck.claims.proof import prove
 from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent

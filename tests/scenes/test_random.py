@@ -15,7 +15,8 @@ from hypothesis import Phase
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run, Selection, case_at
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection, case_at
 from eomcheck.claims.strata import (
     AT_REST,
     LINKS,

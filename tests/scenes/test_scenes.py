@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from tests.samples import LINKS, ordinary
 
 import eomcheck
@@ -49,7 +50,7 @@ def test_one_link_is_proved_too(kind: type[Scene]):
 @pytest.mark.sampled(3)
 @kinds
 @settings(max_examples=5)
-@given(data=strategies.st.data())
+@given(data=st.data())
 def test_ordinary_scenes_and_states_pass_every_claim(kind: type[Scene], data):
     scene, state = data.draw(strategies.scene_states(strategies.scenes(kind, 1, 3)))
     check_consistent(Evaluation(scene, *state))

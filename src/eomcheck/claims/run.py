@@ -8,64 +8,26 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
-import hypothesis
-from hypothesis import Phase, Verbosity
-from hypothesis.errors import Unsatisfiable
 from hypothesis.strategies import SearchStrategy
 
-from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.refusals import Drawn, coverage
+from eomcheck.claims.selection import Asked, Selection, asked_of, case_of
 from eomcheck.claims.shapes import check_shapes
-from eomcheck.claims.strata import links_of, measured, scene_cases, state_cases
-from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
-from eomcheck.errors import EomcheckError, distinct, named
+from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
+from eomcheck.claims.strata import measured, scene_cases, state_cases
+from eomcheck.engines import Engine
+from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
-from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.scenes import Snake
-
-TRIES = 50
-"""Cases looked at in search of a smaller one that fails, those met while shrinking not counted."""
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What takes part in a run: all that is installed in any case, unless named."""
-
-    formulations: tuple[Formulation, ...]
-    engines: tuple[type[Engine], ...]
-    claims: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls,
-        formulations: Iterable[str] | None = None,
-        engines: Iterable[str | type[Engine]] | None = None,
-        claims: Iterable[str] | None = None,
-        *,
-        scenes: Sequence[Scene | type[Scene]] = (Snake,),
-    ) -> Selection:
-        """Look the names up; None stands for all that apply to any scene, an empty list for none.
-
-        Engines that an extra installs take part when named.
-
-        Raises:
-            InputError: a formulation applies to none of `scenes`.
-            UnknownNameError: a name is not registered.
-        """
-        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
-        for one in ids:
-            named("claim", one, CLAIMS)
-        return cls(formulations_among(scenes, formulations), engines_among(engines), ids)
 
 
 @dataclass
@@ -87,7 +49,7 @@ class Run:
     drawn: list[Drawn] = field(default_factory=list)
     refused: tuple[str, ...] = ()
     minimal: Finding | None = None
-    _asked: _Asked | None = field(default=None, repr=False, compare=False)
+    _asked: Asked | None = field(default=None, repr=False, compare=False)
     _told: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -106,8 +68,8 @@ class Run:
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
         if self._asked is None or self._asked.scene is not scene:
-            self._asked = _asked(scene, selection)  # engines are made once for each scene
-        case = _case(self._asked, state, selection)
+            self._asked = asked_of(scene, selection)  # engines are made once for each scene
+        case = case_of(self._asked, state, selection)
         new: list[Finding] = []
         if (broken := case.broken_terms) is not None:
             new.append(broken)
@@ -223,74 +185,6 @@ class Run:
         return self.findings
 
 
-def no_larger(scene: Scene, links: tuple[int, int]) -> SearchStrategy[tuple[Scene, State]]:
-    """Return a strategy for scenes of the kind of `scene`, with at most as many links, in a state.
-
-    Args:
-        scene: the scene.
-        links: smallest and largest number of links, for a kind that has one.
-    """
-    most = max(links[0], min(links[1], links_of(scene) or links[1]))
-    return strategies.scene_states(strategies.scenes(type(scene), links[0], most))
-
-
-def states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
-    """Return a strategy for `scene` with each of its ordinary states."""
-    return strategies.states(scene).map(lambda state: (scene, state))
-
-
-class _Falsified(AssertionError):
-    def __init__(self, finding: Finding):
-        self.finding = finding
-        super().__init__(str(finding))
-
-
-def smallest_failure(
-    failed: Finding,
-    cases: SearchStrategy[tuple[Scene, State]],
-    selection: Selection,
-    seed: int,
-) -> Finding:
-    """Return the smallest failure of the same claim among `cases`, or the one there is.
-
-    Args:
-        failed: a failure.
-        cases: among which a smaller one is looked for.
-        selection: what takes part.
-        seed: of the search.
-    """
-
-    def examine(drawn: tuple[Scene, State]) -> None:
-        for finding in case_at(*drawn, selection).look(CLAIMS[failed.claim]):
-            if finding.verdict == "failed":
-                raise _Falsified(finding)
-
-    settings = hypothesis.settings(
-        strategies.settings,
-        max_examples=TRIES,
-        database=None,
-        derandomize=False,
-        report_multiple_bugs=False,
-        phases=(Phase.generate, Phase.shrink),
-        verbosity=Verbosity.quiet,
-    )
-    try:
-        hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
-    except _Falsified as falsified:
-        return falsified.finding
-    except Unsatisfiable:
-        pass  # none of them could be closed
-    return failed
-
-
-class _Asked(NamedTuple):
-    """A scene, the engines made for it, and those that could not be made."""
-
-    scene: Scene
-    engines: tuple[Engine, ...]
-    broken: dict[type[Engine], str]
-
-
 def _refused(case: Case) -> tuple[str, ...]:
     """Return the keys of the formulations that refuse the state.
 
@@ -302,29 +196,6 @@ def _refused(case: Case) -> tuple[str, ...]:
         if not raised_in(case.at.scene, error):
             raise
         return ()
-
-
-def _asked(scene: Scene, selection: Selection) -> _Asked:
-    check_shapes(scene)
-    engines, broken = [], {}
-    for kind in selection.engines:
-        if represents(kind, scene):
-            try:
-                engines.append(made(kind, scene))
-            except EngineFault as fault:
-                broken[kind] = fault.what
-    return _Asked(scene, tuple(engines), broken)
-
-
-def _case(asked: _Asked, state: State, selection: Selection) -> Case:
-    formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
-    evaluation = Evaluation(asked.scene, *state)
-    return Case(evaluation, formulations, asked.engines, broken=asked.broken)
-
-
-def case_at(scene: Scene, state: State, selection: Selection) -> Case:
-    """Return what claims look at in a state; engines are made for it."""
-    return _case(_asked(scene, selection), state, selection)
 
 
 def check(

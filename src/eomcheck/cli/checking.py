@@ -83,7 +83,8 @@ def validate(
     check_output(report, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.run import Run, Selection
+    from eomcheck.claims.run import Run
+    from eomcheck.claims.selection import Selection
     from eomcheck.claims.strata import links_of
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable

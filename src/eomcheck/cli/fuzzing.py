@@ -15,7 +15,7 @@ from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
-    from eomcheck.claims.run import Selection
+    from eomcheck.claims.selection import Selection
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.mechanics.scene import Scene
 
@@ -152,7 +152,7 @@ def _selection(
     formulation: list[str] | None,
     claim: list[str] | None,
 ) -> Selection:
-    from eomcheck.claims.run import Selection
+    from eomcheck.claims.selection import Selection
     from eomcheck.claims.trial import represented
 
     engines = [] if engine == ["none"] else engine

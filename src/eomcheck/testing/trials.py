@@ -10,7 +10,9 @@ from typing import Any, NamedTuple, Protocol
 
 from eomcheck.claims import CLAIMS, Finding, State
 from eomcheck.claims.finding import Verdict
-from eomcheck.claims.run import Run, Selection, no_larger, smallest_failure, states_of
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
+from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import scene_cases, state_cases
 from eomcheck.claims.trial import check_compared, represents_some
 from eomcheck.engines import Engine, represents

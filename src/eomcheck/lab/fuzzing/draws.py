@@ -23,7 +23,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.decompositions import least_squares, null_space
 from eomcheck.numbers.lanes import LaneArray
-from eomcheck.strategies import CURVATURE, angles_of, state_ranges
+from eomcheck.strategies.states import CURVATURE, angles_of, state_ranges
 
 Case = tuple[Scene, State]
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Selection, no_larger, smallest_failure
+from eomcheck.claims.selection import Selection
+from eomcheck.claims.smaller import no_larger, smallest_failure
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity

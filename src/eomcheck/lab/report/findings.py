@@ -10,7 +10,8 @@ from typing import Any
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.proofs import Proofs

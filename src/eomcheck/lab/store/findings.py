@@ -15,7 +15,8 @@ from typing import Any, get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
 from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread

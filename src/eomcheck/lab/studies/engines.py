@@ -11,7 +11,8 @@ import numpy as np
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, engine_of
 from eomcheck.errors import EngineError, RefusedError

@@ -9,7 +9,8 @@ from statistics import median
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.console import progress
 from eomcheck.evaluation.tolerance import C

@@ -1,0 +1,84 @@
+"""What takes part in a run: formulations, engines made for a scene, and claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from eomcheck.claims import CLAIMS, Case, State
+from eomcheck.claims.shapes import check_shapes
+from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
+from eomcheck.errors import distinct, named
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.formulations import Formulation, formulations_among
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import Snake
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What takes part in a run: all that is installed in any case, unless named."""
+
+    formulations: tuple[Formulation, ...]
+    engines: tuple[type[Engine], ...]
+    claims: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        formulations: Iterable[str] | None = None,
+        engines: Iterable[str | type[Engine]] | None = None,
+        claims: Iterable[str] | None = None,
+        *,
+        scenes: Sequence[Scene | type[Scene]] = (Snake,),
+    ) -> Selection:
+        """Look the names up; None stands for all that apply to any scene, an empty list for none.
+
+        Engines that an extra installs take part when named.
+
+        Raises:
+            InputError: a formulation applies to none of `scenes`.
+            UnknownNameError: a name is not registered.
+        """
+        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
+        for one in ids:
+            named("claim", one, CLAIMS)
+        return cls(formulations_among(scenes, formulations), engines_among(engines), ids)
+
+
+class Asked(NamedTuple):
+    """A scene, the engines made for it, and those that could not be made."""
+
+    scene: Scene
+    engines: tuple[Engine, ...]
+    broken: dict[type[Engine], str]
+
+
+def asked_of(scene: Scene, selection: Selection) -> Asked:
+    """Return a scene with the engines of `selection` made for it.
+
+    Raises:
+        InputError: a function of the scene returns an array of wrong shape.
+    """
+    check_shapes(scene)
+    engines, broken = [], {}
+    for kind in selection.engines:
+        if represents(kind, scene):
+            try:
+                engines.append(made(kind, scene))
+            except EngineFault as fault:
+                broken[kind] = fault.what
+    return Asked(scene, tuple(engines), broken)
+
+
+def case_of(asked: Asked, state: State, selection: Selection) -> Case:
+    """Return what claims look at in a state of a scene whose engines are made."""
+    formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
+    evaluation = Evaluation(asked.scene, *state)
+    return Case(evaluation, formulations, asked.engines, broken=asked.broken)
+
+
+def case_at(scene: Scene, state: State, selection: Selection) -> Case:
+    """Return what claims look at in a state; engines are made for it."""
+    return case_of(asked_of(scene, selection), state, selection)
