@@ -2,6 +2,8 @@
 
 import os
 from collections import Counter
+from collections.abc import Callable
+from typing import TypeVar
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -15,6 +17,8 @@ for library in ("OPENBLAS", "MKL", "OMP"):
 # eomcheck.console is imported, which asks once; colours of pytest are chosen by --color.
 for told in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(told, None)
+
+T = TypeVar("T")
 
 slow = [HealthCheck.too_slow, HealthCheck.data_too_large]
 settings.register_profile(
@@ -31,7 +35,13 @@ settings.load_profile("ci")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add `--all`."""
-    parser.addoption("--all", action="store_true", help="all cases of tests marked `sampled`")
+    parser.addoption("--all", action="store_true", help="all cases, and as many draws as at night")
+
+
+@pytest.fixture(scope="session")
+def sized(request: pytest.FixtureRequest) -> Callable[[T, T], T]:
+    """A choice between how much is looked at with `--all` and how much otherwise."""
+    return lambda most, few: most if request.config.getoption("--all") else few
 
 
 @pytest.hookimpl(trylast=True)  # whatever else chooses has chosen

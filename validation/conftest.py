@@ -1,6 +1,9 @@
 """Options of the validation suite: which snakes, and how many examples."""
 
+from collections.abc import Callable
+
 import pytest
+from hypothesis import settings
 
 from eomcheck.lab.options import interval
 
@@ -19,3 +22,10 @@ def links(request: pytest.FixtureRequest) -> tuple[int, int]:
 @pytest.fixture
 def examples(request: pytest.FixtureRequest) -> int | None:
     return request.config.getoption("--examples")
+
+
+@pytest.fixture
+def few(examples: int | None, sized: Callable[[int, int], int]) -> int:
+    """Examples of a test that looks at each by all formulations, in balls too."""
+    most = settings().max_examples
+    return examples or sized(most, max(most // 3, 1))

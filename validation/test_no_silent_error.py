@@ -186,7 +186,7 @@ FOUND = (
 # ---- Accelerations -------------------------------------------------------------------------------
 
 
-def test_no_hostile_state_has_an_acceleration_that_is_wrong_and_does_not_say_so(links, examples):
+def test_no_hostile_state_has_an_acceleration_that_is_wrong_and_does_not_say_so(links, few):
     def told(case: tuple[Scene, State], consistent: bool) -> None:
         scene, (q, v, _) = case
         for key, pivoted in METHODS:
@@ -195,10 +195,10 @@ def test_no_hostile_state_has_an_acceleration_that_is_wrong_and_does_not_say_so(
     for case in FOUND:
         told = example(case, False)(told)
     search = given(hostile(links), st.booleans())(told)
-    settings(max_examples=examples or settings().max_examples)(search)()
+    settings(max_examples=few)(search)()
 
 
-def test_no_family_has_an_acceleration_that_is_wrong_and_does_not_say_so(examples):
+def test_no_family_has_an_acceleration_that_is_wrong_and_does_not_say_so(few):
     solved = 0
 
     def told(case: tuple[str, Posed]) -> None:
@@ -220,7 +220,7 @@ def test_no_family_has_an_acceleration_that_is_wrong_and_does_not_say_so(example
             solved += assert_told(scene, key, pivoted, q, v, False)
 
     search = given(posed())(told)
-    settings(max_examples=examples or settings().max_examples)(search)()
+    settings(max_examples=few)(search)()
     assert solved > 0
 
 
@@ -239,7 +239,7 @@ def assert_close(found: np.ndarray, exact: np.ndarray) -> None:
     assert error <= NOTICEABLE * size or float(error) <= 1e-320, (found, exact)
 
 
-def test_no_hostile_state_has_speeds_that_are_wrong_and_do_not_say_so(links, examples):
+def test_no_hostile_state_has_speeds_that_are_wrong_and_do_not_say_so(links, few):
     def told(case: tuple[Scene, State], u: tuple[float, float]) -> None:
         scene, (q, v, _) = case
         with precision(4000):
@@ -262,7 +262,7 @@ def test_no_hostile_state_has_speeds_that_are_wrong_and_do_not_say_so(links, exa
 
     size = st.floats(-300.0, 300.0).map(lambda x: 10.0**x) | st.floats(-10.0, 10.0)
     search = given(hostile(links), st.tuples(size, size))(told)
-    settings(max_examples=examples or settings().max_examples)(search)()
+    settings(max_examples=few)(search)()
 
 
 # ---- Motions -------------------------------------------------------------------------------------
@@ -282,7 +282,7 @@ def overflowing_on_the_way() -> tuple[Snake, State]:
     return scene, State(q, np.array(v))
 
 
-def test_no_hostile_state_has_a_motion_that_is_not_finite_and_does_not_say_so(links, examples):
+def test_no_hostile_state_has_a_motion_that_is_not_finite_and_does_not_say_so(links, few):
     def told(case: tuple[Snake, State], key: str, integrator: str) -> None:
         scene, (q, v, _) = case
         try:
@@ -306,7 +306,7 @@ def test_no_hostile_state_has_a_motion_that_is_not_finite_and_does_not_say_so(li
         st.sampled_from(sorted(FORMULATIONS)),
         st.sampled_from(["DOP853", "LSODA", "Radau"]),
     )(example(overflowing_on_the_way(), "kane", "DOP853")(told))
-    settings(max_examples=examples or settings().max_examples)(search)()
+    settings(max_examples=few)(search)()
 
 
 # ---- Checks --------------------------------------------------------------------------------------

@@ -14,10 +14,11 @@ def test_the_true_acceleration_is_one_and_doubles_are_near_it(claim: str, links,
     holds(claim, links, examples)
 
 
-def test_enclosures_of_all_formulations_overlap_at_200_states_of_up_to_30_links():
+def test_enclosures_of_all_formulations_overlap_at_states_of_up_to_30_links(sized):
+    states = sized(200, 40)
     formulations = list(eomcheck.FORMULATIONS)
     enclosed = dict.fromkeys(formulations, 0)
-    for scene, (q, v, t) in draw(strategies.scene_states(strategies.snakes(1, 30)), 200, seed=0):
+    for scene, (q, v, t) in draw(strategies.scene_states(strategies.snakes(1, 30)), states, seed=0):
         u = eomcheck.speeds_of(scene, q, v, t)
         found = {}
         for key in formulations:
@@ -31,4 +32,4 @@ def test_enclosures_of_all_formulations_overlap_at_200_states_of_up_to_30_links(
             for g in found.values():
                 assert f.overlaps(g).all(), scene
     # el and em need wheels that are not parallel; where they are exactly so, no precision helps.
-    assert all(count >= 190 for count in enclosed.values()), enclosed
+    assert all(count >= 0.95 * states for count in enclosed.values()), enclosed

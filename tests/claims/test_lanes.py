@@ -68,8 +68,10 @@ def differences(cases: Sequence[tuple[Scene, State]]) -> list[tuple]:
     return [(key, x, y) for key, x, y in found if x[0] != y[0]]
 
 
-def test_on_ordinary_snakes_lanes_judge_as_the_single_path_but_for_invariance_looked_at_again():
-    cases = list(scene_cases(Snake, (1, 7), 40, seed=2))
+def test_on_ordinary_snakes_lanes_judge_as_the_single_path_but_for_invariance_looked_at_again(
+    sized,
+):
+    cases = list(scene_cases(Snake, (1, 7), sized(40, 15), seed=2))
     found = differences(cases)
     assert all(key[1] == "invariance" and y[0] == "failed" for key, _, y in found), found
     assert len(found) <= 3
@@ -81,8 +83,8 @@ def test_every_claim_of_every_scene_can_be_looked_at_in_lanes(kind: type[Scene])
     assert all(key[1] == "invariance" and y[0] == "failed" for key, _, y in found), found
 
 
-def test_what_is_allowed_in_lanes_is_what_is_allowed_alone():
-    cases = list(scene_cases(Snake, (2, 6), 25, seed=5))
+def test_what_is_allowed_in_lanes_is_what_is_allowed_alone(sized):
+    cases = list(scene_cases(Snake, (2, 6), sized(25, 12), seed=5))
     one, other = alone(cases), in_lanes(cases)
     ratios = [
         other[key][2] / one[key][2]

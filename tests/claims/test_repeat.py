@@ -167,6 +167,6 @@ def test_every_report_prints_code_that_runs(tmp_path):
     page = unescape(html.read_text(encoding="utf-8"))
     assert re.search(r"<th[^>]*>\s*(<[^>]*>)?\s*planar", page), "it has a column as ours have"
     in_page = page[page.index(begin) : page.index(end, page.index(begin)) + len(end)]
-    for code in (in_terminal, in_junit, fenced, in_page):
+    for code in {in_terminal, in_junit, fenced, in_page}:  # of one text, one process
         assert "engines=[Planar]" in code
         assert "bias [planar] failed" in run(code)

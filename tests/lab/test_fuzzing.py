@@ -146,6 +146,7 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
 
 def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Path):
     strata = strata_of(Snake, (1, 2))
+    here = plan(claims=("equivalence", "power-balance", "invariance"))
 
     def populations(campaign: Campaign) -> dict:
         return {
@@ -154,14 +155,14 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
             for key, best in population.items()
         }
 
-    whole = Campaign(plan(), "snake", strata)
+    whole = Campaign(here, "snake", strata)
     whole.run(states=7 * 32)
     with Records(tmp_path / "r.db") as records:
-        first = Campaign(plan(), "snake", strata, records)
+        first = Campaign(here, "snake", strata, records)
         first.run(states=70)
         stopped = first.states
     with Records(tmp_path / "r.db") as records:
-        second = Campaign(plan(), "snake", strata, records)
+        second = Campaign(here, "snake", strata, records)
         assert second.resumed == second.states == stopped > 0
         second.run(states=7 * 32)
     assert second.states == whole.states and second.counts == whole.counts
@@ -170,7 +171,8 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
 
 
 def test_rounds_go_through_all_structures_before_any_comes_again():
-    campaign = Campaign(plan(batch=4), "snake", strata_of(Snake, (1, 2)))
+    here = plan(batch=4, claims=("power-balance",))
+    campaign = Campaign(here, "snake", strata_of(Snake, (1, 2)))
     campaign.run(states=1)
     assert campaign.rounds == 1
     campaign.run(states=campaign.states + 4 * 8)
