@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from eomcheck.claims import trial
+from eomcheck.claims.at_doubles import AtDoubles
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.finding import Finding, diagnose, judge, worst_entry
 from eomcheck.claims.own import broken_on_doubles
@@ -27,7 +28,7 @@ from eomcheck.numbers.linear import column_scale
 
 
 @dataclass
-class Case:
+class Case(AtDoubles):
     """One state of a scene, with the formulations and engines to look at.
 
     Attributes:
@@ -94,9 +95,6 @@ class Case:
 
     # ---- How doubles are looked at, see `Look` ---------------------------------------------------
 
-    exact: ClassVar[bool] = False
-    others: ClassVar[tuple] = ()
-
     @cached_property
     def has_speeds(self) -> bool:
         """Whether generalized speeds exist here."""
@@ -105,19 +103,9 @@ class Case:
         return False
 
     @property
-    def free(self) -> Evaluation:
-        """The state itself: its velocity was given."""
-        return self.at
-
-    @property
     def directions(self) -> Array:
         """The coordinates in turn (n, n)."""
         return np.eye(self.at.scene.n)
-
-    @property
-    def direction_names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self.at.scene.coordinate_names
 
     @property
     def partitions(self) -> Iterator[tuple[str, Partition]]:
@@ -148,14 +136,6 @@ class Case:
     def sensitivity(self, quantity: Callable[[Evaluation], Any]) -> float:
         """Return κ · scale of a quantity."""
         return sensitivity_of(self.at, quantity)
-
-    def vdot_sensitivity(self, formulation: Formulation) -> float:
-        """Return κ · scale of v̇ by `formulation`."""
-        return self.part_sensitivity(formulation, "vdot")
-
-    def multiplier_sensitivity(self, formulation: Formulation) -> float:
-        """Return κ · scale of λ by `formulation`."""
-        return self.part_sensitivity(formulation, "multipliers")
 
     def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.claims.at_doubles import AtDoubles
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
 from eomcheck.errors import RefusedError
@@ -69,7 +70,7 @@ ABSENT = 0
 
 
 @dataclass
-class LaneCase:
+class LaneCase(AtDoubles):
     """States of scenes of one structure, with the formulations to look at; see `Case` and `Look`.
 
     Attributes:
@@ -85,23 +86,10 @@ class LaneCase:
     lost: dict[str, str] = field(default_factory=dict)
     _asked: bool = field(default=False, repr=False)
 
-    exact: ClassVar[bool] = False
-    others: ClassVar[tuple] = ()
-
-    @property
-    def free(self) -> LaneEvaluation:
-        """The states themselves: their velocities were given."""
-        return self.at
-
     @property
     def directions(self) -> Array:
         """The coordinates in turn (n, n), of literals."""
         return np.eye(self.at.scene.n, dtype=object)
-
-    @property
-    def direction_names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self.at.scene.coordinate_names
 
     @property
     def partitions(self) -> Iterator[tuple[str, Any]]:
@@ -128,14 +116,6 @@ class LaneCase:
     def sensitivity(self, quantity: Callable[[Any], Any]) -> LaneArray:
         """Return κ · scale of a quantity."""
         return LaneArray(sensitivity_in_lanes(self.at, quantity))
-
-    def vdot_sensitivity(self, formulation: Formulation) -> LaneArray:
-        """Return κ · scale of v̇ by `formulation`."""
-        return self.part_sensitivity(formulation, "vdot")
-
-    def multiplier_sensitivity(self, formulation: Formulation) -> LaneArray:
-        """Return κ · scale of λ by `formulation`."""
-        return self.part_sensitivity(formulation, "multipliers")
 
     def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
         """Return κ · scale of a part of the result of `formulation`."""
