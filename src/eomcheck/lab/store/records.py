@@ -312,7 +312,8 @@ class Records:
         query = "SELECT id, record FROM records WHERE (? IS NULL OR study = ?)"
         if self._unread is None:
             return [text for _, text in self._rows(f"{query} ORDER BY id", (study, study))]
-        found: dict[int, str] = {}
+        found: dict[int, bytes] = {}
+        query = query.replace("id, record", "id, CAST(record AS BLOB)")  # sqlite3 decodes nothing
         for sign, beyond, order in ((1, ">", "ASC"), (-1, "<", "DESC")):
             # One at a time: sqlite3 reads one row ahead, and would lose the one before the damage.
             one = f"{query} AND id {beyond} ? ORDER BY id {order} LIMIT 1"
@@ -322,10 +323,16 @@ class Records:
                     while row := self._connection.execute(one, (study, study, place)).fetchone():
                         if sign * row[0] <= sign * place:
                             break  # damaged: it would go round for ever
-                        place, found[row[0]] = row[0], str(row[1])
+                        place, found[row[0]] = row[0], bytes(row[1])
             except InputError as error:
                 self._unread.append(str(error))
-        return [found[place] for place in sorted(found)]
+        texts = []
+        for _, text in sorted(found.items()):
+            try:
+                texts.append(text.decode())
+            except UnicodeDecodeError:
+                self._note(f"{text[:60]!r} is no text")
+        return texts
 
     def forget(self, study: str, cells: Iterable[Settings]) -> None:
         """Remove the Records of these cells, all or (if it fails) none."""
