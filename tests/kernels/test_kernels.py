@@ -32,6 +32,7 @@ from eomcheck.kernels.layout import HEADER, layout_of
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.mechanics.records import velocity as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene
+from eomcheck.motion import trace
 from eomcheck.motion.observe import solves_of
 from eomcheck.motion.right_hand_side import RightHandSide, exact_jacobian, kernel_of, rates_on
 from eomcheck.motion.state import state_of
@@ -42,7 +43,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.numbers.linear import solve
 from eomcheck.numbers.tape import Tape
-from eomcheck.scenes import SCENES, Snake
+from eomcheck.scenes import SCENES, Sleigh, Snake
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 PARTITIONED = [f.key for f in FORMULATIONS.values() if f.partitioned]
@@ -156,6 +157,19 @@ def test_a_kernel_is_made_once_for_all_snakes_of_one_structure(key):
     for different in (SNAKES[1], SNAKES[4]):  # in links; in terms
         assert kernel_of(different, formulation) is not made
     assert kernel_of(scene, formulation, width=2) is not made
+
+
+def test_of_many_kernels_those_that_were_used_last_are_kept(monkeypatch):
+    monkeypatch.setattr(trace, "_kernels", {})
+    monkeypatch.setattr(trace, "KEPT", 2)
+    scene, (first, second, third) = Sleigh(), (FORMULATIONS[key] for key in ("kane", "ml", "au"))
+    made = kernel_of(scene, first)
+    lost = kernel_of(scene, second)
+    assert kernel_of(scene, first) is made
+    kernel_of(scene, third)
+    assert len(trace._kernels) == 2
+    assert kernel_of(scene, first) is made
+    assert kernel_of(scene, second) is not lost
 
 
 @pytest.mark.parametrize("links", [2, 3, 7])

@@ -82,6 +82,9 @@ def state_on_tape(scene: Scene, formulation: Formulation) -> tuple[Tape, Quantit
     return tape, quantities_on(tape, scene, y[:n]), y, speeds
 
 
+KEPT = 128
+"""Kernels that a process keeps: of more than these the ones that were used last."""
+
 _kernels: dict[Any, Kernel] = {}
 
 
@@ -107,14 +110,18 @@ def traced_kernel(
     size = state_size(scene, formulation)
     kind = type(scene), formulation, tuple(sizes.items()), size, scene.n, scene.r, scene.s
     key = trace, kind, tuple(outputs.items()), width, tuple(options.items())
-    if key not in _kernels:
+    kernel = _kernels.pop(key, None)
+    if kernel is None:
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
         if options.get("stabilized"):
             parameters[FEEDBACK] = 1
         along = formulation.linear and options.get("also") != JACOBIAN
         program = _program(lambda one: trace(one, formulation, **options), scene, along)
-        _kernels[key] = Kernel(program, parameters, outputs, width)
-    return _kernels[key]
+        kernel = Kernel(program, parameters, outputs, width)
+    _kernels[key] = kernel
+    if len(_kernels) > KEPT:
+        del _kernels[next(iter(_kernels))]
+    return kernel
 
 
 def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Program:
