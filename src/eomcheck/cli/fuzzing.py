@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import Formulations, Kept, Kind, Seed, records_or_none
+from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.mechanics.scene import Scene
 
@@ -57,13 +58,17 @@ def fuzz(
     ] = None,
     time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
     states: Annotated[
-        int | None, typer.Option(help="Number of states, those in --records included.")
+        int | None, typer.Option(help="Number of states or motions, those in --records included.")
     ] = None,
     seed: Seed = 0,
+    motions: Annotated[
+        bool, typer.Option("--motions", help="Compare motions by all formulations.")
+    ] = False,
     family: Annotated[
         list[str] | None,
         typer.Option(
-            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all."
+            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all; "
+            "of motions the first and the third."
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -89,8 +94,8 @@ def fuzz(
     """Look for states at which a claim fails, by the thousand, and keep them.
 
     States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
-    of the others. A campaign with --records goes on where it stopped. Exit code 1 if there is a
-    find, 130 if interrupted.
+    of the others. With --motions, motions by all formulations are compared. A campaign with
+    --records goes on where it stopped. Exit code 1 if there is a find, 130 if interrupted.
     """
     check_writable(keep)
     if replay is not None:
@@ -114,8 +119,12 @@ def fuzz(
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
-        selection = _selection(kind, engine, formulation, claim)
-        plan = _plan(kind, selection, seed, family, climb, ration)
+        if motions:
+            check_used("with --motions", engine=engine, claim=claim, ration=ration)
+            plan = _motions(kind, formulation, seed, family, climb)
+        else:
+            selection = _selection(kind, engine, formulation, claim)
+            plan = _plan(kind, selection, seed, family, climb, ration)
         campaign = Campaign(plan, name, strata_of(kind, range(low, high + 1)), kept)
         try:
             campaign.run(states, most, executor, Teller())
@@ -172,18 +181,39 @@ def _plan(
     climb: bool,
     ration: str | None,
 ) -> Plan:
-    from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.draws import FAMILIES
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.lab.fuzzing.screening import Ration
 
-    families = FAMILIES if family is None else tuple(distinct("family", family))
-    for one in families:
-        named("family", one, dict.fromkeys(FAMILIES))
+    families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")
     formulations = tuple(f.key for f in selection.formulations)
     counts = Ration() if ration is None else Ration(*_rations(ration))
     return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
+
+
+def _families(family: list[str] | None) -> tuple[str, ...]:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.draws import FAMILIES
+
+    families = FAMILIES if family is None else tuple(distinct("family", family))
+    for one in families:
+        named("family", one, dict.fromkeys(FAMILIES))
+    return families
+
+
+def _motions(
+    kind: type[Scene],
+    formulation: list[str] | None,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+) -> MotionPlan:
+    from eomcheck.formulations import formulations_for
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
+
+    keys = tuple(f.key for f in formulations_for(kind, formulation))
+    plan = MotionPlan(kind, seed, keys, climbing=climb)
+    return plan if family is None else plan._replace(families=_families(family))
 
 
 def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.files import write_text
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import Case
-from eomcheck.lab.fuzzing.judging import about, failures, fault_of
+from eomcheck.lab.fuzzing.judging import Fault, about, failures, fault_of
+from eomcheck.lab.fuzzing.motions import MotionFinding, failures_of_motion, python_of_motion
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -49,6 +50,7 @@ class Find:
         evidence: how that is known.
         detail: what the finding says is wrong.
         why: a sentence by whoever mended it.
+        t_end: where a motion from this state ends, s; 0 where it is about the state alone.
     """
 
     scene: str
@@ -64,6 +66,7 @@ class Find:
     evidence: str = ""
     detail: str = ""
     why: str = ""
+    t_end: float = 0.0
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -81,12 +84,13 @@ class Find:
             EomcheckError: there is no such scene.
         """
         (kind,) = kinds_of(self.scene)
-        state = State(np.array(self.q, float), np.array(self.v, float), self.t)
-        return kind(**self.parameters), state
+        return case_of(kind, self.parameters, self.q, self.v, self.t)
 
     @property
     def python(self) -> str:
         """Python code that shows it again."""
+        if self.t_end:
+            return python_of_motion(*self.case, self.t_end, self.subject)
         return python_of(*self.case)
 
     def __str__(self) -> str:
@@ -97,15 +101,29 @@ class Find:
 def cause_of(one: Find | Finding) -> list[str]:
     """Return the words of a subject that tell causes apart: formulations, or the engine alone."""
     words = one.subject.replace("~", " ").replace(":", " ").split()
-    if one.claim and CLAIMS[one.claim].asks:
+    if one.claim in CLAIMS and CLAIMS[one.claim].asks:
         words = [word for word in words if word not in FORMULATIONS]
     return sorted(words)
 
 
-def find_of(finding: Finding, name: str) -> Find:
-    """Return what to keep of a failure; `name` is that of the kind of scene."""
-    scene, state, fault = finding.scene, finding.state, fault_of(finding)
+def case_of(
+    kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
+) -> Case:
+    """Return the scene that `parameters_of` is of, in a state."""
+    return kind(**parameters), State(np.array(q, float), np.array(v, float), t)
+
+
+def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
+    """Return what to keep of a failure.
+
+    Args:
+        finding: the failure.
+        name: of the kind of scene.
+        fault: whose fault it is, by default what `fault_of` says.
+    """
+    scene, state = finding.scene, finding.state
     assert isinstance(scene, Scene) and state is not None
+    fault = fault_of(finding) if fault is None else fault
     return Find(
         name,
         parameters_of(scene),
@@ -119,6 +137,7 @@ def find_of(finding: Finding, name: str) -> Find:
         fault.whose,
         fault.evidence,
         finding.detail,
+        t_end=finding.t_end if isinstance(finding, MotionFinding) else 0.0,
     )
 
 
@@ -145,11 +164,24 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
         links = (1, getattr(scene, "links", 1))
         smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
         finding = smaller if about(smaller) == about(finding) else finding
-        finding = _rounded(finding, formulations)
+
+        def look(case: Case) -> list[Finding]:
+            return failures(case, [finding.claim], formulations)
+
+        finding = rounded(finding, look)
     return finding
 
 
-def _rounded(finding: Finding, formulations: Sequence[str]) -> Finding:
+F = TypeVar("F", bound=Finding)
+
+
+def rounded(finding: F, look: Callable[[Case], Sequence[F]]) -> F:
+    """Return a failure about the same subject, with rounder numbers.
+
+    Args:
+        finding: the failure.
+        look: returns the failures of its claim at another case.
+    """
     tries = 0
     for digits in (0, 1, 2, 4, 8):
         for part in _parts(finding):
@@ -163,7 +195,7 @@ def _rounded(finding: Finding, formulations: Sequence[str]) -> Finding:
                     if y == x or tries >= MOST_TRIES:
                         continue
                     tries += 1
-                    finding = _tried(finding, same, i, y, formulations) or finding
+                    finding = _tried(finding, same, i, y, look) or finding
                     if finding.scene is not scene or finding.state is not state:
                         break
     return finding
@@ -191,8 +223,8 @@ def _parts(finding: Finding) -> list[_Part]:
 
 
 def _tried(
-    finding: Finding, part: _Part, i: int, y: float, formulations: Sequence[str]
-) -> Finding | None:
+    finding: F, part: _Part, i: int, y: float, look: Callable[[Case], Sequence[F]]
+) -> F | None:
     """Return the failure with one number replaced, None where it does not fail there."""
     scene, state = finding.scene, finding.state
     assert isinstance(scene, Scene) and state is not None
@@ -208,7 +240,7 @@ def _tried(
         with np.errstate(all="ignore"):
             at = Evaluation(scene, *state)
             state = state._replace(v=consistent_velocity(at, state.v))
-        found = failures((scene, state), [finding.claim], formulations)
+        found = look((scene, state))
     except (EomcheckError, np.linalg.LinAlgError):
         return None
     return next((one for one in found if one.subject == finding.subject), None)
@@ -240,7 +272,10 @@ def _read(one: dict[str, Any]) -> Find:
 
 def write_finds(path: Path, finds: Iterable[Find]) -> None:
     """Write finds into a file, those of one cause once."""
-    kept = [{k: x for k, x in asdict(one).items() if x != ""} for one in told_apart(finds)]
+    kept = [
+        {k: x for k, x in asdict(one).items() if x != "" and not (k == "t_end" and x == 0.0)}
+        for one in told_apart(finds)
+    ]
     write_text(path, "[\n" + ",\n".join(json.dumps(one) for one in kept) + "\n]\n")
 
 
@@ -258,8 +293,14 @@ def replayed(
     """Return those finds that still fail, with what is observed now."""
     still = []
     for one in finds:
-        failed = failures(one.case, [one.claim] if one.claim else list(CLAIMS), formulations)
-        if failed:
+        if one.t_end:
+            failed = failures_of_motion(one.case, formulations, one.t_end)
+            still += [
+                find_of(x, one.scene, Fault(one.whose, one.evidence))
+                for x in failed
+                if (x.claim, x.subject) == (one.claim, one.subject)
+            ]
+        elif failed := failures(one.case, [one.claim] if one.claim else list(CLAIMS), formulations):
             still.append(find_of(failed[0], one.scene))
         looked_at()
     return still
