@@ -20,11 +20,10 @@ from eomcheck.lab.fuzzing.motions import (
     ENERGY,
     TIGHT,
     TIMES,
-    branchings,
-    crossings,
     failures_of_motion,
     judged_motions,
 )
+from eomcheck.lab.fuzzing.poses import branchings, crossings
 from eomcheck.lab.fuzzing.rounds import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State

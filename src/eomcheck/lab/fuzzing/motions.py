@@ -16,18 +16,16 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.repeat import beginning_of
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.lab.fuzzing.draws import Case, consistent
+from eomcheck.lab.fuzzing.poses import branchings, crossings
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.many import Trajectories, simulate_many
 from eomcheck.motion.simulate import simulate
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.lanes import LaneArray
-from eomcheck.numbers.pivots import EPS
 
 COARSE, TIGHT = 1e-8, 1e-10
 """Tolerances of the two motions of each formulation; the second one is judged."""
@@ -319,73 +317,6 @@ def _of_moved_starts(
         apart[places] = _grown(there.y - here.y[places], scale[places])
         energy[places] = _cummax(np.abs(there.energy - here.energy[places]))
     return apart, energy
-
-
-def crossings(cases: Sequence[Case], truth: Array, t_end: float) -> Array:
-    """Return the number of the first time (m,) behind a pose where a_1 is singular.
-
-    `TIMES` for none. Such a pose was crossed where the sign of the determinant changes on the true
-    motion, whatever a formulation says of it.
-
-    Args:
-        cases: scenes of one structure.
-        truth: the true motion (m, k, 2n), NaN where it is not known.
-        t_end: end, s.
-    """
-    a, dependent = jacobians(cases, truth, t_end)
-    with np.errstate(all="ignore"):
-        signs = np.nan_to_num(np.linalg.slogdet(a[..., list(dependent)]).sign)
-    first = np.full(len(cases), TIMES)
-    for i, row in enumerate(signs if a.shape[2] else ()):
-        seen = np.flatnonzero(np.abs(row) == 1.0)
-        turns = seen[1:][row[seen[1:]] != row[seen[:-1]]]
-        first[i] = turns[0] if turns.size else TIMES
-    return first
-
-
-def branchings(cases: Sequence[Case], y: Array, t_end: float) -> Array:
-    """Return the number of the first time (m,) behind a pose where a loses rank.
-
-    `TIMES` for none. There a motion has branches, as where all rods of a linkage are in line, and
-    which one it takes is up to rounding. From such a pose on rows of a point the other way: what
-    they are of the rows before has an eigenvalue that is not positive.
-    """
-    a, _ = jacobians(cases, y, t_end)
-    first = np.full(len(cases), TIMES)
-    if not a.shape[2]:
-        return first
-    a, after = a[:, :-1], np.moveaxis(a[:, 1:], 2, 3)
-    known = np.isfinite(a).all(axis=(2, 3)) & np.isfinite(after).all(axis=(2, 3))
-    left, right = a @ np.moveaxis(a, 2, 3), a @ after
-    eye = np.eye(a.shape[2])
-    left = np.where(known[..., None, None], left, eye)
-    right = np.where(known[..., None, None], right, eye)
-    regular = np.linalg.cond(left) < 1.0 / EPS
-    left = np.where(regular[..., None, None], left, eye)
-    directions = np.linalg.eigvals(np.linalg.solve(left, right)).real
-    turned: Array = known & ((directions <= 0.0).any(axis=2) | ~regular)
-    for i, row in enumerate(turned):
-        places = np.flatnonzero(row)
-        first[i] = places[0] + 1 if places.size else TIMES
-    return first
-
-
-def jacobians(cases: Sequence[Case], y: Array, t_end: float) -> tuple[Array, tuple[int, ...]]:
-    """Return a (m, k, r, n) on motions y (m, k, 2n), NaN where these are, and what depends."""
-    scene, n = cases[0][0], cases[0][0].n
-    out = np.full((*y.shape[:2], scene.r, n), np.nan)
-    reached = [(i, k) for i, k in np.argwhere(np.isfinite(y).all(axis=2)).tolist()]
-    if not scene.r or not reached:
-        return out, ()
-    times = np.linspace(0.0, t_end, TIMES)
-    states = [State(y[i, k, :n], y[i, k, n:], float(times[k])) for i, k in reached]
-    at = LaneEvaluation([cases[i][0] for i, _ in reached], states)
-    a: Any = at.terms.a
-    data = np.broadcast_to(
-        a.data if isinstance(a, LaneArray) else a[..., None], (*a.shape, at.lanes)
-    )
-    out[tuple(np.array(reached).T)] = np.moveaxis(data, -1, 0)
-    return out, tuple(at.partition.dependent)
 
 
 WRONG = {
