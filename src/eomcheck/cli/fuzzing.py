@@ -16,6 +16,7 @@ from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.mechanics.scene import Scene
@@ -109,23 +110,31 @@ def fuzz(
 
     from eomcheck.console import console, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.draws import strata_of
+    from eomcheck.lab.fuzzing.draws import Stratum, strata_of
+    from eomcheck.lab.fuzzing.finds import functions_named
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.workers import check_place
 
-    kind, name = _kind(scene)
     low, high = interval(links)
     if executor is not None:
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
-        if motions:
-            check_used("with --motions", engine=engine, claim=claim, ration=ration)
-            plan = _motions(kind, formulation, seed, family, climb)
+        if functions_named(scene) is not None:
+            unused = {"engine": engine, "formulation": formulation, "ration": ration}
+            check_used(f"of {scene}, which are functions", motions=motions, **unused)
+            plan, name = _functions(scene, seed, claim, family, climb), scene
+            strata = [Stratum(None, ())]
         else:
-            selection = _selection(kind, engine, formulation, claim)
-            plan = _plan(kind, selection, seed, family, climb, ration)
-        campaign = Campaign(plan, name, strata_of(kind, range(low, high + 1)), kept)
+            kind, name = _kind(scene)
+            strata = strata_of(kind, range(low, high + 1))
+            if motions:
+                check_used("with --motions", engine=engine, claim=claim, ration=ration)
+                plan = _motions(kind, formulation, seed, family, climb)
+            else:
+                selection = _selection(kind, engine, formulation, claim)
+                plan = _plan(kind, selection, seed, family, climb, ration)
+        campaign = Campaign(plan, name, strata, kept)
         try:
             campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
@@ -189,6 +198,23 @@ def _plan(
     formulations = tuple(f.key for f in selection.formulations)
     counts = Ration() if ration is None else Ration(*_rations(ration))
     return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
+
+
+def _functions(
+    name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
+) -> FunctionsPlan:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.testing.run import FUNCTION_CLAIMS
+
+    claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
+    for one in claims:
+        named("claim", one, FUNCTION_CLAIMS)
+    families = (ORDINARY, SPECIAL) if family is None else _families(family)
+    for one in families:
+        named("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
+    return FunctionsPlan(name, seed, claims, families, climb)
 
 
 def _families(family: list[str] | None) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,11 +23,17 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import Case
 from eomcheck.lab.fuzzing.judging import Fault, about, failures, fault_of
 from eomcheck.lab.fuzzing.motions import MotionFinding, failures_of_motion, python_of_motion
+from eomcheck.lookup import value_of
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.named import kinds_of
+from eomcheck.testing.run import functions_at
+from eomcheck.testing.subject import Functions
+
+FUNCTIONS = "functions"
+"""Whose fault what fails of somebody's functions is."""
 
 MOST_TRIES = 150
 """States looked at while numbers are made round."""
@@ -83,7 +90,8 @@ class Find:
         Raises:
             EomcheckError: there is no such scene.
         """
-        (kind,) = kinds_of(self.scene)
+        functions = functions_named(self.scene)
+        kind = kinds_of(self.scene)[0] if functions is None else functions
         return case_of(kind, self.parameters, self.q, self.v, self.t)
 
     @property
@@ -109,8 +117,23 @@ def cause_of(one: Find | Finding) -> list[str]:
 def case_of(
     kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
 ) -> Case:
-    """Return the scene that `parameters_of` is of, in a state."""
-    return kind(**parameters), State(np.array(q, float), np.array(v, float), t)
+    """Return the scene that `parameters_of` is of, or functions, in a state."""
+    scene: Any = kind if isinstance(kind, Functions) else kind(**parameters)
+    return scene, State(np.array(q, float), np.array(v, float), t)
+
+
+@lru_cache(16)
+def functions_named(name: str) -> Functions | None:
+    """Return the `eomcheck.testing.Functions` that a name stands for, None if it is a scene's.
+
+    Args:
+        name: path/to/file.py:NAME or package.module:NAME.
+
+    Raises:
+        InputError: no such file or module, or it cannot be run.
+    """
+    found = value_of(name)
+    return found if isinstance(found, Functions) else None
 
 
 def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
@@ -122,7 +145,7 @@ def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
         fault: whose fault it is, by default what `fault_of` says.
     """
     scene, state = finding.scene, finding.state
-    assert isinstance(scene, Scene) and state is not None
+    assert state is not None
     fault = fault_of(finding) if fault is None else fault
     return Find(
         name,
@@ -141,8 +164,10 @@ def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
     )
 
 
-def parameters_of(scene: Scene) -> dict[str, Any]:
-    """Return the arguments of a scene by name, plain."""
+def parameters_of(scene: Any) -> dict[str, Any]:
+    """Return the arguments of a scene by name, plain; functions have none."""
+    if isinstance(scene, Functions):
+        return {}
     links = getattr(scene, "links", None) if scene.has_links else None
     values = {name: getattr(scene, name) for name in type(scene).ranges(links)}
     return {name: None if x is None else np.asarray(x).tolist() for name, x in values.items()}
@@ -187,7 +212,7 @@ def rounded(finding: F, look: Callable[[Case], Sequence[F]]) -> F:
         for part in _parts(finding):
             for i in range(part.size):
                 scene, state = finding.scene, finding.state
-                assert isinstance(scene, Scene) and state is not None
+                assert state is not None
                 here = _parts(finding)
                 same = next(one for one in here if one.name == part.name)
                 x = float(same.values[i])
@@ -217,7 +242,7 @@ class _Part:
 
 def _parts(finding: Finding) -> list[_Part]:
     scene, state = finding.scene, finding.state
-    assert isinstance(scene, Scene) and state is not None
+    assert state is not None
     found = [_Part(name, np.ravel(x)) for name, x in parameters_of(scene).items() if x is not None]
     return [*found, _Part("q", state.q), _Part("v", state.v)]
 
@@ -227,7 +252,7 @@ def _tried(
 ) -> F | None:
     """Return the failure with one number replaced, None where it does not fail there."""
     scene, state = finding.scene, finding.state
-    assert isinstance(scene, Scene) and state is not None
+    assert state is not None
     values = part.values.copy()
     values[i] = y
     try:
@@ -237,9 +262,10 @@ def _tried(
             given = parameters_of(scene)
             given[part.name] = values.reshape(np.shape(given[part.name])).tolist()
             scene = type(scene)(**given)
-        with np.errstate(all="ignore"):
-            at = Evaluation(scene, *state)
-            state = state._replace(v=consistent_velocity(at, state.v))
+        if isinstance(scene, Scene):
+            with np.errstate(all="ignore"):
+                at = Evaluation(scene, *state)
+                state = state._replace(v=consistent_velocity(at, state.v))
         found = look((scene, state))
     except (EomcheckError, np.linalg.LinAlgError):
         return None
@@ -293,17 +319,24 @@ def replayed(
     """Return those finds that still fail, with what is observed now."""
     still = []
     for one in finds:
-        if one.t_end:
-            failed = failures_of_motion(one.case, formulations, one.t_end)
-            still += [
-                find_of(x, one.scene, Fault(one.whose, one.evidence))
-                for x in failed
-                if (x.claim, x.subject) == (one.claim, one.subject)
-            ]
-        elif failed := failures(one.case, [one.claim] if one.claim else list(CLAIMS), formulations):
-            still.append(find_of(failed[0], one.scene))
+        failed = _failures_again(one, formulations)
+        told = Fault(one.whose, one.evidence) if one.t_end or one.whose == FUNCTIONS else None
+        still += [find_of(x, one.scene, told) for x in failed[:1]]
         looked_at()
     return still
+
+
+def _failures_again(one: Find, formulations: Sequence[str]) -> Sequence[Finding]:
+    """Return what still fails of a find."""
+    scene, state = one.case
+    same = one.claim, one.subject
+    if isinstance(scene, Functions):
+        found = functions_at(scene, state, [one.claim])
+    elif one.t_end:
+        found = failures_of_motion((scene, state), formulations, one.t_end)
+    else:
+        return failures((scene, state), [one.claim] if one.claim else list(CLAIMS), formulations)
+    return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
 
 
 def name_of(kind: type[Scene], asked: str) -> str:
