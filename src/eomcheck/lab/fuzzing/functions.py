@@ -17,7 +17,7 @@ from eomcheck.claims import Finding
 from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL, Case, special_number
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of, functions_named, rounded
 from eomcheck.lab.fuzzing.judging import Fault
-from eomcheck.lab.fuzzing.mutation import changed_entries
+from eomcheck.lab.fuzzing.mutation import MOST_CHANGES, changed_entries
 from eomcheck.lab.fuzzing.rounds import Population, Result, Round, generator, raise_population
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
@@ -153,8 +153,12 @@ def climbed_states(
             np.concatenate(one.case[1][:2])
             for one in (best[place], others[random.integers(len(others))])
         )
-        for _ in range(int(random.integers(1, 4))):
-            here = changed_entries(here, there, random)
+        low, high = limits(functions)
+        for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
+            new = changed_entries(here, there, random)
+            # What leaves a range goes to its end, or stays.
+            left = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
+            here = np.where(left, here, np.clip(new, low, high))
         found.append(_within(functions, here))
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -19,7 +19,14 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, Stratum, drawn
 from eomcheck.lab.fuzzing.finds import Find, find_of, shrunk
 from eomcheck.lab.fuzzing.judging import checked
-from eomcheck.lab.fuzzing.mutation import mutated
+from eomcheck.lab.fuzzing.mutation import Changed, mutated
+from eomcheck.lab.fuzzing.on_trial import (
+    OVERSAMPLED,
+    heights_of,
+    is_ordinary,
+    on_trial,
+    tamed,
+)
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -207,9 +214,14 @@ def run_round(plan: Plan, given: Round) -> Result:
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
         _look(plan, result, cases, ordinary)
         if plan.climbing and population:
-            higher = climbed(population, plan.batch, random)
+            tried = {kind.key for kind in on_trial(plan.engines)}
+            of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
+            higher = climbed(of_lanes or population, plan.batch, random)
             result.counts["climbed"] += len(higher)
             _look(plan, result, higher, set())
+            of_engines = {key: best for key, best in population.items() if key[1] in tried}
+            if of_engines:
+                _climb_on_trial(plan, result, of_engines, random)
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
@@ -220,7 +232,12 @@ def generator(plan: Work, given: Round) -> np.random.Generator:
     return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
 
 
-def climbed(population: Population, count: int, random: np.random.Generator) -> list[Case]:
+def climbed(
+    population: Population,
+    count: int,
+    random: np.random.Generator,
+    tamed: Callable[[Changed], Changed] = lambda one: one,
+) -> list[Case]:
     """Return cases near the highest: a claim and formulation at random, then one of its cases."""
     keys = sorted(population)
     pairs = []
@@ -228,7 +245,25 @@ def climbed(population: Population, count: int, random: np.random.Generator) -> 
         best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
         place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
         pairs.append((best[place].case, others[random.integers(len(others))].case))
-    return mutated(pairs, random)[0]
+    return mutated(pairs, random, tamed)[0]
+
+
+def _climb_on_trial(
+    plan: Plan, result: Result, population: Population, random: np.random.Generator
+) -> None:
+    """Ask engines on trial near their highest cases, as often as they were asked in this round."""
+    count = max(1, result.counts["engines"])
+    near = climbed(population, OVERSAMPLED * count, random, tamed)
+    cases = [case for case in near if is_ordinary(case)][:count]
+    heights: dict[Key, Array] = {}
+    claims = [one for one in plan.claims if CLAIMS[one].asks]
+    result.counts["engines, climbed"] += len(cases)
+    for i, case in enumerate(cases):
+        judged = checked(case, claims, plan.formulations, on_trial(plan.engines))
+        result.failed += [one for one in judged if one.verdict == "failed"]
+        for key, height in heights_of(judged).items():
+            heights.setdefault(key, np.zeros(len(cases)))[i] = height
+    raise_population(result.population, heights, cases)
 
 
 def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
@@ -294,6 +329,8 @@ def _judge(
     result.counts[how] += 1
     judged = checked(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
+    for key, height in heights_of(judged).items():
+        found.heights.setdefault(key, np.zeros(found.count))[i] = height
     if how == "suspects judged":
         heights: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:
