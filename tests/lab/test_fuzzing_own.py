@@ -111,7 +111,7 @@ def test_what_is_looked_at_stays_within_the_ranges():
 def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch):
     def M(q):
         found = 2.0 * np.eye(4)
-        found[0, 1] += 1e-15 * np.exp(4.0 * (q.sum() - 2.0))
+        found[0, 1] += 1e-15 * np.exp(4.0 * (q.sum() - 2.5))
         return found
 
     leaning = Functions(4, M=M)
@@ -119,7 +119,7 @@ def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch)
 
     def finds(climbing: bool) -> int:
         population, count = {}, 0
-        for number in range(12):
+        for number in range(20):
             here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), climbing, 8)
             here = here if climbing else here._replace(batch=16)
             result = here.run(Round(number, ALL, population))

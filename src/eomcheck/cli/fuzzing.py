@@ -110,8 +110,9 @@ def fuzz(
 
     from eomcheck.console import console, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.draws import Stratum, strata_of
+    from eomcheck.lab.fuzzing.draws import Stratum
     from eomcheck.lab.fuzzing.finds import functions_named
+    from eomcheck.lab.fuzzing.structures import strata_of_any
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.workers import check_place
 
@@ -127,7 +128,7 @@ def fuzz(
             strata = [Stratum(None, ())]
         else:
             kind, name = _kind(scene)
-            strata = strata_of(kind, range(low, high + 1))
+            strata = strata_of_any(kind, range(low, high + 1))
             if motions:
                 check_used("with --motions", engine=engine, claim=claim, ration=ration)
                 plan = _motions(kind, formulation, seed, family, climb)
@@ -190,14 +191,17 @@ def _plan(
     climb: bool,
     ration: str | None,
 ) -> Plan:
+    from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.lab.fuzzing.screening import Ration
+    from eomcheck.scenes.random.kinds import Random
 
     families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")
     formulations = tuple(f.key for f in selection.formulations)
     counts = Ration() if ration is None else Ration(*_rations(ration))
-    return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
+    what = kind, seed, claims, formulations, selection.engines, families, climb, counts
+    return RandomPlan(*what, batch=LANES) if issubclass(kind, Random) else Plan(*what)
 
 
 def _functions(

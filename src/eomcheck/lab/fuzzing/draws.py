@@ -157,12 +157,24 @@ def drawn(
     random: np.random.Generator,
 ) -> tuple[list[Case], list[str]]:
     """Return up to `count` cases of a structure and the family of each, evenly of all families."""
+    return drawn_of(
+        lambda family: drawn_scene(kind, stratum, family, random), families, count, random
+    )
+
+
+def drawn_of(
+    make: Callable[[str], Scene],
+    families: Sequence[str],
+    count: int,
+    random: np.random.Generator,
+) -> tuple[list[Case], list[str]]:
+    """Return cases as `drawn` does, of scenes that `make` makes of the name of a family."""
     scenes, states, of = [], [], []
     components = []
     for i in range(count):
         family = families[i % len(families)]
         try:
-            scene = drawn_scene(kind, stratum, family, random)
+            scene = make(family)
             q, c, t = drawn_position(scene, family, random)
         except EomcheckError:
             continue  # no such scene, or no such position

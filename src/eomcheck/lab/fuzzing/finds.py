@@ -23,12 +23,14 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import Case
 from eomcheck.lab.fuzzing.judging import Fault, about, failures, fault_of
 from eomcheck.lab.fuzzing.motions import MotionFinding, failures_of_motion, python_of_motion
+from eomcheck.lab.fuzzing.structures import plain_random, random_of
 from eomcheck.lookup import value_of
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.named import kinds_of
+from eomcheck.scenes.random.kinds import Random
 from eomcheck.testing.run import functions_at
 from eomcheck.testing.subject import Functions
 
@@ -118,7 +120,12 @@ def case_of(
     kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
 ) -> Case:
     """Return the scene that `parameters_of` is of, or functions, in a state."""
-    scene: Any = kind if isinstance(kind, Functions) else kind(**parameters)
+    if isinstance(kind, Functions):
+        scene: Any = kind
+    elif issubclass(kind, Random):
+        scene = random_of(kind, parameters)
+    else:
+        scene = kind(**parameters)
     return scene, State(np.array(q, float), np.array(v, float), t)
 
 
@@ -165,7 +172,17 @@ def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
 
 
 def parameters_of(scene: Any) -> dict[str, Any]:
-    """Return the arguments of a scene by name, plain; functions have none."""
+    """Return what makes a scene again, plain; functions need nothing.
+
+    Of a random one that is its description, and what of it was changed.
+    """
+    if isinstance(scene, Random):
+        return plain_random(scene)
+    return {} if isinstance(scene, Functions) else numbers_of(scene)
+
+
+def numbers_of(scene: Any) -> dict[str, Any]:
+    """Return the arguments of a scene that are drawn, by name, plain; functions have none."""
     if isinstance(scene, Functions):
         return {}
     links = getattr(scene, "links", None) if scene.has_links else None
@@ -243,7 +260,7 @@ class _Part:
 def _parts(finding: Finding) -> list[_Part]:
     scene, state = finding.scene, finding.state
     assert state is not None
-    found = [_Part(name, np.ravel(x)) for name, x in parameters_of(scene).items() if x is not None]
+    found = [_Part(name, np.ravel(x)) for name, x in numbers_of(scene).items() if x is not None]
     return [*found, _Part("q", state.q), _Part("v", state.v)]
 
 
@@ -259,7 +276,7 @@ def _tried(
         if part.name in ("q", "v"):
             state = state._replace(**{part.name: values})
         else:
-            given = parameters_of(scene)
+            given = numbers_of(scene)
             given[part.name] = values.reshape(np.shape(given[part.name])).tolist()
             scene = type(scene)(**given)
         if isinstance(scene, Scene):

@@ -12,7 +12,15 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL, Case, Stratum, consistent, drawn
+from eomcheck.lab.fuzzing.draws import (
+    ORDINARY,
+    SPECIAL,
+    Case,
+    Stratum,
+    consistent,
+    drawn,
+    drawn_of,
+)
 from eomcheck.lab.fuzzing.finds import Find, find_of, rounded
 from eomcheck.lab.fuzzing.judging import SILENT, UNKNOWN, Fault
 from eomcheck.lab.fuzzing.motions import (
@@ -27,6 +35,7 @@ from eomcheck.lab.fuzzing.motions import (
     moved,
 )
 from eomcheck.lab.fuzzing.rounds import Result, Round, climbed, generator, raise_population
+from eomcheck.lab.fuzzing.structures import Topology, structure_drawn
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -96,7 +105,8 @@ class MotionPlan(NamedTuple):
             cases, families = started(self, given.stratum, random)
             result.counts.update(families)
             self._look(result, cases, random)
-            if self.climbing and population:
+            # Random scenes of one stratum are of several structures, which do not go together.
+            if self.climbing and population and isinstance(given.stratum, Stratum):
                 higher = at_start(climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)
@@ -160,10 +170,14 @@ def informative(cases: Sequence[Case], keys: Sequence[str]) -> float:
 
 
 def started(
-    plan: MotionPlan, stratum: Stratum, random: np.random.Generator
+    plan: MotionPlan, stratum: Stratum | Topology, random: np.random.Generator
 ) -> tuple[list[Case], list[str]]:
     """Return cases of a structure at t = 0, and the family of each."""
-    cases, families = drawn(plan.kind, stratum, plan.families, plan.batch, random)
+    if isinstance(stratum, Stratum):
+        cases, families = drawn(plan.kind, stratum, plan.families, plan.batch, random)
+    else:
+        scene = structure_drawn(plan.kind, stratum, random)()
+        cases, families = drawn_of(lambda _: scene, plan.families, plan.batch, random)
     begun = at_start(cases)
     kept = {id(scene) for scene, _ in begun}
     return begun, [f for (scene, _), f in zip(cases, families, strict=True) if id(scene) in kept]

@@ -212,13 +212,13 @@ def run_round(plan: Plan, given: Round) -> Result:
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
-        _look(plan, result, cases, ordinary)
+        look_at(plan, result, cases, ordinary)
         if plan.climbing and population:
             tried = {kind.key for kind in on_trial(plan.engines)}
             of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
             higher = climbed(of_lanes or population, plan.batch, random)
             result.counts["climbed"] += len(higher)
-            _look(plan, result, higher, set())
+            look_at(plan, result, higher, set())
             of_engines = {key: best for key, best in population.items() if key[1] in tried}
             if of_engines:
                 _climb_on_trial(plan, result, of_engines, random)
@@ -266,7 +266,7 @@ def _climb_on_trial(
     raise_population(result.population, heights, cases)
 
 
-def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
+def look_at(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
     """Screen cases, judge what is suspect and what the ration says, and keep the highest.
 
     Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
