@@ -217,12 +217,13 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
 F = TypeVar("F", bound=Finding)
 
 
-def rounded(finding: F, look: Callable[[Case], Sequence[F]]) -> F:
+def rounded(finding: F, look: Callable[[Case], Sequence[F]], most: int = MOST_TRIES) -> F:
     """Return a failure about the same subject, with rounder numbers.
 
     Args:
         finding: the failure.
         look: returns the failures of its claim at another case.
+        most: other cases that are looked at, at most.
     """
     tries = 0
     for digits in (0, 1, 2, 4, 8):
@@ -234,7 +235,7 @@ def rounded(finding: F, look: Callable[[Case], Sequence[F]]) -> F:
                 same = next(one for one in here if one.name == part.name)
                 x = float(same.values[i])
                 for y in _rounder(x, digits):
-                    if y == x or tries >= MOST_TRIES:
+                    if y == x or tries >= most:
                         continue
                     tries += 1
                     finding = _tried(finding, same, i, y, look) or finding

@@ -50,6 +50,9 @@ PILOT_STEPS = 150
 """Half of the motions of a round reach its end in so many steps. Slow scenes turn about once in it,
 fast ones some ten times; what goes on for longer has lost its digits, or shows nothing new."""
 
+MOST_TRIES = 60
+"""Motions looked at while numbers of a find are made round."""
+
 AMONG = 4
 """Formulations that are asked while a find is made small, the one to blame among them."""
 
@@ -215,7 +218,7 @@ def shrunk_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
     for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
         if found := failed((scene, state), shorter(finding.t_end)):
             finding = found[0]
-    small = rounded(finding, lambda case: failed(case, finding.t_end))
+    small = rounded(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
     # What fails among a few has to fail among all.
     assert small.state is not None
     all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
