@@ -63,6 +63,19 @@ def looked_up(kind: Kind[T], name: object) -> type[T]:
     return _class_in(_installed(value.partition(":")[0]), value.partition(":")[2], kind, value)
 
 
+def value_of(name: str) -> Any:
+    """Return what `path/to/file.py:NAME` or `package.module:NAME` stands for, None of other names.
+
+    Raises:
+        InputError: no such file or module, or it cannot be run.
+    """
+    home, colon, of = name.rpartition(":")
+    if not colon or not of.isidentifier():
+        return None
+    module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
+    return getattr(module, of, None)
+
+
 def announced(kind: Kind[Any]) -> dict[str, EntryPoint]:
     """Return name -> entry point of those that installed packages announce, ours left out."""
     points = {point.name: point for point in entry_points(group=kind.group)}

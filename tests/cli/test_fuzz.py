@@ -10,7 +10,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.cli.fuzzing import seconds_of
-from eomcheck.lab.fuzzing import campaign, rounds
+from eomcheck.lab.fuzzing import motion_rounds, rounds
 from eomcheck.lab.fuzzing.rounds import Result
 
 FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
@@ -65,7 +65,7 @@ def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch
     def stopped(plan, given) -> Result:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(campaign, "run_round", stopped)
+    monkeypatch.setattr(rounds, "run_round", stopped)
     assert run("--states", "1", monkeypatch=monkeypatch) == 130
     assert "interrupted" in capsys.readouterr().out
 
@@ -78,3 +78,25 @@ def test_rounds_of_workers_come_to_what_rounds_here_come_to(monkeypatch, capsys)
         lines = capsys.readouterr().out.splitlines()
         tables.append([line for line in lines if "CPU time" not in line])
     assert tables[0] == tables[1]
+
+
+def test_motions_are_compared_by_the_same_command(monkeypatch, capsys):
+    monkeypatch.setattr(motion_rounds.MotionPlan, "__new__", few_motions(motion_rounds.MotionPlan))
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", "--motions", "--scene", "sleigh"])
+    sys.argv += ["--states", "1", "--seed", "3", "--no-climb"]
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert not stop.value.code
+    said = capsys.readouterr().out
+    assert "no find" in said and "Motions by structure" in said and "end-states" in said
+
+
+def few_motions(kind: type):
+    """Return what makes plans of four motions."""
+    usual = kind.__new__
+    return lambda *given, **options: usual(*given, **(options | {"batch": 4}))
+
+
+def test_what_says_nothing_of_motions_is_bad_input(monkeypatch, capsys):
+    assert run("--motions", monkeypatch=monkeypatch) == 2
+    assert "--engine says nothing with --motions" in capsys.readouterr().err

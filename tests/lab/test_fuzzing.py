@@ -290,14 +290,17 @@ def test_all_that_was_found_holds_now():
     assert small and replayed(small, KEYS) == []
 
 
-def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges():
-    by_lanes, _ = drawn(Snake, Stratum(3, ()), (ORDINARY,), 100, np.random.default_rng(0))
-    by_hypothesis = draw(strategies.scene_states(strategies.snakes(3, 3)), 100, 0)
-    for cases in (by_lanes, by_hypothesis):
-        for name, one in Snake.ranges(3).items():
+@pytest.mark.parametrize("kind", SCENES.values(), ids=lambda kind: kind.key)
+def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges(kind):
+    stratum, links = strata_of(kind, (3,))[0], 3 if kind.has_links else None
+    by_lanes, _ = drawn(kind, stratum, (ORDINARY,), 60, np.random.default_rng(0))
+    by_hypothesis = draw(strategies.scene_states(strategies.scenes(kind, 3, 3)), 30, 0)
+    for cases, share in ((by_lanes, 0.7), (by_hypothesis, 0.4)):
+        for name, one in kind.ranges(links).items():
             values = [getattr(scene, name) for scene, _ in cases]
-            x = np.concatenate([value for value in values if value is not None])
-            assert x.min() >= one.low and x.max() <= one.high
-            assert x.max() - x.min() > 0.7 * (one.high - one.low), name
+            there = [np.ravel(value) for value in values if value is not None]
+            x = np.concatenate(there)
+            assert x.min() >= one.low and x.max() <= one.high, name
+            assert np.ptp(x) > share * (one.high - one.low), name
         components = np.array([np.abs(state.v).max() for _, state in cases])
         assert 1.0 < components.max() < 50.0

@@ -34,6 +34,7 @@ from eomcheck.mechanics.described import (
     motion,
     pose,
     terms,
+    words,
 )
 from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
 from eomcheck.mechanics.described.build import mechanism
@@ -266,3 +267,14 @@ def test_a_description_that_contradicts_itself_is_refused(change, said):
         change = {**change, "joints": [turning("α", "ground", "a"), *change["joints"]]}
     with pytest.raises(InputError, match=said):
         mechanism("Wrong", **(given | change))
+
+
+def test_energy_is_kept_unless_a_damper_takes_it():
+    links = [Link("ground"), Link("rod", 1.0, (0.5, 0.0, 0.0), (0.1, 0.1, 0.1))]
+    kept, damped, still = (
+        mechanism("Rod", links, [words.Joint("j", "revolute", "ground", "rod", damping=damping)])()
+        for damping in (None, 0.2, 0.0)
+    )
+    assert kept.conserves_energy and still.conserves_energy
+    assert not damped.conserves_energy and "dampers" in damped.why_not_conserved
+    assert damped.changed(damping=[0.0]).conserves_energy

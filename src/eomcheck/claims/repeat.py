@@ -37,10 +37,7 @@ def python_of(
     if not isinstance(scene, Scene):
         return scene.as_python(state)
     engines = tuple(engines)
-    places = [_place(type(scene)), *(_place(kind) for kind in engines)]
-    lines = [line for place in places for line in place.splitlines()]
-    head = "\n".join(dict.fromkeys(["import eomcheck", *lines]))
-    text = f"{head}\n\nscene = {scene_code(scene)}\n"
+    text = beginning_of(scene, engines)
     if state is None:
         text += "for finding in eomcheck.prove(scene):\n"
     else:
@@ -52,6 +49,14 @@ def python_of(
             f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False{more}):\n"
         )
     return text + '    if finding.verdict == "failed":\n        print(finding)\n'
+
+
+def beginning_of(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
+    """Return Python code that makes a scene, and the classes of engines known."""
+    places = [_place(type(scene)), *(_place(kind) for kind in engines)]
+    lines = [line for place in places for line in place.splitlines()]
+    head = "\n".join(dict.fromkeys(["import eomcheck", *lines]))
+    return f"{head}\n\nscene = {scene_code(scene)}\n"
 
 
 # ---- Classes -------------------------------------------------------------------------------------

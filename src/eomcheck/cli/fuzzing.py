@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import Formulations, Kept, Kind, Seed, records_or_none
+from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.mechanics.scene import Scene
 
@@ -57,13 +59,17 @@ def fuzz(
     ] = None,
     time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
     states: Annotated[
-        int | None, typer.Option(help="Number of states, those in --records included.")
+        int | None, typer.Option(help="Number of states or motions, those in --records included.")
     ] = None,
     seed: Seed = 0,
+    motions: Annotated[
+        bool, typer.Option("--motions", help="Compare motions by all formulations.")
+    ] = False,
     family: Annotated[
         list[str] | None,
         typer.Option(
-            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all."
+            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all; "
+            "of motions the first and the third."
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -89,8 +95,8 @@ def fuzz(
     """Look for states at which a claim fails, by the thousand, and keep them.
 
     States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
-    of the others. A campaign with --records goes on where it stopped. Exit code 1 if there is a
-    find, 130 if interrupted.
+    of the others. With --motions, motions by all formulations are compared. A campaign with
+    --records goes on where it stopped. Exit code 1 if there is a find, 130 if interrupted.
     """
     check_writable(keep)
     if replay is not None:
@@ -104,19 +110,32 @@ def fuzz(
 
     from eomcheck.console import console, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.draws import strata_of
+    from eomcheck.lab.fuzzing.draws import Stratum
+    from eomcheck.lab.fuzzing.finds import functions_named
+    from eomcheck.lab.fuzzing.structures import strata_of_any
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.workers import check_place
 
-    kind, name = _kind(scene)
     low, high = interval(links)
     if executor is not None:
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
-        selection = _selection(kind, engine, formulation, claim)
-        plan = _plan(kind, selection, seed, family, climb, ration)
-        campaign = Campaign(plan, name, strata_of(kind, range(low, high + 1)), kept)
+        if functions_named(scene) is not None:
+            unused = {"engine": engine, "formulation": formulation, "ration": ration}
+            check_used(f"of {scene}, which are functions", motions=motions, **unused)
+            plan, name = _functions(scene, seed, claim, family, climb), scene
+            strata = [Stratum(None, ())]
+        else:
+            kind, name = _kind(scene)
+            strata = strata_of_any(kind, range(low, high + 1))
+            if motions:
+                check_used("with --motions", engine=engine, claim=claim, ration=ration)
+                plan = _motions(kind, formulation, seed, family, climb)
+            else:
+                selection = _selection(kind, engine, formulation, claim)
+                plan = _plan(kind, selection, seed, family, climb, ration)
+        campaign = Campaign(plan, name, strata, kept)
         try:
             campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
@@ -172,18 +191,59 @@ def _plan(
     climb: bool,
     ration: str | None,
 ) -> Plan:
-    from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.draws import FAMILIES
+    from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.lab.fuzzing.screening import Ration
+    from eomcheck.scenes.random.kinds import Random
+
+    families = _families(family)
+    claims = tuple(one for one in selection.claims if one != "coverage")
+    formulations = tuple(f.key for f in selection.formulations)
+    counts = Ration() if ration is None else Ration(*_rations(ration))
+    what = kind, seed, claims, formulations, selection.engines, families, climb, counts
+    return RandomPlan(*what, batch=LANES) if issubclass(kind, Random) else Plan(*what)
+
+
+def _functions(
+    name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
+) -> FunctionsPlan:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.testing.run import FUNCTION_CLAIMS
+
+    claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
+    for one in claims:
+        named("claim", one, FUNCTION_CLAIMS)
+    families = (ORDINARY, SPECIAL) if family is None else _families(family)
+    for one in families:
+        named("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
+    return FunctionsPlan(name, seed, claims, families, climb)
+
+
+def _families(family: list[str] | None) -> tuple[str, ...]:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.draws import FAMILIES
 
     families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:
         named("family", one, dict.fromkeys(FAMILIES))
-    claims = tuple(one for one in selection.claims if one != "coverage")
-    formulations = tuple(f.key for f in selection.formulations)
-    counts = Ration() if ration is None else Ration(*_rations(ration))
-    return Plan(kind, seed, claims, formulations, selection.engines, families, climb, counts)
+    return families
+
+
+def _motions(
+    kind: type[Scene],
+    formulation: list[str] | None,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+) -> MotionPlan:
+    from eomcheck.formulations import formulations_for
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
+
+    keys = tuple(f.key for f in formulations_for(kind, formulation))
+    plan = MotionPlan(kind, seed, keys, climbing=climb)
+    return plan if family is None else plan._replace(families=_families(family))
 
 
 def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:

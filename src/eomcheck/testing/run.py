@@ -167,6 +167,21 @@ def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> It
         yield min(findings, key=lambda f: (RANKS.index(f.verdict), -f.ratio))
 
 
+def functions_at(
+    functions: Functions, state: State, claims: Iterable[str], seed: int = 0
+) -> list[Finding]:
+    """Return the Findings of some claims at one state; nothing of what cannot be told.
+
+    Args:
+        functions: the functions.
+        state: coordinates (n,) and velocities (p,).
+        claims: ids, keys of `FUNCTION_CLAIMS`.
+        seed: of the directions in which noise is measured.
+    """
+    at = Point(Answers(functions), state.q, state.v, seed)
+    return [one for id in claims for one in at_point(functions, FUNCTION_CLAIMS[id], at)]
+
+
 def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
     """Yield the Findings of a claim at a state."""
     state = State(at.q, at.v)

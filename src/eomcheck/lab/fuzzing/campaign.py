@@ -10,18 +10,15 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import Stratum
-from eomcheck.lab.fuzzing.finds import Find, cause_of, find_of, parameters_of, shrunk
-from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Population, Result, Round, run_round
+from eomcheck.lab.fuzzing.finds import Find, case_of, cause_of, parameters_of
+from eomcheck.lab.fuzzing.rounds import Candidate, Population, Result, Round, Work
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
@@ -54,7 +51,7 @@ class Campaign:
         resumed: number of states that were looked at before.
     """
 
-    plan: Plan
+    plan: Work
     name: str
     strata: Sequence[Stratum]
     records: Records | None = None
@@ -104,7 +101,7 @@ class Campaign:
 
         while not over():
             # With a number of states to reach, no worker begins a round that is not needed.
-            left = None if states is None else -(-(states - self.states) // (2 * self.plan.batch))
+            left = None if states is None else -(-(states - self.states) // self.plan.most)
             for result in self._results(self._generation()[:left], executor, over):
                 self._take(result)
                 told(self)
@@ -114,7 +111,7 @@ class Campaign:
     def _results(
         self, rounds: list[Round], executor: str | None, over: Callable[[], bool]
     ) -> Iterator[Result]:
-        work = partial(run_round, self.plan)
+        work = self.plan.run
         if executor is None:
             yield from (work(one) for one in rounds if not over())
             return
@@ -164,10 +161,7 @@ class Campaign:
         self.failures[key] += 1
         if self.failures[key] > MOST_SHRUNK:
             return None
-        small = failed
-        with suppress(EomcheckError, np.linalg.LinAlgError):
-            small = shrunk(failed, self.plan.formulations, self.plan.seed)
-        find = find_of(small, self.name)
+        find = self.plan.find(failed, self.name)
         if find.key in self.finds:
             return None
         self.finds[find.key] = find
@@ -178,19 +172,8 @@ class Campaign:
     @property
     def settings(self) -> dict[str, Any]:
         """What decides everything but where the campaign ends."""
-        plan = self.plan
-        return {
-            "scene": self.name,
-            "seed": plan.seed,
-            "strata": [one.name for one in self.strata],
-            "claims": list(plan.claims),
-            "formulations": list(plan.formulations),
-            "engines": [str(one) for one in plan.engines],
-            "families": list(plan.families),
-            "climbing": plan.climbing,
-            "ration": list(plan.ration),
-            "batch": plan.batch,
-        }
+        strata = [one.name for one in self.strata]
+        return {"scene": self.name, "strata": strata} | self.plan.settings
 
     def _keep(self, records: Records, result: Result, new: Sequence[Find]) -> None:
         here = self.settings
@@ -229,7 +212,7 @@ class Campaign:
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:
-                case = self.plan.kind(**parameters), State(np.array(q), np.array(v), t)
+                case = case_of(self.plan.kind, parameters, q, v, t)
                 population.setdefault((claim, f), []).append(Candidate(height, case))
             self._populations[by_name[record.settings["stratum"]]] = population
             self._raise(population)

@@ -104,14 +104,15 @@ def _parameter(
         zero = (random.random(one.shape) < 1 / 8) & (one.low == 0)
         value = np.where(zero, 0.0, wide)
     elif family == SPECIAL and one.low < 0 < one.high:
-        value = np.array([_special(random, value) for _ in range(np.size(value))])
+        value = np.array([special_number(random, value) for _ in range(np.size(value))])
         value = value.reshape(one.shape)
     elif family == SPECIAL and one.shape and random.random() < 0.5:
         value = np.full(one.shape, value.ravel()[0])
     return value if one.shape else float(value)
 
 
-def _special(random: np.random.Generator, others: Any) -> float:
+def special_number(random: np.random.Generator, others: Any) -> float:
+    """Return a number at or next to 0, ±π/2 or one of `others`, or an angle."""
     near = 10.0 ** random.uniform(-16, -1) * random.choice((0.0, 1.0, -1.0))
     among = (0.0, ACROSS, -ACROSS, float(np.ravel(others)[0]), random.uniform(-math.pi, math.pi))
     return float(among[random.integers(len(among))] + near)
@@ -156,12 +157,24 @@ def drawn(
     random: np.random.Generator,
 ) -> tuple[list[Case], list[str]]:
     """Return up to `count` cases of a structure and the family of each, evenly of all families."""
+    return drawn_of(
+        lambda family: drawn_scene(kind, stratum, family, random), families, count, random
+    )
+
+
+def drawn_of(
+    make: Callable[[str], Scene],
+    families: Sequence[str],
+    count: int,
+    random: np.random.Generator,
+) -> tuple[list[Case], list[str]]:
+    """Return cases as `drawn` does, of scenes that `make` makes of the name of a family."""
     scenes, states, of = [], [], []
     components = []
     for i in range(count):
         family = families[i % len(families)]
         try:
-            scene = drawn_scene(kind, stratum, family, random)
+            scene = make(family)
             q, c, t = drawn_position(scene, family, random)
         except EomcheckError:
             continue  # no such scene, or no such position

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,19 +18,26 @@ MOST_CHANGES = 3
 """Parts of a case that are changed at once, at most."""
 
 
+Changed = tuple[Scene, Array, Array]
+"""A scene, coordinates (n,) and velocities (n,) wished for."""
+
+
 def mutated(
-    parents: Sequence[tuple[Case, Case]], random: np.random.Generator
+    parents: Sequence[tuple[Case, Case]],
+    random: np.random.Generator,
+    tamed: Callable[[Changed], Changed] = lambda one: one,
 ) -> tuple[list[Case], list[int]]:
     """Return cases near the first of each pair, all of one structure, and which they are.
 
     Args:
         parents: pairs of cases: what is changed, and what numbers are taken from.
         random: of the draws.
+        tamed: returns what is to be looked at in place of what came of a change.
     """
     scenes, states, wished, places = [], [], [], []
     for i, (case, other) in enumerate(parents):
         try:
-            scene, q, v = _changed(case, other, random)
+            scene, q, v = tamed(_changed(case, other, random))
             q = closed_position(scene, q, case[1].t)
         except EomcheckError:
             continue  # no such scene, or no such position
@@ -42,7 +49,7 @@ def mutated(
     return cases, [places[i] for i in kept]
 
 
-def _changed(case: Case, other: Case, random: np.random.Generator) -> tuple[Scene, Array, Array]:
+def _changed(case: Case, other: Case, random: np.random.Generator) -> Changed:
     scene, (q, v, _) = case
     ranges = type(scene).ranges(getattr(scene, "links", None) if scene.has_links else None)
     values = {name: getattr(scene, name) for name in ranges}

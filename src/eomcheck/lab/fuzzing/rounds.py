@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.lanes import liftable
 from eomcheck.engines import Engine
+from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, Stratum, drawn
+from eomcheck.lab.fuzzing.finds import Find, find_of, shrunk
 from eomcheck.lab.fuzzing.judging import checked
-from eomcheck.lab.fuzzing.mutation import mutated
+from eomcheck.lab.fuzzing.mutation import Changed, mutated
+from eomcheck.lab.fuzzing.on_trial import (
+    OVERSAMPLED,
+    heights_of,
+    is_ordinary,
+    on_trial,
+    tamed,
+)
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
 
 KEPT = 6
 """Cases kept of each claim and formulation, to climb from."""
@@ -39,8 +50,45 @@ ENCLOSED = {"true-error"}
 """Claims that lanes look at by enclosures."""
 
 
+class Work(Protocol):
+    """What all rounds of a campaign have in common, whatever they look at."""
+
+    @property
+    def noun(self) -> str:
+        """What is looked at, as reports count it: "states"."""
+        ...
+
+    @property
+    def kind(self) -> Any:
+        """The kind of scene."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Seed of all draws."""
+        ...
+
+    @property
+    def most(self) -> int:
+        """States that a round looks at, at most."""
+        ...
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides what rounds come to, plain."""
+        ...
+
+    def run(self, given: Round) -> Result:
+        """Return what a round comes to, the same wherever it is run."""
+        ...
+
+    def find(self, failed: Finding, name: str) -> Find:
+        """Return a failure made small, ready to be kept; `name` is that of what is looked at."""
+        ...
+
+
 class Plan(NamedTuple):
-    """What all rounds of a campaign have in common.
+    """What all rounds of a campaign about states have in common; see `Work`.
 
     Attributes:
         kind: the kind of scene.
@@ -63,6 +111,41 @@ class Plan(NamedTuple):
     climbing: bool = True
     ration: Ration = Ration()
     batch: int = BATCH
+
+    @property
+    def noun(self) -> str:
+        """What reports count."""
+        return "states"
+
+    @property
+    def most(self) -> int:
+        """States that a round looks at, at most."""
+        return 2 * self.batch
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides what rounds come to, plain."""
+        return {
+            "seed": self.seed,
+            "claims": list(self.claims),
+            "formulations": list(self.formulations),
+            "engines": [str(one) for one in self.engines],
+            "families": list(self.families),
+            "climbing": self.climbing,
+            "ration": list(self.ration),
+            "batch": self.batch,
+        }
+
+    def run(self, given: Round) -> Result:
+        """Return what a round comes to."""
+        return run_round(self, given)
+
+    def find(self, failed: Finding, name: str) -> Find:
+        """Return a failure made small, ready to be kept."""
+        small = failed
+        with suppress(EomcheckError, np.linalg.LinAlgError):
+            small = shrunk(failed, self.formulations, self.seed)
+        return find_of(small, name)
 
 
 class Candidate(NamedTuple):
@@ -122,24 +205,39 @@ class Result:
 def run_round(plan: Plan, given: Round) -> Result:
     """Return what a round comes to: the same for the same plan and round, wherever it is run."""
     start, cpu = time.perf_counter(), time.process_time()
-    random = np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
+    random = generator(plan, given)
     population = {key: list(best) for key, best in given.population.items()}
     result = Result(given.number, given.stratum, population)
     with np.errstate(all="ignore"):
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
-        _look(plan, result, cases, ordinary)
+        look_at(plan, result, cases, ordinary)
         if plan.climbing and population:
-            climbed = _climbed(population, plan.batch, random)
-            result.counts["climbed"] += len(climbed)
-            _look(plan, result, climbed, set())
+            tried = {kind.key for kind in on_trial(plan.engines)}
+            of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
+            higher = climbed(of_lanes or population, plan.batch, random)
+            result.counts["climbed"] += len(higher)
+            look_at(plan, result, higher, set())
+            of_engines = {key: best for key, best in population.items() if key[1] in tried}
+            if of_engines:
+                _climb_on_trial(plan, result, of_engines, random)
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
 
 
-def _climbed(population: Population, count: int, random: np.random.Generator) -> list[Case]:
+def generator(plan: Work, given: Round) -> np.random.Generator:
+    """Return what a round draws from."""
+    return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
+
+
+def climbed(
+    population: Population,
+    count: int,
+    random: np.random.Generator,
+    tamed: Callable[[Changed], Changed] = lambda one: one,
+) -> list[Case]:
     """Return cases near the highest: a claim and formulation at random, then one of its cases."""
     keys = sorted(population)
     pairs = []
@@ -147,10 +245,28 @@ def _climbed(population: Population, count: int, random: np.random.Generator) ->
         best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
         place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
         pairs.append((best[place].case, others[random.integers(len(others))].case))
-    return mutated(pairs, random)[0]
+    return mutated(pairs, random, tamed)[0]
 
 
-def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
+def _climb_on_trial(
+    plan: Plan, result: Result, population: Population, random: np.random.Generator
+) -> None:
+    """Ask engines on trial near their highest cases, as often as they were asked in this round."""
+    count = max(1, result.counts["engines"])
+    near = climbed(population, OVERSAMPLED * count, random, tamed)
+    cases = [case for case in near if is_ordinary(case)][:count]
+    heights: dict[Key, Array] = {}
+    claims = [one for one in plan.claims if CLAIMS[one].asks]
+    result.counts["engines, climbed"] += len(cases)
+    for i, case in enumerate(cases):
+        judged = checked(case, claims, plan.formulations, on_trial(plan.engines))
+        result.failed += [one for one in judged if one.verdict == "failed"]
+        for key, height in heights_of(judged).items():
+            heights.setdefault(key, np.zeros(len(cases)))[i] = height
+    raise_population(result.population, heights, cases)
+
+
+def look_at(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
     """Screen cases, judge what is suspect and what the ration says, and keep the highest.
 
     Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
@@ -174,7 +290,7 @@ def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int])
     for i in suspects[MOST_JUDGED:]:
         _settle(found, i, {})  # nobody knows how high it is
     _ration(plan, result, found, cases, first, ordinary)
-    _keep(result.population, found, cases)
+    raise_population(result.population, found.heights, cases)
 
 
 def _ration(
@@ -213,6 +329,8 @@ def _judge(
     result.counts[how] += 1
     judged = checked(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
+    for key, height in heights_of(judged).items():
+        found.heights.setdefault(key, np.zeros(found.count))[i] = height
     if how == "suspects judged":
         heights: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:
@@ -229,8 +347,11 @@ def _settle(found: Screened, i: int, heights: dict[str, float]) -> None:
             all_heights[i] = heights.get(said, 0.0)
 
 
-def _keep(population: Population, found: Screened, cases: Sequence[Case]) -> None:
-    for key, heights in found.heights.items():
+def raise_population(
+    population: Population, heights_of: dict[Key, Array], cases: Sequence[Any]
+) -> None:
+    """Take the highest cases into a population, by their heights (L,); of a key `KEPT` are left."""
+    for key, heights in heights_of.items():
         best = population.setdefault(key, [])
         for i in np.argsort(-heights, kind="stable")[:KEPT]:
             if heights[i] > 0:

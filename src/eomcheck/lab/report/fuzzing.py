@@ -6,8 +6,10 @@ import time
 from collections import defaultdict
 
 from eomcheck.console import console
+from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import FAMILIES
+from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets
 
 EVERY = 10.0
@@ -32,7 +34,7 @@ class Teller:
         if worst is not None:
             (claim, formulation), candidate = worst
             high = f"; worst {candidate.height:.2g}, {f'{claim} {formulation}'.strip()}"
-        rate = f"{campaign.states} states, {new / (now - self._start):.0f} a second"
+        rate = f"{campaign.states} {campaign.plan.noun}, {new / (now - self._start):.0f} a second"
         console.print(f"{rate}{high}; {len(campaign.finds)} finds", highlight=False)
 
 
@@ -42,16 +44,20 @@ def rate_of(campaign: Campaign) -> float:
 
 
 def summary_sheet(campaign: Campaign) -> Sheet:
-    """Return how many states were looked at, and by what."""
+    """Return how many states or motions were looked at, and by what."""
     counts = campaign.counts
     rows = [
-        ("states", str(campaign.states)),
+        (campaign.plan.noun, str(campaign.states)),
         ("a second of CPU time", f"{rate_of(campaign):.0f}"),
         ("rounds", str(campaign.rounds)),
     ]
     rows += [(name, str(counts[name])) for name in (*FAMILIES, "climbed") if counts[name]]
     shown = {name for name, _ in rows} | {"states"}
-    rows += [(name, str(x)) for name, x in sorted(counts.items()) if x and name not in shown]
+    rows += [
+        (name, str(x))
+        for name, x in sorted(counts.items())
+        if x and name not in shown and not name.startswith((CROSSED, STOPPED))
+    ]
     rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
     return Sheet("fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("", ""), rows)
 
@@ -59,7 +65,17 @@ def summary_sheet(campaign: Campaign) -> Sheet:
 def strata_sheet(campaign: Campaign) -> Sheet:
     """Return the number of states by structure."""
     rows = [(one.name, str(campaign.by_stratum[one.name])) for one in campaign.strata]
-    return Sheet("strata", "States by structure", ("structure", "states"), rows)
+    noun = campaign.plan.noun
+    return Sheet("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
+
+
+def crossings_sheet(campaign: Campaign) -> Sheet | None:
+    """Return how many motions went over poses in which a_1 is singular, by formulation."""
+    counts = campaign.counts
+    keys = [key for key in FORMULATIONS if counts[CROSSED + key] or counts[STOPPED + key]]
+    rows = [(key, str(counts[CROSSED + key]), str(counts[STOPPED + key])) for key in keys]
+    columns = "formulation", "crossed", "stopped before, or refused"
+    return Sheet("crossings", "Poses where a_1 is singular", columns, rows) if rows else None
 
 
 def worst_sheet(campaign: Campaign) -> Sheet:
@@ -83,7 +99,8 @@ def finds_sheet(campaign: Campaign) -> Sheet:
 
 def print_campaign(campaign: Campaign) -> None:
     """Print what a campaign came to; of each find the code that shows it."""
-    print_sheets([summary_sheet(campaign), strata_sheet(campaign), worst_sheet(campaign)])
+    sheets = [summary_sheet(campaign), strata_sheet(campaign), crossings_sheet(campaign)]
+    print_sheets([*(sheet for sheet in sheets if sheet is not None), worst_sheet(campaign)])
     if campaign.finds:
         print_sheets([finds_sheet(campaign)])
         for find in campaign.finds.values():

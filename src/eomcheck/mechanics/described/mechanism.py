@@ -94,6 +94,13 @@ class Mechanism(Parametric, metaclass=_Kind):
     plan: ClassVar[Plan]
     conserves_energy = True
 
+    def __post_init__(self):
+        super().__post_init__()
+        damping: Any = getattr(self, "damping", None)
+        if self.conserves_energy and damping is not None and np.any(damping):
+            object.__setattr__(self, "conserves_energy", False)
+            object.__setattr__(self, "why_not_conserved", "dampers in the joints take it")
+
     @property
     def coordinate_names(self) -> tuple[str, ...]:
         """Those of the joints."""

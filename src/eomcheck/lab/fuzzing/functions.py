@@ -1,0 +1,168 @@
+"""Rounds about somebody's functions: one state after the other, drawn and climbed to.
+
+They are black boxes, called once a state and derivative, so that nothing goes in lanes; every state
+is judged as `eomcheck.testing.check_functions` judges it. All states are within their ranges.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims import Finding
+from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL, Case, special_number
+from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of, functions_named, rounded
+from eomcheck.lab.fuzzing.judging import Fault
+from eomcheck.lab.fuzzing.mutation import MOST_CHANGES, changed_entries
+from eomcheck.lab.fuzzing.rounds import Population, Result, Round, generator, raise_population
+from eomcheck.mechanics.records import State
+from eomcheck.numbers.contract import Array
+from eomcheck.testing.run import functions_at
+from eomcheck.testing.subject import Functions
+
+STATES = 16
+"""States drawn in a round, and as many climbed to."""
+
+
+class FunctionsPlan(NamedTuple):
+    """What all rounds of a campaign about functions have in common; see `Work`.
+
+    Attributes:
+        name: where they are found: path/to/file.py:NAME.
+        seed: of all draws.
+        claims: ids, keys of `FUNCTION_CLAIMS`.
+        families: what is drawn from.
+        climbing: whether every other batch is climbed to.
+        batch: states drawn in a round.
+    """
+
+    name: str
+    seed: int
+    claims: tuple[str, ...]
+    families: tuple[str, ...] = (ORDINARY, SPECIAL)
+    climbing: bool = True
+    batch: int = STATES
+
+    @property
+    def kind(self) -> Functions:
+        """The functions."""
+        found = functions_named(self.name)
+        assert found is not None
+        return found
+
+    @property
+    def noun(self) -> str:
+        """What reports count."""
+        return "states"
+
+    @property
+    def most(self) -> int:
+        """States that a round looks at, at most."""
+        return 2 * self.batch
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides what rounds come to, plain."""
+        return {
+            "seed": self.seed,
+            "claims": list(self.claims),
+            "families": list(self.families),
+            "climbing": self.climbing,
+            "batch": self.batch,
+        }
+
+    def run(self, given: Round) -> Result:
+        """Return what a round comes to."""
+        start, cpu = time.perf_counter(), time.process_time()
+        random, functions = generator(self, given), self.kind
+        population = {key: list(best) for key, best in given.population.items()}
+        result = Result(given.number, given.stratum, population)
+        families = [self.families[i % len(self.families)] for i in range(self.batch)]
+        result.counts.update(families)
+        self._look(result, [drawn_state(functions, family, random) for family in families])
+        if self.climbing and population:
+            higher = climbed_states(functions, population, self.batch, random)
+            result.counts["climbed"] += len(higher)
+            self._look(result, higher)
+        result.seconds = time.perf_counter() - start
+        result.cpu_seconds = time.process_time() - cpu
+        return result
+
+    def _look(self, result: Result, states: Sequence[State]) -> None:
+        functions = self.kind
+        heights: dict[tuple[str, str], Array] = {}
+        result.counts["states"] += len(states)
+        for i, state in enumerate(states):
+            for one in functions_at(functions, state, self.claims):
+                result.counts[one.verdict] += 1
+                if one.verdict == "failed":
+                    result.failed.append(one)
+                elif one.verdict == "passed":
+                    of = heights.setdefault((one.claim, one.subject), np.zeros(len(states)))
+                    of[i] = max(of[i], one.ratio)
+        cases: list[Any] = [(functions, state) for state in states]
+        raise_population(result.population, heights, cases)
+
+    def find(self, failed: Finding, name: str) -> Find:
+        """Return a failure with rounder numbers, ready to be kept."""
+        functions, same = self.kind, (failed.claim, failed.subject)
+        bounds = limits(functions)
+
+        def look(case: Case) -> list[Finding]:
+            x = np.concatenate(case[1][:2])
+            if not ((bounds[0] <= x) & (x <= bounds[1])).all():
+                return []
+            found = functions_at(functions, case[1], [failed.claim])
+            return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
+
+        return find_of(rounded(failed, look), name, Fault(FUNCTIONS, failed.evidence))
+
+
+@lru_cache(8)
+def limits(functions: Functions) -> tuple[Array, Array]:
+    """Return the smallest and the largest coordinates and velocities (n + p,)."""
+    middle, half = functions.half_ranges()
+    return middle - half, middle + half
+
+
+def drawn_state(functions: Functions, family: str, random: np.random.Generator) -> State:
+    """Return a state within the ranges: anywhere, or at or next to special numbers."""
+    low, high = limits(functions)
+    x, n = random.uniform(low, high), functions.n
+    if family == SPECIAL:
+        q = np.array([special_number(random, x[:n]) for _ in range(n)])
+        x[:n] = np.where(random.random(n) < 0.75, q, x[:n])
+        if random.random() < 0.25:
+            x[n:] = np.where(random.random(len(x) - n) < 0.5, 0.0, x[n:])
+    return _within(functions, x)
+
+
+def climbed_states(
+    functions: Functions, population: Population, count: int, random: np.random.Generator
+) -> list[State]:
+    """Return states near the highest: of a claim at random one of its states, changed a little."""
+    keys, found = sorted(population), []
+    for _ in range(count):
+        best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
+        place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
+        here, there = (
+            np.concatenate(one.case[1][:2])
+            for one in (best[place], others[random.integers(len(others))])
+        )
+        low, high = limits(functions)
+        for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
+            new = changed_entries(here, there, random)
+            # What leaves a range goes to its end, or stays.
+            left = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
+            here = np.where(left, here, np.clip(new, low, high))
+        found.append(_within(functions, here))
+    return found
+
+
+def _within(functions: Functions, x: Array) -> State:
+    x = np.clip(x, *limits(functions))
+    return State(x[: functions.n], x[functions.n :])

@@ -1,0 +1,242 @@
+"""Rounds of random motions: drawn and climbed to, moved by all formulations, and judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims import Finding
+from eomcheck.errors import EomcheckError
+from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.lab.fuzzing.draws import (
+    ORDINARY,
+    SPECIAL,
+    Case,
+    Stratum,
+    consistent,
+    drawn,
+    drawn_of,
+)
+from eomcheck.lab.fuzzing.finds import Find, find_of, rounded
+from eomcheck.lab.fuzzing.judging import SILENT, UNKNOWN, Fault
+from eomcheck.lab.fuzzing.motions import (
+    ALONE,
+    CLAIMS_OF_MOTIONS,
+    COARSE,
+    END_STATES,
+    TIMES,
+    MotionFinding,
+    failures_of_motion,
+    judged_motions,
+    moved,
+)
+from eomcheck.lab.fuzzing.rounds import Result, Round, climbed, generator, raise_population
+from eomcheck.lab.fuzzing.structures import Topology, structure_drawn
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+MOTIONS = 16
+"""Motions side by side."""
+
+SHORTEST, LONGEST = 0.2, 5.0
+"""Motions take so long, s, all magnitudes alike, unless they are fast."""
+
+PILOT_STEPS = 150
+"""Half of the motions of a round reach its end in so many steps. Slow scenes turn about once in it,
+fast ones some ten times; what goes on for longer has lost its digits, or shows nothing new."""
+
+MOST_TRIES = 60
+"""Motions looked at while numbers of a find are made round."""
+
+AMONG = 4
+"""Formulations that are asked while a find is made small, the one to blame among them."""
+
+
+class MotionPlan(NamedTuple):
+    """What all rounds of a campaign about motions have in common; see `Work`.
+
+    Attributes:
+        kind: the kind of scene.
+        seed: of all draws.
+        formulations: keys of the formulations.
+        families: what starts are drawn from.
+        climbing: whether every other batch is climbed to.
+        batch: motions side by side.
+    """
+
+    kind: type[Scene]
+    seed: int
+    formulations: tuple[str, ...]
+    families: tuple[str, ...] = (ORDINARY, SPECIAL)
+    climbing: bool = True
+    batch: int = MOTIONS
+
+    @property
+    def noun(self) -> str:
+        """What reports count."""
+        return "motions"
+
+    @property
+    def most(self) -> int:
+        """Motions that a round looks at, at most."""
+        return 2 * self.batch
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides what rounds come to, plain."""
+        return {
+            "seed": self.seed,
+            "claims": list(CLAIMS_OF_MOTIONS),
+            "formulations": list(self.formulations),
+            "families": list(self.families),
+            "climbing": self.climbing,
+            "batch": self.batch,
+        }
+
+    def run(self, given: Round) -> Result:
+        """Return what a round comes to."""
+        start, cpu = time.perf_counter(), time.process_time()
+        random = generator(self, given)
+        population = {key: list(best) for key, best in given.population.items()}
+        result = Result(given.number, given.stratum, population)
+        with np.errstate(all="ignore"):
+            cases, families = started(self, given.stratum, random)
+            result.counts.update(families)
+            self._look(result, cases, random)
+            # Random scenes of one stratum are of several structures, which do not go together.
+            if self.climbing and population and isinstance(given.stratum, Stratum):
+                higher = at_start(climbed(population, self.batch, random))
+                result.counts["climbed"] += len(higher)
+                self._look(result, higher, random)
+        result.seconds = time.perf_counter() - start
+        result.cpu_seconds = time.process_time() - cpu
+        return result
+
+    def _look(self, result: Result, cases: list[Case], random: np.random.Generator) -> None:
+        t_end = float(np.exp(random.uniform(np.log(SHORTEST), np.log(LONGEST))))
+        if not cases:
+            return
+        t_end = min(t_end, informative(cases, self.formulations))
+        one = int(random.integers(len(cases))), str(random.choice(self.formulations))
+        found = judged_motions(cases, self.formulations, t_end, [one])
+        result.counts["states"] += len(cases)
+        heights: dict[tuple[str, str], Array] = {}
+        for i, findings in enumerate(found):
+            for one in findings:
+                result.counts[one.verdict] += 1
+                if one.claim == END_STATES:
+                    result.counts.update(told(one))
+                if one.verdict == "passed":
+                    of = heights.setdefault((one.claim, one.subject), np.zeros(len(cases)))
+                    of[i] = one.ratio
+            result.failed += [one for one in findings if one.verdict == "failed"]
+        raise_population(result.population, heights, cases)
+
+    def find(self, failed: Finding, name: str) -> Find:
+        """Return a failure made small, ready to be kept."""
+        assert isinstance(failed, MotionFinding)
+        small = failed
+        with suppress(EomcheckError, np.linalg.LinAlgError):
+            small = shrunk_motion(failed, self.formulations)
+        return find_of(small, name, fault_of_motion(small, self.formulations))
+
+
+def told(finding: MotionFinding) -> dict[str, int]:
+    """Return what is counted of a motion by one formulation, beside its verdict."""
+    counts = {f"motions {finding.ended}": 1}
+    if finding.crossed is not None:
+        counts[f"{CROSSED if finding.reached else STOPPED}{finding.subject}"] = 1
+    return counts
+
+
+CROSSED, STOPPED = "crossed: ", "not crossed: "
+"""What counts of formulations begin with, of poses in which a_1 is singular."""
+
+
+def informative(cases: Sequence[Case], keys: Sequence[str]) -> float:
+    """Return the time, s, that half of some motions come to in `PILOT_STEPS`."""
+    times = np.linspace(0.0, LONGEST, TIMES)
+    for key in keys:
+        found = moved(cases, key, LONGEST, COARSE, PILOT_STEPS)
+        if found is None:
+            continue
+        counts = np.isfinite(found.y).all(axis=2).sum(axis=1)
+        begun = counts[found.status != "refused"]
+        if begun.size:
+            return max(float(times[int(np.median(begun)) - 1]), LONGEST / TIMES / 4)
+    return LONGEST
+
+
+def started(
+    plan: MotionPlan, stratum: Stratum | Topology, random: np.random.Generator
+) -> tuple[list[Case], list[str]]:
+    """Return cases of a structure at t = 0, and the family of each."""
+    if isinstance(stratum, Stratum):
+        cases, families = drawn(plan.kind, stratum, plan.families, plan.batch, random)
+    else:
+        scene = structure_drawn(plan.kind, stratum, random)()
+        cases, families = drawn_of(lambda _: scene, plan.families, plan.batch, random)
+    begun = at_start(cases)
+    kept = {id(scene) for scene, _ in begun}
+    return begun, [f for (scene, _), f in zip(cases, families, strict=True) if id(scene) in kept]
+
+
+def at_start(cases: Sequence[Case]) -> list[Case]:
+    """Return cases at t = 0, closed and consistent there; those that cannot be are left out."""
+    if not cases or not cases[0][0].depends_on_time:
+        return [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
+    scenes, states, wished = [], [], []
+    for scene, state in cases:
+        with suppress(EomcheckError):
+            q = closed_position(scene, state.q, 0.0)
+            scenes.append(scene)
+            states.append(State(q, np.zeros(scene.n), 0.0))
+            wished.append(state.v)
+    return consistent(scenes, states, lambda _: np.array(wished))[0]
+
+
+# ---- Finds ---------------------------------------------------------------------------------------
+
+
+def shrunk_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
+    """Return a failure of the same claim by the same formulation: shorter, and rounder."""
+    scene, state = finding.scene, finding.state
+    assert state is not None
+    able = [key for key in keys if key != finding.subject]
+    among = [finding.subject, *able[: AMONG - 1]]
+
+    def failed(case: Case, t_end: float) -> list[MotionFinding]:
+        found = failures_of_motion(case, among, t_end)
+        same = finding.claim, finding.subject
+        return [one for one in found if (one.claim, one.subject) == same]
+
+    for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
+        if found := failed((scene, state), shorter(finding.t_end)):
+            finding = found[0]
+    small = rounded(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
+    # What fails among a few has to fail among all.
+    assert small.state is not None
+    all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
+    same = [x for x in all_of if (x.claim, x.subject) == (small.claim, small.subject)]
+    return same[0] if same else finding
+
+
+def _digits(count: int) -> Callable[[float], float]:
+    return lambda t: float(f"{t:.{count - 1}e}")
+
+
+def fault_of_motion(finding: MotionFinding, keys: Sequence[str]) -> Fault:
+    """Return whose fault a failure is: that of a formulation which most others contradict."""
+    assert finding.state is not None
+    alone = [(0, key) for key in keys] if finding.claim == ALONE else []
+    (found,) = judged_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
+    others = [x for x in found if x.claim == finding.claim and x.subject != finding.subject]
+    right = [x for x in others if x.verdict == "passed"]
+    best = max((x.observed for x in right), default=0.0)
+    said = f"{len(right)} of {len(others)} others agree to {best:.2g}"
+    return Fault(SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, said)

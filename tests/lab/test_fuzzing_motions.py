@@ -1,0 +1,251 @@
+"""Fuzzing of motions: right ones are no find, wrong ones are; what cannot be told is counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck import velocity
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import judging, motions
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.draws import ORDINARY, Stratum, strata_of
+from eomcheck.lab.fuzzing.finds import read_finds, replayed, write_finds
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, informative, started
+from eomcheck.lab.fuzzing.motions import (
+    ALONE,
+    END_STATES,
+    ENERGY,
+    TIGHT,
+    TIMES,
+    failures_of_motion,
+    judged_motions,
+)
+from eomcheck.lab.fuzzing.poses import branchings, crossings
+from eomcheck.lab.fuzzing.rounds import Round
+from eomcheck.lab.store.records import Records
+from eomcheck.mechanics.records import State
+from eomcheck.motion import many
+from eomcheck.scenes import SCENES, FourBarChain, Sleigh, Snake
+
+KEYS = tuple(FORMULATIONS)
+FEW = ("au", "gw", "em", "kane")
+TURNING = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)
+"""Its partition is singular where it heads along the y axis, which it comes to."""
+
+
+def plan(kind, **options) -> MotionPlan:
+    """Return a plan of few motions."""
+    usual = {"families": (ORDINARY,), "batch": 8, "climbing": False}
+    return MotionPlan(kind, 3, KEYS, **(usual | options))
+
+
+def turning() -> tuple:
+    """Return the case of a sleigh that turns over the singular pose."""
+    q = np.array([0.0, 0.0, -0.6])
+    return TURNING, State(q, np.asarray(velocity(TURNING, q, [-0.8, 2.1])), 0.0)
+
+
+def one_round(kind, **options):
+    """Return what the first round of the first structure with two links comes to."""
+    return plan(kind, **options).run(Round(0, strata_of(kind, (2,))[0], {}))
+
+
+# ---- What is right -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["snake", "sleigh", "turntable-ball", "four-bar-chain"])
+def test_right_motions_are_no_find_and_most_are_told(key: str):
+    result = one_round(SCENES[key])
+    assert not result.failed
+    assert result.counts["states"] >= 6
+    assert result.counts["passed"] > 5 * result.counts["inconclusive"]
+    assert {claim for claim, _ in result.population} >= {END_STATES, ALONE}
+
+
+def test_motions_begin_at_0_and_keep_the_constraints_there():
+    here = plan(SCENES["turntable-ball"], batch=4)
+    cases, families = started(here, Stratum(None, ()), np.random.default_rng(0))
+    assert len(cases) == len(families) > 0
+    for scene, state in cases:
+        assert state.t == 0.0
+        a, b = scene_constraints(scene, state)
+        assert np.abs(a @ state.v + b).max() < 1e-10
+
+
+def scene_constraints(scene, state):
+    """Return a and b."""
+    from eomcheck.evaluation.doubles import Evaluation
+
+    terms = Evaluation(scene, *state).terms
+    return terms.a, 0.0 if terms.b is None else terms.b
+
+
+def test_fast_scenes_are_moved_for_a_shorter_time():
+    times = []
+    for stiffness in (1.0, 1e6):
+        scene = Snake([1, 1], [1, 1], [0.1, 0.1], [stiffness], [0, 0.3])
+        q = np.array([0.0, 0.0, 0.3, 1.0])
+        times.append(informative([(scene, State(q, np.zeros(4), 0.0))], FEW))
+    assert times[1] < times[0] / 10
+
+
+# ---- What is wrong -------------------------------------------------------------------------------
+
+
+def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tmp_path: Path):
+    case = turning()
+    assert failures_of_motion(case, FEW, 5.0) == []
+    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    failed = failures_of_motion(case, FEW, 5.0)
+    assert {(x.claim, x.subject) for x in failed} >= {(END_STATES, "em")}
+    assert {x.subject for x in failed} == {"em"}
+    first = failed[0]
+    assert "singular" in first.detail and 0.2 < first.crossed < 0.35
+    find = plan(Sleigh).find(first, "sleigh")
+    assert find.whose == judging.SILENT and find.t_end < 5.0
+    assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
+    file = tmp_path / "found.json"
+    write_finds(file, [find])
+    (kept,) = read_finds(file)
+    assert kept == find
+    assert [x.subject for x in replayed([kept], KEYS)] == ["em"]
+    monkeypatch.undo()
+    assert replayed([kept], KEYS) == []
+
+
+def test_the_code_of_a_find_shows_what_is_apart(monkeypatch, capsys):
+    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    (failed, *_) = failures_of_motion(turning(), FEW, 5.0)
+    exec(failed.as_python(), {})
+    said = {line.split()[0]: line.split()[3] for line in capsys.readouterr().out.splitlines()}
+    assert float(said["em"]) == 0.0 and float(said["kane"]) > 1e-6
+
+
+def test_random_motions_find_it(monkeypatch):
+    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    result = one_round(Sleigh, batch=16)
+    assert {x.subject for x in result.failed if x.claim == END_STATES} == {"em"}
+
+
+def test_a_pose_that_is_not_crossed_is_counted_by_formulation():
+    counts = one_round(Sleigh, batch=16).counts
+    assert counts["not crossed: em"] == counts["not crossed: el"] > 2
+    assert counts["crossed: au"] == counts["not crossed: em"] and counts["crossed: em"] == 0
+
+
+def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
+    right = many.in_lanes
+    monkeypatch.setattr(many, "in_lanes", lambda scenes: right([scenes[0]] * len(scenes)))
+    claims = {x.claim for number in range(2) for x in round_of(number).failed}
+    assert ALONE in claims
+
+
+def round_of(number: int):
+    """Return what a round of snakes with two links comes to."""
+    return plan(Snake).run(Round(number, Stratum(2, ("damping",)), {}))
+
+
+def spoilt(monkeypatch, spoil) -> list:
+    """Return what fails of a motion if `spoil(key, tolerance, y, energy)` has changed it."""
+    right = motions.moved
+
+    def moved(cases, key, t_end, tolerance, most=motions.MOST_STEPS):
+        found = right(cases, key, t_end, tolerance, most)
+        y, energy = spoil(key, tolerance, found.y.copy(), found.energy.copy())
+        return found._replace(y=y, energy=energy)
+
+    monkeypatch.setattr(motions, "moved", moved)
+    q = np.array([0.1, 0.2, 0.3])
+    here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)
+    case = here, State(q, np.asarray(velocity(here, q, [0.5, 0.1])), 0.0)
+    (found,) = judged_motions([case], FEW, 1.0)
+    assert len(found) == 2 * len(FEW)
+    return [x for x in found if x.verdict == "failed"]
+
+
+GROWING = np.linspace(0.0, 1.0, TIMES)
+
+
+def test_a_formulation_that_is_off_by_a_millionth_is_a_find(monkeypatch):
+    def off(key, tolerance, y, energy):
+        return y + 1e-4 * (key == "gw") * GROWING[:, None], energy
+
+    (failed,) = spoilt(monkeypatch, off)
+    assert (failed.claim, failed.subject) == (END_STATES, "gw")
+    assert 5e-5 < failed.observed < 2e-4
+
+
+def test_what_tolerance_explains_is_no_find(monkeypatch):
+    def off(key, tolerance, y, energy):
+        return y + 1e3 * tolerance * (key == "gw") * GROWING[:, None], energy
+
+    assert spoilt(monkeypatch, off) == []
+
+
+def test_energy_that_all_formulations_lose_alike_is_a_find(monkeypatch):
+    def off(key, tolerance, y, energy):
+        return y, energy * (1.0 - 1e-3 * GROWING)
+
+    failed = spoilt(monkeypatch, off)
+    assert {x.claim for x in failed} == {ENERGY} and len(failed) == len(FEW)
+
+
+def test_two_formulations_of_four_that_are_wrong_alike_are_not_taken_for_right(monkeypatch):
+    def off(key, tolerance, y, energy):
+        return y + 1e-2 * (key in ("gw", "em")) * GROWING[:, None], energy
+
+    assert {x.subject for x in spoilt(monkeypatch, off)} >= {"gw", "em"}
+
+
+# ---- What cannot be told -------------------------------------------------------------------------
+
+
+def test_behind_a_pose_with_branches_nothing_is_said():
+    rods = FourBarChain.rods(1)
+    at = np.pi / 2 + np.zeros(3)
+    at[1] = 0.0
+    y = np.zeros((1, TIMES, 6))
+    y[0, :, 0] = y[0, :, 2] = np.linspace(np.pi / 2, -0.5, TIMES)
+    case = rods, State(y[0, 0, :3], np.zeros(3), 0.0)
+    (place,) = branchings([case], y, 1.0)
+    flat = int(np.flatnonzero(y[0, :, 0] <= 0.0)[0])
+    assert abs(place - flat) <= 1
+    y[0, :, 0] = y[0, :, 2] = np.linspace(np.pi / 2, 0.5, TIMES)
+    assert branchings([case], y, 1.0).tolist() == [TIMES]
+
+
+def test_poses_are_crossed_where_the_determinant_changes_its_sign():
+    case = turning()
+    y = np.zeros((1, TIMES, 6))
+    y[0, :, 2] = np.linspace(-0.6, 0.6, TIMES)
+    y[0, 40:] = np.nan
+    (place,) = crossings([case], y, 1.0)
+    assert abs(y[0, place, 2]) <= 0.02 and place <= 40
+    y[0, :40, 2] = np.linspace(-0.6, -0.1, 40)
+    assert crossings([case], y, 1.0).tolist() == [TIMES]
+
+
+# ---- Campaigns -----------------------------------------------------------------------------------
+
+
+def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
+    strata = strata_of(Sleigh, ())
+    here = plan(Sleigh, batch=4, climbing=True)
+    whole = Campaign(here, "sleigh", strata)
+    whole.run(states=20)
+    with Records(tmp_path / "r.db") as records:
+        Campaign(here, "sleigh", strata, records).run(states=5)
+    with Records(tmp_path / "r.db") as records:
+        again = Campaign(here, "sleigh", strata, records)
+        assert again.resumed > 0
+        again.run(states=20)
+    assert again.counts == whole.counts and whole.counts["climbed"] > 0
+    heights = [{key: x.height for key, x in one.worst.items()} for one in (whole, again)]
+    assert heights[0] == heights[1]
+
+
+def test_the_tight_tolerance_is_the_one_that_is_judged():
+    assert f"rtol={TIGHT}" in motions.python_of_motion(*turning(), 1.0, "em")

@@ -1,0 +1,231 @@
+"""Fuzzing of what is somebody's own: functions, and engines on trial."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck import cli
+from eomcheck.claims import CLAIMS
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import functions as fuzzed
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, SPECIAL, Stratum, drawn
+from eomcheck.lab.fuzzing.finds import FUNCTIONS, read_finds, replayed, write_finds
+from eomcheck.lab.fuzzing.functions import FunctionsPlan, climbed_states, drawn_state, limits
+from eomcheck.lab.fuzzing.on_trial import is_ordinary
+from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Round, run_round
+from eomcheck.lab.fuzzing.screening import Ration
+from eomcheck.lab.store.records import Records
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import Snake
+from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+
+GUIDES = Path(__file__).parents[2] / "docs" / "guides"
+ALL = Stratum(None, ())
+
+MINE = """
+import sys
+sys.path.insert(0, {guides!r})
+import cart
+import numpy as np
+from eomcheck.testing import Functions
+
+given = dict(M=cart.M, gravity=cart.gravity, qdd=cart.qdd, T=cart.T, U=cart.U, R=cart.R)
+
+def close(q, v):
+    B = cart.bias(q, v)
+    return B if abs(q[1] - q[2]) > 3e-3 else B * np.array([1.0, 0.5, 0.5])
+
+right = Functions(3, bias=cart.bias, name="cart", **given)
+wrong = Functions(3, bias=close, name="cart", **given)
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch) -> str:
+    """Return the path of a file with functions, right ones and ones that are wrong somewhere."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    file = tmp_path / f"mine_{tmp_path.name.replace('-', '_')}.py"
+    file.write_text(MINE.format(guides=str(GUIDES)))
+    return str(file)
+
+
+def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run `eomcheck fuzz` in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    return stop.value.code or 0
+
+
+# ---- Functions -----------------------------------------------------------------------------------
+
+
+def test_right_functions_are_no_find(mine, monkeypatch, capsys):
+    assert run("--scene", f"{mine}:right", "--states", "20", monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert "no find" in said and "bias-of-mass-matrix" in said
+
+
+def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
+    mine, monkeypatch, capsys, tmp_path: Path
+):
+    kept = tmp_path / "found.json"
+    how = "--scene", f"{mine}:wrong", "--states", "200", "--keep", str(kept)
+    assert run(*how, "--claim", "bias-of-mass-matrix", monkeypatch=monkeypatch) == 1
+    said = capsys.readouterr().out
+    assert "half of it" in said and "check_functions" in said
+    (find,) = read_finds(kept)
+    assert (find.whose, find.claim) == (FUNCTIONS, "bias-of-mass-matrix")
+    assert sum(x == 0.0 for x in find.q + find.v) >= 2
+    assert run("--replay", str(kept), monkeypatch=monkeypatch) == 1
+    mended = [type(find)(**(vars(find) | {"scene": f"{mine}:right"}))]
+    write_finds(kept, mended)
+    assert replayed(read_finds(kept), ()) == []
+    # Random states of the ranges do not meet it.
+    functions = find.case[0]
+    assert isinstance(functions, Functions)
+    given = {name: functions.function(name) for name in functions.given}
+    assert all(x.verdict != "failed" for x in check_functions(3, **given, states=8))
+
+
+def test_what_is_looked_at_stays_within_the_ranges():
+    narrow = Functions(2, M=lambda q: np.eye(2), ranges=[(0.0, 2.0), (-3.0, -1.0), (0, 1), (5, 6)])
+    random = np.random.default_rng(0)
+    low, high = limits(narrow)
+    states = [drawn_state(narrow, family, random) for family in (ORDINARY, SPECIAL) * 50]
+    population = {("a", "b"): [Candidate(1.0, (narrow, one)) for one in states[:6]]}  # type: ignore
+    climbed = climbed_states(narrow, population, 100, random)  # type: ignore[arg-type]
+    for one in (states, climbed):
+        x = np.array([np.concatenate(state[:2]) for state in one])
+        assert (low <= x).all() and (x <= high).all()
+        assert (np.ptp(x, axis=0) > 0.5).all()
+    assert len({state.q.tobytes() for state in climbed}) > 50
+
+
+def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch):
+    def M(q):
+        found = 2.0 * np.eye(4)
+        found[0, 1] += 1e-15 * np.exp(4.0 * (q.sum() - 2.5))
+        return found
+
+    leaning = Functions(4, M=M)
+    monkeypatch.setattr(fuzzed, "functions_named", lambda _: leaning)
+
+    def finds(climbing: bool) -> int:
+        population, count = {}, 0
+        for number in range(20):
+            here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), climbing, 8)
+            here = here if climbing else here._replace(batch=16)
+            result = here.run(Round(number, ALL, population))
+            population, count = result.population, count + len(result.failed)
+        return count
+
+    assert finds(True) > 0 == finds(False)
+
+
+def test_a_campaign_about_functions_goes_on_where_it_stopped(mine, tmp_path: Path):
+    here = FunctionsPlan(f"{mine}:right", 0, ("bias-power", "motion"), batch=4)
+    whole = Campaign(here, "mine", [ALL])
+    whole.run(states=24)
+    with Records(tmp_path / "r.db") as records:
+        Campaign(here, "mine", [ALL], records).run(states=5)
+    with Records(tmp_path / "r.db") as records:
+        again = Campaign(here, "mine", [ALL], records)
+        assert 0 < again.resumed < 24
+        again.run(states=24)
+    assert again.counts == whole.counts
+    assert {k: x.height for k, x in again.worst.items()} == {
+        k: x.height for k, x in whole.worst.items()
+    }
+
+
+def test_what_says_nothing_of_functions_is_bad_input(mine, monkeypatch, capsys):
+    for option in (["--motions"], ["--engine", "pinocchio"], ["--ration", "1,1,1,1,1"]):
+        assert run("--scene", f"{mine}:right", *option, monkeypatch=monkeypatch) == 2
+        assert f"{option[0]} says nothing of" in capsys.readouterr().err
+    assert run("--scene", f"{mine}:right", "--family", "fast", monkeypatch=monkeypatch) == 2
+    assert run("--scene", f"{mine}:none", monkeypatch=monkeypatch) == 2
+
+
+def test_every_claim_about_functions_takes_part():
+    plan = FunctionsPlan("", 0, tuple(FUNCTION_CLAIMS))
+    assert len(plan.claims) > 10 and plan.settings["claims"] == list(plan.claims)
+
+
+# ---- Engines -------------------------------------------------------------------------------------
+
+spec = importlib.util.spec_from_file_location("planar", GUIDES / "planar.py")
+assert spec is not None and spec.loader is not None
+planar = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(planar)
+
+
+class Leaning(planar.Planar):
+    """An engine whose mass matrix is wrong by a share that grows into a corner of the ranges."""
+
+    def __init__(self, scene):
+        super().__init__(scene)
+        self.mass = scene.mass[0]
+
+    def mass_matrix(self, q, t=0.0):
+        far = self.mass + np.abs(q[:2]).sum()
+        return super().mass_matrix(q, t) * (1.0 + 1e-13 * np.exp(2.0 * (far - 27.0)))
+
+
+def of_engine(engine: type, **options) -> Plan:
+    """Return a plan that asks an engine alone."""
+    claims = tuple(one for one in CLAIMS if CLAIMS[one].asks == "mass_matrix")
+    usual = {"kind": Snake, "seed": 0, "claims": claims, "formulations": tuple(FORMULATIONS)}
+    usual |= {"families": (ORDINARY,), "batch": 16, "ration": Ration(0, 0, 2, 0, 0)}
+    return Plan(**(usual | {"engines": (engine,)} | options))
+
+
+def test_an_engine_of_ones_own_is_climbed_to_among_ordinary_states():
+    def asked(climbing: bool) -> tuple[int, int]:
+        population, count, finds = {}, 0, 0
+        for number in range(10):
+            here = of_engine(Leaning, climbing=climbing, batch=16 if climbing else 32)
+            result = run_round(here, Round(number, Stratum(2, ("damping",)), population))
+            population = result.population
+            count += result.counts["engines"] + result.counts["engines, climbed"]
+            finds += len(result.failed)
+            for key, best in population.items():
+                assert key[1] != Leaning.key or all(is_ordinary(one.case) for one in best)
+        return count, finds
+
+    (of_climbing, finds), (of_drawing, drawn_) = asked(True), asked(False)
+    assert of_climbing <= of_drawing
+    assert finds > 0 and drawn_ == 0
+
+
+class Wrong(planar.Planar):
+    """An engine that forgets half of the bias."""
+
+    def bias(self, q, v, t=0.0):
+        return super().bias(q, v, t) / 2
+
+
+def test_an_engine_that_is_wrong_is_a_find():
+    claims = tuple(one for one in CLAIMS if CLAIMS[one].asks)
+    result = run_round(of_engine(Wrong, claims=claims), Round(0, Stratum(2, ("damping",)), {}))
+    assert result.failed and {one.engine for one in result.failed} == {Wrong}
+
+
+def test_what_is_ordinary_is_told_from_what_is_hostile():
+    random = np.random.default_rng(0)
+    cases, families = drawn(Snake, Stratum(3, ()), FAMILIES, 200, random)
+    told = {f: [is_ordinary(c) for c, g in zip(cases, families, strict=True) if g == f]
+            for f in FAMILIES}  # fmt: skip
+    assert np.mean(told[ORDINARY]) > 0.9
+    assert np.mean(told["wide"]) < 0.1 and np.mean(told["fast"]) < 0.3
+    scene, state = next(
+        c for c, f in zip(cases, families, strict=True) if f == ORDINARY and is_ordinary(c)
+    )
+    assert not is_ordinary((scene, State(state.q, 1e3 * np.ones(scene.n), 0.0)))
+    assert not is_ordinary((scene, State(state.q + 1e3, state.v, 0.0)))

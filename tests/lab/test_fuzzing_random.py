@@ -1,0 +1,208 @@
+"""Fuzzing of random trees and mechanisms: structures by strata, each in lanes of its own."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck.claims import CLAIMS
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.draws import draw
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, WIDE, Stratum, drawn_of
+from eomcheck.lab.fuzzing.finds import case_of, find_of, parameters_of, read_finds, write_finds
+from eomcheck.lab.fuzzing.judging import SCENE, Fault, failures
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, started
+from eomcheck.lab.fuzzing.random_rounds import STRUCTURES, RandomPlan
+from eomcheck.lab.fuzzing.rounds import Plan, Round
+from eomcheck.lab.fuzzing.screening import Ration
+from eomcheck.lab.fuzzing.structures import (
+    Topology,
+    strata_of_any,
+    structure_drawn,
+    varied,
+)
+from eomcheck.lab.store.records import Records
+from eomcheck.mechanics.records import State
+from eomcheck.scenes.random import RANDOM
+from eomcheck.scenes.random.kinds import MOTION, NOTHING
+from eomcheck.strategies import scene_states, scenes
+
+TREES, MECHANISMS = RANDOM["random-trees"], RANDOM["random-mechanisms"]
+ALL = tuple(one for one in CLAIMS if one != "coverage")
+both = pytest.mark.parametrize("kind", (TREES, MECHANISMS), ids=lambda kind: kind.key)
+
+
+def plan(kind, **options) -> RandomPlan:
+    """Return a plan of small batches, in lanes only."""
+    usual = {"kind": kind, "seed": 3, "claims": ALL, "formulations": tuple(FORMULATIONS)}
+    return RandomPlan(**(usual | {"batch": 4, "ration": Ration(0, 0, 0, 0, 0)} | options))
+
+
+@both
+def test_strata_are_topologies_and_what_is_drawn_is_of_its_stratum(kind):
+    strata = strata_of_any(kind, (2, 3))
+    assert len(strata) == len(set(strata)) == len({one.name for one in strata}) >= 16
+    random = np.random.default_rng(0)
+    for stratum in strata:
+        scene = structure_drawn(kind, stratum, random)()
+        assert isinstance(stratum, Topology)
+        assert scene.links == stratum.links
+        assert dict(stratum.ways).items() <= scene.topology.items()
+    structures = {structure_drawn(kind, strata[0], random)().structure for _ in range(12)}
+    assert len(structures) > 2
+
+
+def test_other_kinds_have_the_strata_that_they_had():
+    from eomcheck.scenes import Snake
+
+    assert strata_of_any(Snake, (1,)) == [Stratum(1, ())]
+    assert structure_drawn(Snake, Stratum(1, ()), np.random.default_rng(0)) is Snake
+
+
+@both
+def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
+    random = np.random.default_rng(2)
+    scene = structure_drawn(kind, strata_of_any(kind, (4,))[0], random)()
+    cases, families = drawn_of(lambda family: varied(scene, family, random), FAMILIES, 64, random)
+    assert {one.structure for one, _ in cases} == {scene.structure}
+    assert {type(one) for one, _ in cases} == {type(scene)}
+    for one, state in cases:
+        check_consistent(Evaluation(one, *state))
+    masses = [np.abs(one.mass).max() for (one, _), f in zip(cases, families, strict=True)
+              if f == WIDE]  # fmt: skip
+    assert max(masses) > 1e4 * min(masses)
+    same = [np.array_equal(one.mass, scene.mass)
+            for (one, _), f in zip(cases, families, strict=True) if f == ORDINARY]  # fmt: skip
+    assert same and all(same)
+
+
+@both
+def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind):
+    stratum = strata_of_any(kind, (1,))[0]
+    one, again = (plan(kind).run(Round(1, stratum, {})) for _ in range(2))
+    assert not one.failed and one.counts["structures"] == STRUCTURES
+    assert one.counts == again.counts and one.counts["climbed"] > 0
+    assert one.states <= plan(kind).most
+    heights = [{k: [x.height for x in b] for k, b in r.population.items()} for r in (one, again)]
+    assert heights[0] == heights[1]
+    # The next one goes on with a structure of this one besides.
+    after = plan(kind).run(Round(2, stratum, one.population))
+    assert after.counts["climbed"] > STRUCTURES * 4 + 2
+    assert all(len(best) <= 6 for best in after.population.values())
+
+
+def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
+    from eomcheck.mechanics.described import mechanism
+
+    right = mechanism.terms_of
+
+    def wrong(*given):
+        terms = right(*given)
+
+        def leaning(parameters, prepared, q, v):
+            found = terms(parameters, prepared, q, v)
+            return found._replace(B=found.B + found.B / 1024)
+
+        return leaning
+
+    monkeypatch.setattr(mechanism, "terms_of", wrong)
+    caches = mechanism.planned, mechanism.kind_of
+    for one in caches:
+        one.cache_clear()
+    try:
+        stratum = next(x for x in strata_of_any(TREES, (3,)) if "spherical" in x.name)
+        result = plan(TREES, families=(ORDINARY,), ration=Ration(0, 0, 0, 0, 0)).run(
+            Round(0, stratum, {})
+        )
+        assert {"bias-symbols", "power-balance", "kane-ml-force"} & {x.claim for x in result.failed}
+        find = plan(TREES).find(result.failed[0], TREES.key)
+        assert find.whose == SCENE and "description" in find.parameters
+    finally:
+        for one in caches:
+            one.cache_clear()
+
+
+@both
+def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
+    random = np.random.default_rng(1)
+    for stratum in islice(strata_of_any(kind, (3,)), 0, None, 3):
+        scene = varied(structure_drawn(kind, stratum, random)(), WIDE, random)
+        q, v = scene.initial_state()
+        again, state = case_of(kind, parameters_of(scene), q, v, 0.0)
+        assert repr(again) == repr(scene) and again.structure == scene.structure
+        assert np.array_equal(state.q, q)
+    (finding, *_) = failures((scene, State(q, v + 0.5, 0.0)), [], ()) or [None]
+    assert finding is None
+    from eomcheck.claims import Finding
+
+    told = Finding("equivalence", "au ~ im", scene, State(q, v, 0.0), 1.0, 0.0, "failed", "tested")
+    find = find_of(told, kind.key, Fault("scene", "tested"))
+    file = tmp_path / "found.json"
+    write_finds(file, [find])
+    (kept,) = read_finds(file)
+    assert repr(kept.case[0]) == repr(scene)
+    assert "mechanism(" in kept.python
+
+
+@both
+def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Path):
+    strata, here = strata_of_any(kind, (1,))[:1], plan(kind, claims=("kinetic-energy",), batch=2)
+    here = here._replace(formulations=("au",))
+    whole = Campaign(here, kind.key, strata)
+    whole.run(states=40)
+    with Records(tmp_path / "r.db") as records:
+        Campaign(here, kind.key, strata, records).run(states=5)
+    with Records(tmp_path / "r.db") as records:
+        again = Campaign(here, kind.key, strata, records)
+        assert 0 < again.resumed < 40
+        again.run(states=40)
+    assert again.counts == whole.counts and again.rounds == whole.rounds >= 2
+    assert {k: x.height for k, x in again.worst.items()} == {
+        k: x.height for k, x in whole.worst.items()
+    }
+
+
+@both
+def test_random_scenes_are_moved_too(kind):
+    here = MotionPlan(kind, 0, tuple(FORMULATIONS), (ORDINARY,), batch=4)
+    stratum = strata_of_any(kind, (2,))[0]
+    cases, _ = started(here, stratum, np.random.default_rng(0))
+    assert len({type(scene) for scene, _ in cases}) == 1
+    result = here.run(Round(0, stratum, {}))
+    assert not result.failed and result.counts["passed"] > 0
+
+
+@both
+def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
+    random, strata = np.random.default_rng(0), strata_of_any(kind, (3,))
+    fuzzed = [structure_drawn(kind, strata[i % len(strata)], random)() for i in range(60)]
+    by_hypothesis = [scene for scene, _ in draw(scene_states(scenes(kind, 3, 3)), 30, 0)]
+    ways: dict[str, set[str]] = {}
+    for entry in kind.topologies(3):
+        for name, of in entry.items():
+            ways.setdefault(name, set()).update(of)
+    for name, among in ways.items():
+        seen = [{one.topology.get(name) for one in x} for x in (fuzzed, by_hypothesis)]
+        if name == MOTION:
+            continue
+        assert seen[0] | seen[1] <= among | {NOTHING}, name
+        # Hypothesis is fond of the simplest; what it draws is drawn here, and all but rare ways.
+        assert len(seen[0]) > len(among) / 2 and seen[0] & seen[1], name
+    for name in ("mass", "center"):
+        drawn = [np.concatenate([np.ravel(getattr(one, name)) for one in x])
+                 for x in (fuzzed, by_hypothesis)]  # fmt: skip
+        lows, highs = [x.min() for x in drawn], [x.max() for x in drawn]
+        wide = max(highs) - min(lows)
+        assert max(lows) - min(lows) < 0.35 * wide and max(highs) - min(highs) < 0.35 * wide
+
+
+def test_a_plan_for_random_kinds_is_a_plan():
+    one = plan(TREES)
+    assert isinstance(one, Plan) and one._replace(batch=9).most > one.most
+    assert isinstance(one._replace(batch=9), RandomPlan)
