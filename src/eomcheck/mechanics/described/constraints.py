@@ -33,7 +33,8 @@ class First:
     """Vectors by columns and rests; without v only where they are and their columns."""
 
     def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
-        self.plan, self.q, self.v, self.driven = plan, q, v, prepared.driven
+        self.plan, self.q, self.v = plan, q, v
+        self.driven, self.sines = prepared.driven, prepared.sines
         self.frames = placed(plan, parameters, prepared)
         self.rates = None if v is None else moving(plan, parameters, self.frames, v)
 
@@ -55,6 +56,12 @@ class First:
         rest = added(cross(rates.alpha, along), centripetal(rates.omega, along))
         return Moving(along, cross(rates.omega, along), found, rest)
 
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns."""
+        rates = STILL if self.rates is None or k < 0 else self.rates[k]
+        found = turning_columns(self.plan, self.frames, k)
+        return Moving(NOTHING, rates.omega, found, rates.alpha)
+
     def _rate(self, found: dict[int, Vector]) -> Vector:
         rate = NOTHING
         for i, one in found.items():
@@ -66,7 +73,8 @@ class Second:
     """Vectors by positions and velocities that are passed on; without v only where they are."""
 
     def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
-        self.here, self.q, self.v, self.driven = (plan, parameters, prepared), q, v, prepared.driven
+        self.here, self.q, self.v = (plan, parameters, prepared), q, v
+        self.driven, self.sines = prepared.driven, prepared.sines
         self.rates = None if v is None else energies.passed_on(plan, parameters, prepared, v)
 
     def point(self, k: int, a: Vector) -> Moving:
@@ -80,6 +88,11 @@ class Second:
         omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
         along, rate = (energies.level(*self.here, k, x) for x in (a, cross(omega, a)))
         return Moving(along, rate, {}, NOTHING)
+
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns."""
+        omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
+        return Moving(NOTHING, energies.level(*self.here, k, omega), {}, NOTHING)
 
 
 def holonomic_rows(plan: Plan) -> list[int]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from eomcheck.mechanics.described.absent import (
+    AXES,
     NOTHING,
     Vector,
     dot,
+    minus,
     plus,
     subtracted,
     times,
@@ -52,9 +54,14 @@ class Derivation(Protocol):
         """Return the direction a of frame k."""
         ...
 
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
+        ...
+
     q: Any
     v: Any
     driven: Any
+    sines: Any
 
 
 class Read(NamedTuple):
@@ -62,13 +69,27 @@ class Read(NamedTuple):
 
     points: list[Moving]
     directions: list[Moving]
-    second: list[Moving]
-    """Axes of the second frame."""
+    frames: tuple[int, ...]
+    """Those of the points."""
     closure: Closure
     given: Any
     """Parameters."""
     at: Derivation
     planar: bool
+    seen: dict[Any, Any]
+    """What closures share, kept by whoever found it first."""
+    sine: Any = None
+    """Of the angle between the axis of a disk and the normal of its plane."""
+
+    @property
+    def second(self) -> list[Moving]:
+        """Axes of the second frame."""
+        return [self.at.direction(self.frames[1], x) for x in AXES]
+
+    @property
+    def turning(self) -> list[Moving]:
+        """How the frames of the points turn."""
+        return [self.at.turning(k) for k in self.frames]
 
     @property
     def apart(self) -> Moving:
@@ -102,3 +123,20 @@ def product(a: Moving, b: Moving) -> Row:
         columns,
         plus(rest, times(2, dot(a.rate, b.rate))),
     )
+
+
+def repeated(row: Row, factor: Any) -> Row:
+    """Return so many times a row."""
+    columns = {i: times(factor, x) for i, x in row.columns.items()}
+    numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
+    position, rate, rest, b = numbers
+    return Row(position, rate, columns, rest, b)
+
+
+def less(a: Row, b: Row) -> Row:
+    """Return the difference of two rows."""
+    places = {**a.columns, **b.columns}
+    columns = {i: minus(a.columns.get(i), b.columns.get(i)) for i in places}
+    entries = ((a.position, b.position), (a.rate, b.rate), (a.rest, b.rest), (a.b, b.b))
+    position, rate, rest, of_time = (minus(x, y) for x, y in entries)
+    return Row(position, rate, columns, rest, of_time)

@@ -55,7 +55,8 @@ class Joint(NamedTuple):
     place: Triple = ORIGIN
     """Of the child in the frame of the parent where all coordinates are 0, m."""
     turn: Quaternion = ONE
-    """Its orientation there, of any length."""
+    """Its orientation there, of any length. In a `Description` a quarter turn, or a matrix (3, 3)
+    whose columns are its axes."""
     axis: Triple = (0.0, 0.0, 1.0)
     """In the frame of the child, of any length."""
     damping: float | None = None
@@ -72,6 +73,9 @@ class Joint(NamedTuple):
     """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
     torque: float | None = None
     """A constant one along its coordinate, N m or N; None without."""
+    symmetric: bool = False
+    """Whether all that it turns is alike all round its axis, as wheels are: then half of the
+    equations need no sine of it. Of a `Description` alone; the other half checks it."""
 
 
 class Constraint(NamedTuple):
@@ -167,6 +171,96 @@ def drive(
 def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
     """Return that a point of a link does not move along a direction of the link."""
     return Constraint("edge", name, ((link, at),), ((link, across),))
+
+
+def on_line(
+    name: str, link: str, other: str, along: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
+) -> tuple[Constraint, Constraint]:
+    """Return that a point of one link stays on a line of another, in space: on two planes.
+
+    In the plane a line is what `on_plane` says.
+    """
+    _check_turns(name, along)
+    x, y, _ = _axes_about(along)
+    return (
+        on_plane(f"{name}, x", link, other, x, at, at_other),
+        on_plane(f"{name}, y", link, other, y, at, at_other),
+    )
+
+
+def rolling_ball(
+    name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN, across: Triple = (0.0, 0.0, 1.0),
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a ball rolls on a plane of another link without slipping, in three rows.
+
+    Args:
+        name: of the constraint; rows add what they are about.
+        link: what the ball belongs to.
+        other: what the plane belongs to; it may move.
+        radius: m.
+        at: centre of the ball.
+        at_other: a point of the plane.
+        across: its normal, to the side of the ball.
+    """
+    _check_turns(name, across)
+    x, y, normal = _axes_about(across)
+    return _rolling(name, ((link, at), (other, at_other)), (x, y, normal), (), radius)
+
+
+def rolling_disk(
+    name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN, axis: Triple = (0.0, 0.0, 1.0), across: Triple = (0.0, 0.0, 1.0),
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a disk rolls on its rim on a plane without slipping, in three rows.
+
+    It must not lie flat. Args: see `rolling_ball`; `axis` is the axis of the disk.
+    """
+    _check_turns(name, across)
+    _check_turns(name, axis)
+    x, y, normal = _axes_about(across)
+    points, of_disk = ((link, at), (other, at_other)), ((link, _axes_about(axis)[2]),)
+    return _rolling(name, points, (x, y, normal), of_disk, radius)
+
+
+def rolling_circle(
+    name: str, link: str, other: str, radius: float, along: Triple, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN,
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a circle rolls on a line of another link without slipping, all in the plane.
+
+    Args: see `rolling_ball`; `along` is the direction of the line, the circle to its left.
+    """
+    x, y, z = along
+    if z:
+        raise InputError(f"constraint {name!r} is along {along!r}, expected nothing along z")
+    _check_turns(name, along)
+    size = math.hypot(x, y)
+    ahead, left = (x / size, y / size, 0.0), (-y / size, x / size, 0.0)
+    return _rolling(name, ((link, at), (other, at_other)), (ahead, left), (), radius)
+
+
+def _rolling(
+    name: str,
+    points: tuple[tuple[str, Triple], ...],
+    axes: tuple[Triple, ...],
+    axis: tuple[tuple[str, Triple], ...],
+    radius: float,
+) -> tuple[Constraint, ...]:
+    *slips, normal = ((points[1][0], one) for one in axes)
+    told = (*axis, normal)
+    up = Constraint("touching", f"{name}, touching", points, (normal, *told), numbers=radius)
+    rows = (
+        Constraint("rolling", f"{name}, along {x}", points, (along, *told), numbers=radius)
+        for x, along in zip("xy", slips, strict=False)
+    )
+    return up, *rows
+
+
+def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
+    """Return axes of length 1, the last along a direction of any length."""
+    x, y, along = rotation(to_z(z)).T
+    return _triple(x), _triple(y), _triple(along)
 
 
 def _check_turns(name: str, parts: Any) -> None:
