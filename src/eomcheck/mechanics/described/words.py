@@ -188,6 +188,43 @@ def on_line(
     )
 
 
+class Contact(NamedTuple):
+    """Where a ball, or the rim of a disk, touches a plane; what holds there are its methods.
+
+    Directions are of length 1.
+    """
+
+    center: tuple[str, Triple]
+    """A link, and where on it the centre is, m."""
+    floor: tuple[str, Triple]
+    """Another, which may move, and a point of its plane, m."""
+    radius: float
+    """m."""
+    told: tuple[tuple[str, Triple], ...]
+    """Links and directions. Of a ball one, the plane's normal. Of a disk its axis and then the
+    normal; or, where some link has it, only the direction from the point of contact to the centre:
+    then no root is needed."""
+
+    def touching(self, name: str, across: tuple[str, Triple]) -> Constraint:
+        """Return that the height above the plane is 0, by the plane's normal."""
+        points, numbers = (self.center, self.floor), self.radius
+        return Constraint("touching", name, points, (across, *self.told), numbers=numbers)
+
+    def rolling(self, name: str, along: tuple[str, Triple]) -> Constraint:
+        """Return that nothing slips along a direction of some link."""
+        points, numbers = (self.center, self.floor), self.radius
+        return Constraint("rolling", name, points, (along, *self.told), numbers=numbers)
+
+    def rows(self, name: str, across: Triple, *along: Triple) -> tuple[Constraint, ...]:
+        """Return that it touches the plane and does not slip along directions of the plane."""
+        link, _ = self.floor
+        slips = zip("xy", along, strict=False)
+        return (
+            self.touching(f"{name}, touching", (link, across)),
+            *(self.rolling(f"{name}, along {way}", (link, one)) for way, one in slips),
+        )
+
+
 def rolling_ball(
     name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN, across: Triple = (0.0, 0.0, 1.0),
@@ -205,7 +242,8 @@ def rolling_ball(
     """
     _check_turns(name, across)
     x, y, normal = _axes_about(across)
-    return _rolling(name, ((link, at), (other, at_other)), (x, y, normal), (), radius)
+    contact = Contact((link, at), (other, at_other), radius, ((other, normal),))
+    return contact.rows(name, normal, x, y)
 
 
 def rolling_disk(
@@ -219,8 +257,8 @@ def rolling_disk(
     _check_turns(name, across)
     _check_turns(name, axis)
     x, y, normal = _axes_about(across)
-    points, of_disk = ((link, at), (other, at_other)), ((link, _axes_about(axis)[2]),)
-    return _rolling(name, points, (x, y, normal), of_disk, radius)
+    told = (link, _axes_about(axis)[2]), (other, normal)
+    return Contact((link, at), (other, at_other), radius, told).rows(name, normal, x, y)
 
 
 def rolling_circle(
@@ -231,30 +269,14 @@ def rolling_circle(
 
     Args: see `rolling_ball`; `along` is the direction of the line, the circle to its left.
     """
+    _check_turns(name, along)
     x, y, z = along
     if z:
         raise InputError(f"constraint {name!r} is along {along!r}, expected nothing along z")
-    _check_turns(name, along)
     size = math.hypot(x, y)
     ahead, left = (x / size, y / size, 0.0), (-y / size, x / size, 0.0)
-    return _rolling(name, ((link, at), (other, at_other)), (ahead, left), (), radius)
-
-
-def _rolling(
-    name: str,
-    points: tuple[tuple[str, Triple], ...],
-    axes: tuple[Triple, ...],
-    axis: tuple[tuple[str, Triple], ...],
-    radius: float,
-) -> tuple[Constraint, ...]:
-    *slips, normal = ((points[1][0], one) for one in axes)
-    told = (*axis, normal)
-    up = Constraint("touching", f"{name}, touching", points, (normal, *told), numbers=radius)
-    rows = (
-        Constraint("rolling", f"{name}, along {x}", points, (along, *told), numbers=radius)
-        for x, along in zip("xy", slips, strict=False)
-    )
-    return up, *rows
+    contact = Contact((link, at), (other, at_other), radius, ((other, left),))
+    return contact.rows(name, left, ahead)
 
 
 def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
