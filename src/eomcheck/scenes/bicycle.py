@@ -230,9 +230,7 @@ class Bicycle(Described, description=description, closed=True):
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
         yield plane.rotation(self, q, v, slice(HEADING, HEADING + 1))
         yield plane.translation(self, q, v)
-        mirrored = plane.mirror(
-            self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN)
-        )
+        mirrored = plane.mirror(self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN))
         mirrored.q[LEAN] += np.pi
         yield mirrored
 

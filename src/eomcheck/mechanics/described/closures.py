@@ -28,8 +28,8 @@ from eomcheck.mechanics.described.absent import (
     plus,
     vector,
 )
-from eomcheck.mechanics.described.rows import Derivation, Moving, Read, Row, product, repeated
 from eomcheck.mechanics.described.rolling import rolling, touching
+from eomcheck.mechanics.described.rows import Derivation, Moving, Read, Row, product, repeated
 from eomcheck.mechanics.described.topology import Closure, Plan
 
 

@@ -13,8 +13,11 @@ from eomcheck.mechanics.described.absent import (
     added,
     centripetal,
     cross,
+    dot,
     levelled,
     put,
+    scaled,
+    subtracted,
 )
 from eomcheck.mechanics.described.closures import KINDS, rows, rows_of
 from eomcheck.mechanics.described.motion import (
@@ -25,7 +28,7 @@ from eomcheck.mechanics.described.motion import (
     turning_columns,
 )
 from eomcheck.mechanics.described.pose import GROUND, placed, point_of
-from eomcheck.mechanics.described.rows import Moving
+from eomcheck.mechanics.described.rows import Moving, product
 from eomcheck.mechanics.described.topology import Plan
 
 
@@ -62,6 +65,14 @@ class First:
         found = turning_columns(self.plan, self.frames, k)
         return Moving(NOTHING, rates.omega, found, rates.alpha)
 
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return (n·n) e - (e·n) n and its rate."""
+        upright, square = product(axis, normal), dot(axis.value, axis.value)
+        along = scaled(upright.position, axis.value)
+        moved = added(scaled(upright.rate, axis.value), scaled(upright.position, axis.rate))
+        spoke, rate = (scaled(square, x) for x in (normal.value, normal.rate))
+        return subtracted(spoke, along), subtracted(rate, moved)
+
     def _rate(self, found: dict[int, Vector]) -> Vector:
         rate = NOTHING
         for i, one in found.items():
@@ -93,6 +104,10 @@ class Second:
         """Return how frame k turns."""
         omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
         return Moving(NOTHING, energies.level(*self.here, k, omega), {}, NOTHING)
+
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return n × (e × n)."""
+        return cross(axis.value, cross(normal.value, axis.value)), NOTHING
 
 
 def holonomic_rows(plan: Plan) -> list[int]:

@@ -1,10 +1,10 @@
 """What rolls on a plane: where it touches it, how that slips, and how high it is.
 
 A ball touches the plane straight below its centre, at -R e with the plane's normal e. The rim of a
-disk with the axis n is lowest at -R (e - (e·n) n) / s with s = |e × n|, a root, for e and n of
-length 1. Where some link has the direction of the spoke that touches, as the frame that leans with
-a disk but does not spin, it is told instead, and there is no root. The point of contact belongs to
-the rim for a moment only: it wanders along it while the disk leans.
+disk with the axis n is lowest at -R n × (e × n) / s with s = |e × n|, a root, for e and n of length
+1. Where some link has the direction of the spoke that touches, as the frame that leans with a disk
+but does not spin, it is told instead, and there is no root. The point of contact belongs to the rim
+for a moment only: it wanders along it while the disk leans.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from eomcheck.mechanics.described.absent import (
     vector,
 )
 from eomcheck.mechanics.described.energies import level
-from eomcheck.mechanics.described.rows import Moving, Read, Row, less, product, repeated
+from eomcheck.mechanics.described.rows import Moving, Read, Row, product
 from eomcheck.mechanics.described.topology import Plan
 
 
@@ -45,8 +45,9 @@ def with_sines(plan: Plan, prepare: Callable) -> Callable:
                 level(plan, parameters, prepared, k, vector(parameters.directions[j]))
                 for k, j in pair
             )
+            lengths = times(dot(normal, normal), dot(axis, axis))
             upright = dot(axis, normal)
-            square[i] = minus(dot(normal, normal), times(upright, upright))
+            square[i] = minus(lengths, times(upright, upright))
         return prepared._replace(sines=arithmetic.root(square))
 
     return prepare_all
@@ -66,32 +67,29 @@ def arm_of(read: Read) -> tuple[Vector, Vector]:
     axis, normal = told
     upright, s = product(axis, normal), read.sine
     share = -(R / s)
-    arm = scaled(share, subtracted(normal.value, scaled(upright.position, axis.value)))
-    moved = added(scaled(upright.rate, axis.value), scaled(upright.position, axis.rate))
+    spoke, moved = read.at.rim(axis, normal)
+    arm = scaled(share, spoke)
     shorter = times(times(upright.position, upright.rate), 1 / (s * s))
-    rate = added(scaled(share, subtracted(normal.rate, moved)), scaled(shorter, arm))
-    return arm, rate
+    return arm, added(scaled(share, moved), scaled(shorter, arm))
 
 
 def slipping(read: Read) -> Moving:
     """Return how fast the point of contact moves against the plane that it touches."""
-    (center, foot), (spin, turning) = read.points, read.turning
+    (center, foot), (spin, turn) = read.points, read.turning
     arm, wandering = arm_of(read)
-    apart = subtracted(center.value, foot.value)
-    reach = added(apart, arm)
+    reach = added(subtracted(center.value, foot.value), arm)
+    rim = added(center.rate, cross(spin.rate, arm))
+    floor = added(foot.rate, cross(turn.rate, reach))
+    columns = {}
+    for i in {**center.columns, **spin.columns, **foot.columns, **turn.columns}:
+        V, omega, W, Omega = (x.columns.get(i, NOTHING) for x in (center, spin, foot, turn))
+        apart = added(subtracted(V, W), cross(reach, Omega))
+        columns[i] = subtracted(apart, cross(arm, omega))
     going = added(subtracted(center.rate, foot.rate), wandering)
-
-    def slip(V: Vector, omega: Vector, W: Vector, turn: Vector) -> Vector:
-        return subtracted(added(subtracted(V, W), cross(omega, arm)), cross(turn, reach))
-
-    columns = {
-        i: slip(*(one.columns.get(i, NOTHING) for one in (center, spin, foot, turning)))
-        for i in {**center.columns, **spin.columns, **foot.columns, **turning.columns}
-    }
-    rest = slip(center.rest, spin.rest, foot.rest, turning.rest)
-    rest = added(rest, subtracted(cross(spin.rate, wandering), cross(turning.rate, going)))
-    rate = slip(center.rate, spin.rate, foot.rate, turning.rate)
-    return Moving(NOTHING, rate, columns, rest)
+    rolled = added(cross(spin.rest, arm), cross(spin.rate, wandering))
+    carried = added(cross(turn.rest, reach), cross(turn.rate, going))
+    rest = added(subtracted(center.rest, foot.rest), subtracted(rolled, carried))
+    return Moving(NOTHING, subtracted(rim, floor), columns, rest)
 
 
 def rolling(read: Read) -> list[Row]:
@@ -112,26 +110,17 @@ def rolling(read: Read) -> list[Row]:
 
 
 def touching(read: Read) -> list[Row]:
-    """Return that the point of contact is on the plane, whose normal is the first direction."""
-    R, (normal, *told), apart = radius(read), read.directions, read.apart
-    if len(told) == 2:
-        return [less(product(apart, normal), lowered(product(*told), R, read.sine))]
-    (spoke,) = told
-    if spoke is normal:  # a ball: R below its centre, however the plane turns
-        row = product(apart, normal)
+    """Return that the point of contact is on the plane, whose normal is the first direction.
+
+    Its height is found where it is, and its row from how the point of contact moves.
+    """
+    R, (normal, *told) = radius(read), read.directions
+    if (
+        read.closure.directions[1:] == read.closure.directions[:1]
+    ):  # a ball: R below its centre, however the plane turns
+        row = product(read.apart, normal)
         return [row._replace(position=minus(row.position, R))]
-    return [less(product(apart, normal), repeated(product(spoke, normal), R))]
-
-
-def lowered(upright: Row, R: Any, s: Any) -> Row:
-    """Return R s as a row, s² being a constant less the square of `upright`."""
-    w, rate = upright.position, upright.rate
-    share = -(R / s)
-    own = times(w, rate)
-    second = plus(plus(times(rate, rate), times(w, upright.rest)), _square(own, s))
-    columns = {i: times(share, times(w, x)) for i, x in upright.columns.items()}
-    return Row(R * s, times(share, own), columns, times(share, second))
-
-
-def _square(x: Any, s: Any) -> Any:
-    return None if x is None else x * x / (s * s)
+    (row,) = rolling(read)
+    centered = dot(read.apart.value, normal.value)
+    rise = read.sine if len(told) == 2 else dot(told[0].value, normal.value)
+    return [row._replace(position=minus(centered, times(R, rise)))]

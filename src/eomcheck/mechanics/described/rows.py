@@ -9,7 +9,6 @@ from eomcheck.mechanics.described.absent import (
     NOTHING,
     Vector,
     dot,
-    minus,
     plus,
     subtracted,
     times,
@@ -56,6 +55,10 @@ class Derivation(Protocol):
 
     def turning(self, k: int) -> Moving:
         """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
+        ...
+
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return n × (e × n), of a disk's axis n and a normal e, and its rate, where known."""
         ...
 
     q: Any
@@ -131,12 +134,3 @@ def repeated(row: Row, factor: Any) -> Row:
     numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
     position, rate, rest, b = numbers
     return Row(position, rate, columns, rest, b)
-
-
-def less(a: Row, b: Row) -> Row:
-    """Return the difference of two rows."""
-    places = {**a.columns, **b.columns}
-    columns = {i: minus(a.columns.get(i), b.columns.get(i)) for i in places}
-    entries = ((a.position, b.position), (a.rate, b.rate), (a.rest, b.rest), (a.b, b.b))
-    position, rate, rest, of_time = (minus(x, y) for x, y in entries)
-    return Row(position, rate, columns, rest, of_time)

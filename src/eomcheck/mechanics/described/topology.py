@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
-
+from typing import Any, NamedTuple
 
 ROLLING = frozenset({"touching", "rolling"})
 """Kinds of closures that are about what rolls on a plane."""
@@ -113,7 +112,7 @@ class Plan:
         rolling = (one for one in topology.closures if one.kind in ROLLING)
         self.disks = tuple(dict.fromkeys(x for one in rolling if len(x := one.directions[1:]) == 2))
         """Pairs of an axis and a normal, each a frame and a place among the `directions`."""
-        self.disk = {pair: place for place, pair in enumerate(self.disks)}
+        self.disk: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
         self.from_ground: list[tuple[int, ...]] = []
         """Slots on the way to each from the ground, itself the last."""
         for k, slot in enumerate(slots):

@@ -54,9 +54,9 @@ class Joint(NamedTuple):
     child: str
     place: Triple = ORIGIN
     """Of the child in the frame of the parent where all coordinates are 0, m."""
-    turn: Quaternion = ONE
-    """Its orientation there, of any length. In a `Description` a quarter turn, or a matrix (3, 3)
-    whose columns are its axes."""
+    turn: Any = ONE
+    """Its orientation there, a quaternion of any length. In a `Description` a quarter turn, or a
+    matrix (3, 3) whose columns are its axes."""
     axis: Triple = (0.0, 0.0, 1.0)
     """In the frame of the child, of any length."""
     damping: float | None = None
