@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -43,8 +44,10 @@ from eomcheck.mechanics.records import State
 from eomcheck.scenes import from_urdf
 from eomcheck.scenes.named import kinds_of
 from eomcheck.scenes.random import RANDOM
-from eomcheck.scenes.random.closing import INDEPENDENT
-from eomcheck.scenes.random.trees import BRANCHED, SHAPE
+from eomcheck.scenes.random.closing import INDEPENDENT, UPRIGHT
+from eomcheck.scenes.random.description import poses
+from eomcheck.scenes.random.kinds import CONSTRAINTS
+from eomcheck.scenes.random.trees import BRANCHED, ROOT, SHAPE
 from eomcheck.scenes.random.urdf import URDF_JOINTS, urdf_text, urdf_tree
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
@@ -189,10 +192,48 @@ def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechani
             (link, _), (on, _) = rows[-1].points
             assert link != on
             what = "disk" if len(rows[-1].directions) == 3 else "ball"
+            if what == "disk":
+                there = poses(scene.made.description)
+                n, e = (there[link].direction(x) for link, x in rows[-1].directions[1:])
+                assert np.linalg.norm(np.cross(n, e)) > UPRIGHT - 1e-12
             seen.add(("circle" if planar else what, len(rows) > 1, on == "ground"))
     each = [(what, either) for what in ("circle", "disk", "ball") for either in (False, True)]
     assert {(what, rolls) for what, rolls, _ in seen} == set(each)
     assert {(what, stands) for what, _, stands in seen} == set(each)
+
+
+def test_wherever_there_is_room_a_joint_turns_what_shall_stay_square():
+    kind, random = RANDOM["random-mechanisms"], np.random.default_rng(1)
+    choices, found = FromGenerator(random), 0
+    for links in (1, 2, 3):
+        for entry in kind.topologies(links):
+            if "square" not in entry.get(CONSTRAINTS, ()):
+                continue
+            # Two that slide turn nothing.
+            for _ in range(20 if entry[ROOT] == ("prismatic",) and links == 2 else 2):
+                ways = {name: choices.one_of(of) for name, of in entry.items()}
+                scene = kind.of_topology(links, ways | {CONSTRAINTS: "square"}, choices)()
+                (first, *_) = scene.made.description.constraints
+                turned = turned_by(scene.made.description)
+                (one, _), (other, _) = first.directions
+                assert first.kind == "square"
+                assert turned[one] != turned[other]
+                found += 1
+    assert found >= 90
+
+
+def turned_by(description) -> dict[str, frozenset[str]]:
+    """Return which joints turn each link against the ground."""
+    found = {"ground": frozenset()}
+    for joint in description.joints:
+        turns = joint.kind not in ("fixed", "prismatic")
+        found[joint.child] = found[joint.parent] | ({joint.name} if turns else set())
+    return found
+
+
+def test_no_kind_of_constraint_is_drawn_much_more_often_than_others(mechanisms):
+    counts = Counter(scene.topology[CONSTRAINTS] for scene, _ in mechanisms)
+    assert max(counts.values()) < 3 * ENOUGH / len(KINDS)
 
 
 def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
