@@ -1,4 +1,4 @@
-"""How many random mechanisms are drawn again, and why: `python -m tests.scenes.drawn_again 1000`."""
+"""How many random mechanisms are drawn again, and why: `... -m tests.scenes.drawn_again 1000`."""
 
 from __future__ import annotations
 
