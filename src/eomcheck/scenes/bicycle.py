@@ -243,6 +243,7 @@ class Bicycle(Described, description=description, closed=True):
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return wheels and frames, and each angle about its own axis."""
+        # `frames` of the bicycle itself are moments of inertia.
         frames, (east, north, up) = Described.frames(self, q), np.eye(3)
         here: Any = self.parameters(FLOAT64)
         (heading, across, _), (_, spoke, _) = frames["heading"][1], frames["leaning"][1]
