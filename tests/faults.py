@@ -44,21 +44,19 @@ SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
 BICYCLE = "scenes/bicycle.py"
-BICYCLE_JACOBIANS, BICYCLE_ENERGIES = "scenes/bicycle_jacobians.py", "scenes/bicycle_energies.py"
 COMPOSED = "mechanics/composed.py"
-GRAVITY = "mechanics/gravity.py"
 ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
 CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
+ROLLING = DESCRIBED + "rolling.py"
+SLIPS, WANDERS = ("constraint-jacobian", " wheel "), ("constraint-drift", " wheel ")
 WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
 RING, MIXED = ("constraint-jacobian", "", Bricard), ("mass-matrix", "entry", Bricard)
 WHIRLED = "bias", "row ", Bricard
 DAMPED = "generalized-forces", "row ", FlyballGovernor
 TURNED = "mass-matrix", "", FlyballGovernor
 CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
-SPACE = "mechanics/space.py"
 SHARED = {
     COMPOSED: ChainPendulum,
-    GRAVITY: Bicycle,
     ROWS: FourBarChain,
     CONSTRAINTS: Andrews,
     CLOSURES: Andrews,
@@ -67,12 +65,11 @@ SHARED = {
     WEIGHTS: ChainPendulum,
     TERMS: ChainPendulum,
     ENERGIES: ChainPendulum,
-    SPACE: Bicycle,
+    ROLLING: Bicycle,
 }
 """File of functions that many scenes call -> one of the scenes."""
 PARTS = {
     **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
-    **dict.fromkeys((BICYCLE_JACOBIANS, BICYCLE_ENERGIES), Bicycle),
 }
 """File of functions -> the scene that takes them from there."""
 BANDED, UK = "formulations/banded.py", "formulations/uk.py"
@@ -466,51 +463,25 @@ FAULTS = [
     Fault(SPRINGS, "spring.damping * rate * rate / 2", "spring.damping * rate * rate", *DAMPED),
     Fault(SPRINGS, "dot(apart.value, apart.rate)", "dot(apart.value, apart.value)", *DAMPED),
     Fault(ENERGIES, "along(seat, V), along(seat", "V, along(seat", *TURNED),
-    # The bicycle
-    Fault(BICYCLE_JACOBIANS, "STEER] = cross(axes", "STEER] = -cross(axes", "mass-matrix", "entry"),
-    Fault(BICYCLE_JACOBIANS, "1, 2, STEERING)", "1, 2, 2)", "mass-matrix", "ψ_f"),
-    Fault(SPACE, "turn(omega[k], alpha[k]", "turn(omega[k], 0 * alpha[k]", "bias", "row "),
-    Fault(BICYCLE_JACOBIANS, "rear_arm[k]) + swing", "rear_arm[k]) - swing", "bias", "row "),
-    Fault(BICYCLE_JACOBIANS, "))[:, 2]", "))[:, 1]", "generalized-forces", "row "),
-    Fault(BICYCLE_JACOBIANS, "-v[PITCH], pose", "v[PITCH], pose", "constraint-drift", "rear wheel"),
-    Fault(
-        BICYCLE_JACOBIANS,
-        "lengthening, pose",
-        "-lengthening, pose",
-        "constraint-drift",
-        "front wheel",
-    ),
-    Fault(
-        BICYCLE_JACOBIANS,
-        "shorter * axle[2], axle",
-        "-shorter * axle[2], axle",
-        "constraint-jacobian",
-        "front wheel",
-    ),
-    Fault(
-        BICYCLE_ENERGIES,
-        "-radius[0] * cos[PITCH]",
-        "radius[0] * cos[PITCH]",
-        "constraint-jacobian",
-        "rear wheel",
-    ),
-    Fault(
-        BICYCLE_ENERGIES,
-        "-= v[STEER] * prepared.tilt_sin",
-        "+= v[STEER] * prepared.tilt_sin",
-        "mass-matrix",
-        "ψ_f",
-    ),
-    Fault(BICYCLE_ENERGIES, "omega[2] * point[1]", "omega[1] * point[1]", "mass-matrix", "entry"),
-    Fault(BICYCLE_ENERGIES, "parameters.radius[1] * prepared.upright", "prepared.upright", *RATE),
+    # The bicycle, and what rolls.
     Fault(BICYCLE, "holonomic = slice(2, 5, 2)", "holonomic = slice(2, 4, 1)", *RATE),
+    Fault(ROLLING, "added(scaled(share, moved)", "added(scaled(-share, moved)", *WANDERS),
+    Fault(ROLLING, "share, moved), scaled(shorter, arm)", "share, moved), NOTHING", *WANDERS),
     Fault(
-        BICYCLE_ENERGIES,
-        "q[HEIGHT] + rise",
-        "q[HEIGHT] - rise",
-        "generalized-forces",
-        "row ",
+        ROLLING, "center.rate, cross(spin.rate, arm)", "center.rate, cross(arm, spin.rate)", *SLIPS
     ),
+    Fault(ROLLING, "subtracted(apart, cross(arm", "subtracted(apart, cross(reach", *SLIPS),
+    Fault(ROLLING, "cross(spin.rest, arm), cross(spin", "NOTHING, cross(spin", *WANDERS),
+    Fault(ROLLING, "times(R, rise)", "rise", *RATE),
+    Fault(ROLLING, "else dot(told[0].value, normal", "else dot(told[0].value, told[0]", *RATE),
+    Fault(
+        CONSTRAINTS,
+        "cross(normal.value, axis.value)), N",
+        "cross(axis.value, normal.value)), N",
+        *SLIPS,
+        Bicycle,
+    ),
+    Fault(CONSTRAINTS, "omega, found, rates.alpha", "omega, found, rates.omega", *WANDERS, Bicycle),
     # In space
     Fault(ROWS, "dot(a.value, b.value),", "dot(a.value, a.value),", *RATE, Bricard),
     Fault(MOTION, "turned_back(one, axis", "turned_back(one, 0", "kane-ml-mass", "M_Kane", Bricard),
@@ -525,8 +496,6 @@ FAULTS = [
     ),
     Fault(CONSTRAINTS, "(a, cross(omega, a)))", "(a, cross(a, omega)))", *RING),
     Fault(ENERGIES, "turned_back(omega, axis", "turned_back(V, axis", *MIXED),
-    Fault(GRAVITY, "Q[j] -= gravity", "Q[j] += gravity", "generalized-forces", "row "),
-    Fault(GRAVITY, "U += gravity", "U -= gravity", "generalized-forces", "row "),
     # What is composed for every scene that gives Jacobians.
     Fault(COMPOSED, "= inertia[k, c, f]", "= -inertia[k, c, f]", "mass-matrix", "entry", Bicycle),
     Fault(

@@ -126,6 +126,8 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
             with planted(part, (PACKAGE / part).read_text(encoding="utf-8")) as caller:
                 scene = with_shared(caller, module, scene)
         if file == COMPOSED:
+            if other is not None:  # of its Jacobians, as of who writes no terms
+                scene.composed = scene.composed | {"terms"}
             module.compose(scene)
     return scene
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import RefusedError, acceleration, independent_constraints, with_constraints
 from eomcheck.errors import InputError
+from eomcheck.evaluation import rank as rank_module
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
@@ -298,6 +299,25 @@ def test_a_rank_that_is_not_clear_is_refused_by_name():
             seen[power] = "not clear"
     assert list(dict.fromkeys(seen.values())) == ["independent", "not clear", "redundant"]
     assert seen[8] == "independent" and seen[12] == "not clear" and seen[16] == "redundant"
+
+
+def test_a_row_is_as_unsure_as_the_rows_that_it_is_made_of():
+    # What depends is exact here, what it depends on is not: its distance is all of their rounding.
+    random, reached = np.random.default_rng(0), []
+    for _ in range(60):
+        rank = int(random.integers(1, 4))
+        kept, shares = random.normal(size=(rank, 6)), random.uniform(-10.0, 10.0, rank)
+        row = shares @ kept
+        unsure = np.vstack((10.0 ** random.uniform(-9.0, -6.0, (rank, 6)), np.zeros(6)))
+        R = np.linalg.qr(np.vstack((kept, row)).T, mode="r")
+        allowed, distances = rank_module._rounding(R, unsure, rank, rank), []
+        for _ in range(40):
+            moved = kept + unsure[:-1] * random.choice((-1.0, 1.0), kept.shape)
+            share = np.linalg.lstsq(moved.T, row, rcond=None)[0]
+            distances.append(np.linalg.norm(row - share @ moved))
+        assert max(distances) <= allowed * (1 + 1e-4)
+        reached.append(max(distances) / allowed)
+    assert np.median(reached) > 0.3
 
 
 def test_the_rank_does_not_depend_on_units():

@@ -14,8 +14,13 @@ from eomcheck.mechanics.described.words import (
     drive,
     hinge,
     knife_edge,
+    on_line,
     on_plane,
     pin,
+    rolling_ball,
+    rolling_circle,
+    rolling_disk,
+    square,
     weld,
 )
 
@@ -130,9 +135,49 @@ Lifted = mechanism("Lifted", [GROUND, bent("a"), bent("b")],
     first=("p_z", "p_y"),
 )  # fmt: skip
 
+FREE = tuple(f"b_{part}" for part in ("x", "y", "z", "yaw", "pitch", "roll"))
+TABLE = turning("α", "ground", "table", axis=(0.1, 0.2, 1.0)), Joint("b", "floating", "ground", "b")
+ABOVE = (0.1, 0.0, 0.0), (0.0, 0.0, 0.2)
+
+Marble = mechanism("Marble", [GROUND, bent("table"), bent("b")], TABLE,
+    rolling_ball("ball", "b", "table", 0.5, *ABOVE, (0.1, 0.2, 1.0)), first=FREE[:3],
+    pose={"b_z": 0.5, "b_roll": 1.3},
+)  # fmt: skip
+
+Coin = mechanism("Coin", [GROUND, bent("table"), bent("b")], TABLE,
+    rolling_disk("rim", "b", "table", 0.5, *ABOVE, (1.0, 0.2, 0.1), (0.1, 0.2, 1.0)),
+    first=FREE[:3], pose={"b_z": 0.5, "b_roll": 0.3},
+)  # fmt: skip
+
+Hoop = mechanism("Hoop", [GROUND, rod("a")], [Joint("p", "planar", "ground", "a")],
+    rolling_circle("hoop", "a", "ground", 0.5, (1.0, 0.3, 0.0)), first=("p_x", "p_y"),
+    pose={"p_y": 0.5}, **PLANE,
+)  # fmt: skip
+
+Bead = mechanism("Bead", [GROUND, bent("a"), bent("b")],
+    [turning("α", "ground", "a", axis=(0.0, 1.0, 0.0)), Joint("b", "floating", "ground", "b")],
+    [*on_line("wire", "b", "a", (0.1, 0.2, 1.0), AT, (0.0, 0.1, 0.0)),
+     square("upright", "b", (1.0, 0.0, 0.2), "a", (0.0, 1.0, 0.3))],
+    first=("b_x", "b_y", "b_yaw"),
+)  # fmt: skip
+
 TREES = {kind.key: kind for kind in (Arm, Branched, Free, Ball, Following)}
 CLOSED = {
     kind.key: kind
-    for kind in (FourBar, Rodded, Welded, Hinged, OnTable, Geared, Driven, Skate, Lifted)
+    for kind in (
+        FourBar,
+        Rodded,
+        Welded,
+        Hinged,
+        OnTable,
+        Geared,
+        Driven,
+        Skate,
+        Lifted,
+        Marble,
+        Coin,
+        Hoop,
+        Bead,
+    )
 }
 ALL = TREES | CLOSED

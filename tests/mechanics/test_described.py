@@ -33,6 +33,7 @@ from eomcheck.mechanics.described import (
     forces,
     motion,
     pose,
+    rolling,
     terms,
     words,
 )
@@ -143,7 +144,22 @@ def twice(plan, frames, k):
     return {i: scaled(2, x) for i, x in RIGHT["turning_columns"](plan, frames, k).items()}
 
 
+def upwards_rim(derivation, axis, normal):
+    spoke, rate = RIGHT["rim"](derivation, axis, normal)
+    return scaled(-1, spoke), rate
+
+
+def still_rim(derivation, axis, normal):
+    return RIGHT["rim"](derivation, axis, normal)[0], NOTHING
+
+
+def fixed_contact(read):
+    return RIGHT["arm_of"](read)[0], NOTHING
+
+
 RIGHT = {
+    "arm_of": rolling.arm_of,
+    "rim": constraints.First.rim,
     "product": closures.product,
     "hinged": pose.hinged,
     "weigh": forces.weigh,
@@ -166,6 +182,10 @@ RIGHT = {
         ([(energies, "moved_point")], standing, "Arm", "mass-matrix"),
         ([(closures, "product")], halved, "Hinged", "constraint-drift"),
         ([(constraints, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
+        ([(constraints.First, "rim")], upwards_rim, "Coin", "constraint-jacobian"),
+        ([(constraints.First, "rim")], still_rim, "Coin", "constraint-drift"),
+        ([(rolling, "arm_of")], fixed_contact, "Coin", "constraint-drift"),
+        ([(rolling, "arm_of")], fixed_contact, "Marble", "constraint-drift"),
     ],
 )
 def test_a_mistake_in_one_derivation_is_disproved_and_named(

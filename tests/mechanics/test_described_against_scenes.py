@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.pose import Prepared
-from eomcheck.mechanics.described.words import Joint, Link
+from eomcheck.mechanics.described.words import Joint, Link, rolling_ball, rolling_disk
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.counting import Counting, Tally
 from eomcheck.numbers.finite_field import FiniteField, random_prime
-from eomcheck.scenes import ChainPendulum, Snake
+from eomcheck.scenes import Bicycle, ChainPendulum, Snake
 
 ROD = (1.0 / 12.0,) * 3
 
@@ -131,3 +133,30 @@ def test_only_joints_on_the_way_to_a_body_are_paid_for():
         [Joint("φ", "revolute", "ground", "arm")],
     )()
     assert cost(star) == 8 * cost(single)
+
+
+def test_the_bicycle_in_words_costs_less_than_equations_by_hand():
+    # What its terms took when they were written by hand, by all columns of all bodies.
+    assert cost(Bicycle()) <= 0.26 * 9769
+
+
+def rolls(told: Callable | None, on: str = "ground", table: bool = True) -> Mechanism:
+    """Return a body that rolls on the ground or on a table that turns, or neither."""
+    links, joints = [Link("ground")], [Joint("p", "floating", "ground", "body")]
+    if table:
+        links.append(Link("table", 1.0, (0.1, 0.0, 0.0), ROD))
+        joints.append(Joint("α", "revolute", "ground", "table"))
+    links.append(Link("body", 1.0, (0.0, 0.0, 0.0), ROD))
+    closing = () if told is None else told("b", "body", on, 0.5)
+    return mechanism("Rolls", links, joints, closing, pose={"p_roll": 1.0})()
+
+
+@pytest.mark.parametrize(("told", "price"), [(rolling_ball, 400), (rolling_disk, 660)])
+def test_a_plane_that_stands_costs_nothing_whatever_else_moves(told: Callable, price: int):
+    beside = cost(rolls(told)) - cost(rolls(None))
+    alone = cost(rolls(told, table=False)) - cost(rolls(None, table=False))
+    assert beside == alone <= price
+    assert cost(rolls(told, "table")) - cost(rolls(None)) > 1.2 * alone
+    a = Evaluation(rolls(told), np.ones(7), np.ones(7)).terms.a
+    assert a is not None
+    assert (a[:, 6] == 0).all()

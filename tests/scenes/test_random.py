@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -37,13 +38,16 @@ from eomcheck.mechanics.described import motion
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_of, rotation
+from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, weld
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import from_urdf
 from eomcheck.scenes.named import kinds_of
 from eomcheck.scenes.random import RANDOM
-from eomcheck.scenes.random.closing import INDEPENDENT, rows_of
-from eomcheck.scenes.random.trees import BRANCHED, SHAPE
+from eomcheck.scenes.random.closing import INDEPENDENT, UPRIGHT
+from eomcheck.scenes.random.description import poses
+from eomcheck.scenes.random.kinds import CONSTRAINTS
+from eomcheck.scenes.random.trees import BRANCHED, ROOT, SHAPE
 from eomcheck.scenes.random.urdf import URDF_JOINTS, urdf_text, urdf_tree
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
@@ -173,6 +177,65 @@ def test_constraints_are_of_all_kinds_alone_and_with_others(mechanisms):
     assert {kinds[1] for kinds in each if len(kinds) > 1} >= {"pin", "distance", "edge", "weld"}
 
 
+def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechanisms):
+    seen = set()
+    for scene, _ in mechanisms:
+        groups: dict[str, list] = {}
+        for one in scene.made.description.constraints:
+            if one.kind in ROLLING:
+                groups.setdefault(one.name.partition(",")[0], []).append(one)
+        planar = scene.made.topology.planar
+        for rows in groups.values():
+            # What rolls does so along all of the plane, and touches it.
+            kinds = sorted(one.kind for one in rows)
+            assert kinds in (["touching"], ["rolling"] * (1 if planar else 2) + ["touching"])
+            (link, _), (on, _) = rows[-1].points
+            assert link != on
+            what = "disk" if len(rows[-1].directions) == 3 else "ball"
+            if what == "disk":
+                there = poses(scene.made.description)
+                n, e = (there[link].direction(x) for link, x in rows[-1].directions[1:])
+                assert np.linalg.norm(np.cross(n, e)) > UPRIGHT - 1e-12
+            seen.add(("circle" if planar else what, len(rows) > 1, on == "ground"))
+    each = [(what, either) for what in ("circle", "disk", "ball") for either in (False, True)]
+    assert {(what, rolls) for what, rolls, _ in seen} == set(each)
+    assert {(what, stands) for what, _, stands in seen} == set(each)
+
+
+def test_wherever_there_is_room_a_joint_turns_what_shall_stay_square():
+    kind, random = RANDOM["random-mechanisms"], np.random.default_rng(1)
+    choices, found = FromGenerator(random), 0
+    for links in (1, 2, 3):
+        for entry in kind.topologies(links):
+            if "square" not in entry.get(CONSTRAINTS, ()):
+                continue
+            # Where all slide nothing turns.
+            for _ in range(20 if entry[ROOT] == ("prismatic",) else 2):
+                ways = {name: choices.one_of(of) for name, of in entry.items()}
+                scene = kind.of_topology(links, ways | {CONSTRAINTS: "square"}, choices)()
+                (first, *_) = scene.made.description.constraints
+                turned = turned_by(scene.made.description)
+                (one, _), (other, _) = first.directions
+                assert first.kind == "square"
+                assert turned[one] != turned[other]
+                found += 1
+    assert found >= 90
+
+
+def turned_by(description) -> dict[str, frozenset[str]]:
+    """Return which joints turn each link against the ground."""
+    found = {"ground": frozenset()}
+    for joint in description.joints:
+        turns = joint.kind not in ("fixed", "prismatic")
+        found[joint.child] = found[joint.parent] | ({joint.name} if turns else set())
+    return found
+
+
+def test_no_kind_of_constraint_is_drawn_much_more_often_than_others(mechanisms):
+    counts = Counter(scene.topology[CONSTRAINTS] for scene, _ in mechanisms)
+    assert max(counts.values()) < 3 * ENOUGH / len(KINDS)
+
+
 def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
     # Where the links are was found from the words alone, the gaps by the scene's own recursion.
     for scene, _ in mechanisms:
@@ -191,8 +254,9 @@ def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
         rows = at.terms.a / np.linalg.norm(at.terms.a, axis=1, keepdims=True)
         assert np.linalg.svd(rows, compute_uv=False)[-1] > INDEPENDENT / 50
         planar = scene.made.topology.planar
-        kinds = [one.kind for one in scene.made.description.constraints]
-        assert scene.r == sum(rows_of(kind, planar) for kind in kinds) < scene.n
+        kinds = [KINDS[one.kind] for one in scene.made.description.constraints]
+        rows = [kind.planar if planar else kind.spatial for kind in kinds]
+        assert scene.r == sum(rows) < scene.n
 
 
 # ---- Claims --------------------------------------------------------------------------------------

@@ -11,13 +11,10 @@ turns the fork about the steering axis, β_r and β_f the wheels about their axl
 ψ = π/2, φ = π the bicycle stands upright and rolls with positive spins, against h: along -x.
 
 Axes b_1, b_2, b_3 of the rear frame are then ahead, down and left; g_1, g_2, g_3 are those of the
-front frame, the same where nothing is steered. Axles are along b_3 and g_3. Wheels are alike in
-all directions of their plane, so that vectors of a wheel are written along the axes of its frame.
+front frame, the same where nothing is steered. Axles are along b_3 and g_3.
 
 Constraints are along the heading, across it and up. Those up are holonomic, four are not. The last
 three velocities, of leaning, of steering and of the rear wheel's spin, are the generalized speeds.
-
-The functions are in `bicycle_jacobians` and `bicycle_energies`.
 
 Source: Meijaard et al. 2007, whose benchmark gives the defaults; Basu-Mandal et al. 2007.
 """
@@ -31,7 +28,9 @@ import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.mechanics import plane
-from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.description import GROUND, Described, Description
+from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
 from eomcheck.mechanics.sketch import (
     Angle,
@@ -50,13 +49,63 @@ from eomcheck.mechanics.sketch import (
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scenes import bicycle_axes as at
-from eomcheck.scenes import bicycle_energies, bicycle_jacobians
 
-PARTS = at, bicycle_jacobians, bicycle_energies
+REAR, FRAME, FORK, FRONT = range(4)
+"""Bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
+HEIGHT, HEADING, PITCH, FRONT_SPIN, LEAN, STEER, REAR_SPIN = range(2, 9)
+"""Coordinates z, θ, φ, β_f, ψ, ψ_f, β_r."""
+NAMES = "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+AHEAD, LEFT, UP = ("heading", X), ("heading", Y), (GROUND, Z)
+"""Links and their directions, along which the constraints are."""
 
 
-class Bicycle(Parametric, functions=PARTS):
+def description(parameters):
+    """Return the bicycle in words.
+
+    Frames that only lean or head somewhere have no mass. Points and inertia of the front frame are
+    along the steering axis, see `derived`: nothing is turned back from it.
+    """
+    mass, (cos, sin) = parameters.mass, parameters.tilted
+    pivot, hub = (*parameters.pivot, 0), (*parameters.hub, 0)
+    seat = (cos, sin, 0), (-sin, cos, 0), (0, 0, 1)
+    links = [
+        words.Link("rear wheel", mass[0]),
+        words.Link("rear frame", mass[1], (*parameters.rider, 0)),
+        words.Link("front frame", mass[2], (*parameters.fork, 0)),
+        words.Link("front wheel", mass[3]),
+    ]
+    joints = [
+        words.Joint("x", "prismatic", GROUND, "ahead", axis=X),
+        words.Joint("y", "prismatic", "ahead", "aside", axis=Y),
+        words.Joint("z", "prismatic", "aside", "above", axis=Z),
+        words.Joint("θ", "revolute", "above", "heading", axis=Z),
+        words.Joint("ψ", "revolute", "heading", "leaning", axis=X),
+        words.Joint("φ", "revolute", "leaning", "rear frame", axis=Z),
+        words.Joint("β_r", "revolute", "rear frame", "rear wheel", axis=Z, symmetric=True),
+        words.Joint("ψ_f", "revolute", "rear frame", "front frame", pivot, seat, (0, -1, 0)),
+        words.Joint("β_f", "revolute", "front frame", "front wheel", hub, axis=Z, symmetric=True),
+    ]
+    floor, (rear_radius, front_radius) = (GROUND, words.ORIGIN), parameters.radius
+    # Where the rear wheel touches is known of the frame that leans, of the front wheel it is not.
+    rear = words.Contact(("rear wheel", words.ORIGIN), floor, rear_radius, (("leaning", Y),))
+    told = ("front wheel", Z), UP
+    front = words.Contact(("front wheel", words.ORIGIN), floor, front_radius, told)
+    # Taken in this order, with the first velocities dependent, elimination divides by nothing small
+    # for a bicycle that stands, also where it cannot choose (expressions).
+    closing = [
+        rear.rolling("rear wheel along", AHEAD),
+        rear.rolling("rear wheel across", LEFT),
+        rear.touching("rear wheel up", UP),
+        front.rolling("front wheel across", LEFT),
+        front.touching("front wheel up", UP),
+        front.rolling("front wheel along", AHEAD),
+    ]
+    down = (0, 0, -parameters.gravity[0])
+    return Description(links, joints, NAMES, closing, gravity=down)
+
+
+class Bicycle(Described, description=description, closed=True):
     """A bicycle without hands, by default the benchmark, rolling upright and pushed to lean.
 
     As published, points and moments of inertia refer to axes ahead, right and down from where the
@@ -68,7 +117,7 @@ class Bicycle(Parametric, functions=PARTS):
 
     wheelbase: Any = parameter("w", "m", "> 0", (0.8, 1.5), default=1.02, read=False)
     trail: Any = parameter("c", "m", drawn=(-0.1, 0.2), default=0.08, read=False)
-    tilt: Any = parameter("λ, within π/2", "rad", drawn=(-0.2, 0.5), default=np.pi / 10)
+    tilt: Any = parameter("λ, within π/2", "rad", drawn=(-0.2, 0.5), default=np.pi / 10, read=False)
     radius: Any = parameter("rear and front", "m", "> 0", (0.2, 0.5), (2,), default=(0.3, 0.35))
     mass: Any = parameter("m", "kg", "> 0", (1.0, 100.0), (4,), default=(2.0, 85.0, 4.0, 3.0))
     center: Any = parameter(
@@ -91,7 +140,7 @@ class Bicycle(Parametric, functions=PARTS):
     lean_rate: Any = parameter("at which it begins to lean", "rad/s", default=0.5, read=False)
 
     key = "bicycle"
-    named_coordinates = "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
+    named_coordinates = NAMES
     drawn_coordinates = (
         *(ANYWHERE, ANYWHERE, Range(0.1, 0.5), ANY_ANGLE, Range(np.pi - 0.2, np.pi + 0.2)),
         *(ANY_ANGLE, Range(np.pi / 2 - 0.8, np.pi / 2 + 0.8), Range(-0.8, 0.8), ANY_ANGLE),
@@ -101,7 +150,7 @@ class Bicycle(Parametric, functions=PARTS):
         *("front wheel across", "front wheel up", "front wheel along"),
     )
     conserves_energy = True
-    angle_coordinates = slice(at.HEADING, None)
+    angle_coordinates = slice(HEADING, None)
     holonomic = slice(2, 5, 2)
 
     def __post_init__(self):
@@ -116,29 +165,42 @@ class Bicycle(Parametric, functions=PARTS):
                 )
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
-        """Return inertia along b or g of each body, and where its points are in its plane, m.
+        """Return inertia along b, or of the front the steering axis, and where points are, m.
 
         The rider from the centre of the rear wheel, as `pivot`, where the steering axis meets the
         ground if the bicycle is upright; from there the centre of mass of the front frame, `fork`,
-        and of the front wheel, `hub`.
+        and of the front wheel, `hub`: these along axes that are tilted by λ, whose cosine and
+        sine are `tilted`.
         """
         number = arithmetic.numbers
         wheelbase, trail = number(np.array([self.wheelbase, self.trail]))
         radius, center = number(self.radius), number(self.center)
         wheels, frames = number(self.wheels), number(self.frames)
+        tilt = arithmetic.angles(number(np.array([self.tilt])))
+        cos, sin = tilt.cos[0], tilt.sin[0]
         inertia = np.zeros((4, 3, 3), center.dtype)
-        for wheel, body in enumerate(at.WHEEL):
+        for wheel, body in enumerate((REAR, FRONT)):
             inertia[body, 0, 0] = inertia[body, 1, 1] = wheels[wheel, 0]
             inertia[body, 2, 2] = wheels[wheel, 1]
         # b_1, b_2, b_3 are ahead, down and left.
-        for frame, body in enumerate((at.FRAME, at.FORK)):
+        for frame, body in enumerate((FRAME, FORK)):
             inertia[body, 0, 0], inertia[body, 2, 2], inertia[body, 1, 1] = frames[frame, :3]
             inertia[body, 0, 1] = inertia[body, 1, 0] = frames[frame, 3]
+        ahead, down, both = inertia[FORK, 0, 0], inertia[FORK, 1, 1], inertia[FORK, 0, 1]
+        inertia[FORK, 0, 0] = cos * cos * ahead + sin * sin * down - 2 * sin * cos * both
+        inertia[FORK, 1, 1] = sin * sin * ahead + cos * cos * down + 2 * sin * cos * both
+        inertia[FORK, 0, 1] = (cos * cos - sin * sin) * both + sin * cos * (ahead - down)
+        inertia[FORK, 1, 0] = inertia[FORK, 0, 1]
+
+        def along_steering(x, y):
+            return [cos * x - sin * y, sin * x + cos * y]
+
         points = {
             "rider": [center[0, 0], center[0, 1] + radius[0]],
             "pivot": [wheelbase + trail, radius[0]],
-            "fork": [center[1, 0] - (wheelbase + trail), center[1, 1]],
-            "hub": [-trail, -radius[1]],
+            "fork": along_steering(center[1, 0] - (wheelbase + trail), center[1, 1]),
+            "hub": along_steering(-trail, -radius[1]),
+            "tilted": [cos, sin],
         }
         made = {name: np.array(point, center.dtype) for name, point in points.items()}
         return {"inertia": inertia, "radius": radius, **made}
@@ -147,10 +209,10 @@ class Bicycle(Parametric, functions=PARTS):
         """Return the bicycle upright, heading along -x: it rolls, and tilts about its track."""
         q, v = np.zeros(9), np.zeros(9)
         rear, front = self.radius
-        q[at.HEIGHT], q[at.LEAN], q[at.PITCH] = rear, np.pi / 2, np.pi
-        v[0], v[1] = -self.speed, -rear * np.sin(q[at.LEAN]) * self.lean_rate
-        v[at.HEIGHT] = rear * np.cos(q[at.LEAN]) * self.lean_rate
-        v[at.REAR_SPIN], v[at.FRONT_SPIN], v[at.LEAN] = (
+        q[HEIGHT], q[LEAN], q[PITCH] = rear, np.pi / 2, np.pi
+        v[0], v[1] = -self.speed, -rear * np.sin(q[LEAN]) * self.lean_rate
+        v[HEIGHT] = rear * np.cos(q[LEAN]) * self.lean_rate
+        v[REAR_SPIN], v[FRONT_SPIN], v[LEAN] = (
             self.speed / rear,
             self.speed / front,
             self.lean_rate,
@@ -158,55 +220,43 @@ class Bicycle(Parametric, functions=PARTS):
         return q, v
 
     def refuse_speeds(self, q: Array) -> None:
-        """Refuse |sin ψ| <= 4 eps: Euler's angles are singular where the rear frame lies flat."""
-        sine = abs(float(np.sin(q[at.LEAN])))
+        """Refuse |sin ψ| <= 4 eps: Euler's angles are singular where the rear frame lies fl"""
+        sine = abs(float(np.sin(q[LEAN])))
         if sine <= 4 * EPS:
-            detail = f"ψ = {float(q[at.LEAN])!r}: Euler's angles are singular, the axle is upright"
+            detail = f"ψ = {float(q[LEAN])!r}: Euler's angles are singular, the axle is upright"
             raise RefusedError("sin ψ", sine, 4 * EPS, detail)
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        yield plane.rotation(self, q, v, slice(at.HEADING, at.HEADING + 1))
+        yield plane.rotation(self, q, v, slice(HEADING, HEADING + 1))
         yield plane.translation(self, q, v)
-        mirrored = plane.mirror(
-            self, q, v, kept=(0, at.HEIGHT, at.PITCH, at.FRONT_SPIN, at.REAR_SPIN)
-        )
-        mirrored.q[at.LEAN] += np.pi
+        mirrored = plane.mirror(self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN))
+        mirrored.q[LEAN] += np.pi
         yield mirrored
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Bicycle, Array]:
         """Return the bicycle leaning and steered."""
         q = cls().initial_state()[0]
-        q[:2], q[at.HEADING], q[at.LEAN], q[at.STEER] = (1.7, 0.9), -0.5, np.pi / 2 - 0.25, 0.35
+        q[:2], q[HEADING], q[LEAN], q[STEER] = (1.7, 0.9), -0.5, np.pi / 2 - 0.25, 0.35
         return cls(), q
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return wheels and frames, and each angle about its own axis."""
+        # `frames` of the bicycle itself are moments of inertia.
+        frames, (east, north, up) = Described.frames(self, q), np.eye(3)
         here: Any = self.parameters(FLOAT64)
-        prepared = at.prepare(FLOAT64, here, q, t)
-        cos, sin, (east, north, up) = prepared.cos, prepared.sin, np.eye(3)
-        heading = np.array([cos[at.HEADING], sin[at.HEADING], 0.0])
-        across = np.cross(up, heading)
-
-        def level(point: Any, front: bool = False) -> Array:
-            vector = np.resize([*point, 0.0], 3)
-            if front:
-                vector = at.steered(prepared, -sin[at.STEER], vector)
-            along, left, rise = bicycle_energies.level(prepared, vector)
-            return along * heading + left * across + rise * up
-
-        b = [level(axis) for axis in np.eye(3)]
-        g = [level(axis, True) for axis in np.eye(3)]
-        k = np.array([up @ axis for axis in g[:2]])
-        rear = q[:3]
-        pivot, foot = rear + level(here.pivot), np.array([q[0], q[1], 0.0])
-        hub, rider = pivot + level(here.hub, True), rear + level(here.rider)
-        tilt = np.array([prepared.tilt_sin[0], prepared.tilt_cos[0]])
-        steering, ahead = level(-tilt), level([tilt[1], -tilt[0]])
+        (heading, across, _), (_, spoke, _) = frames["heading"][1], frames["leaning"][1]
+        (rear, b), (pivot, front) = frames["rear frame"], frames["front frame"]
+        hub, foot = frames["front wheel"][0], np.array([q[0], q[1], 0.0])
+        c, s = here.tilted
+        g = np.array([c * front[0] + s * front[1], c * front[1] - s * front[0], front[2]])
+        steering, ahead = -front[1], c * b[0] - s * b[1]
+        rider = rear + np.array(here.rider) @ b[:2]
         low, high = pivot + 0.65 * steering, pivot + 0.95 * steering
-        touch = rear - self.radius[0] * (sin[at.PITCH] * b[0] + cos[at.PITCH] * b[1])
-        front = hub - self.radius[1] / np.linalg.norm(k) * (k[0] * g[0] + k[1] * g[1])
+        lowest = g[2, 2] * g[2] - up
+        touch = rear - self.radius[0] * spoke
+        front = hub + self.radius[1] * lowest / np.linalg.norm(lowest)
         corners = [(-0.2, -0.3), (2.4, -0.3), (2.4, 2.0), (-0.2, 2.0)]
         parts = (
             *(Plane([np.array([x, y, 0.0]) for x, y in corners]), *fixed_axes(0.4, 3)),
@@ -217,15 +267,15 @@ class Bicycle(Parametric, functions=PARTS):
             *(Joint(hub), Center(rider, "rider"), Distance("", pivot, high + 0.3 * steering)),
             *(Distance("x", q[1] * north, foot), Distance("y", q[0] * east, foot)),
             *(Distance("z", foot, rear), Arrow("h", touch, 0.75 * heading), Trail(touch)),
-            *(Angle("θ", touch, east, north, q[at.HEADING], 0.6), Trail(front)),
+            *(Angle("θ", touch, east, north, q[HEADING], 0.6), Trail(front)),
             Arrow("", touch, 0.7 * east),
-            *(Angle("ψ", rear, up, -across, q[at.LEAN], 0.5), Arrow("", rear, 0.6 * up)),
+            *(Angle("ψ", rear, up, -across, q[LEAN], 0.5), Arrow("", rear, 0.6 * up)),
             Arrow("axle", rear, 0.6 * b[2]),
-            Angle("φ", rear, heading, np.cross(b[2], heading), q[at.PITCH], 0.18),
-            Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[at.STEER], 0.3),
+            Angle("φ", rear, heading, np.cross(b[2], heading), q[PITCH], 0.18),
+            Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[STEER], 0.3),
             Angle("β_r", rear, b[0], b[1], 0.0, 0.8 * self.radius[0]),
             Angle("β_f", hub, g[0], g[1], 0.0, 0.8 * self.radius[1]),
-            Constraint("rear wheel rolls", touch, at.ROW[0]),
-            Constraint("front wheel rolls", front, at.ROW[1]),
+            Constraint("rear wheel rolls", touch, (0, 1, 2)),
+            Constraint("front wheel rolls", front, (5, 3, 4)),
         )
         return Sketch(parts, azimuth=-1.05, elevation=0.3)

@@ -15,10 +15,17 @@ from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.frames import Frames, Place
 from eomcheck.mechanics.described.mechanism import Made, Mechanism
 from eomcheck.mechanics.described.quaternions import rotation
-from eomcheck.mechanics.described.topology import Closure, Slot, Topology
+from eomcheck.mechanics.described.topology import ROLLING, Closure, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
 from eomcheck.mechanics.tree import PLANAR
 from eomcheck.numbers.float64 import FLOAT64
+
+NUMBERED = {
+    "coupling": "couplings",
+    "drive": "drives",
+    **dict.fromkeys(("distance", *ROLLING), "lengths"),
+}
+"""Kind of constraint -> the parameter that its numbers are part of."""
 
 REGULAR = 1e-12
 """Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
@@ -172,13 +179,18 @@ def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
             raise InputError(f"{what} is on the link {link!r}, no such link")
         place: Place = frames.places[link]
         there = rotation(place.turn) @ np.array(at) + shifted * place.offset
-        number: Any = frames.number(name, tuple(there[:d].tolist()))
+        if one.kind in ROLLING and name == "directions" and not there[:d].any():
+            raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
+        number: Any = keep(name, tuple(there[:d].tolist()))
         return place.slot, number
+
+    # All rows of what rolls are about one contact.
+    keep = frames.shared if one.kind in ROLLING else frames.number
 
     points = tuple(kept("points", *point, True) for point in one.points)
     turned = tuple(kept("directions", *direction, False) for direction in directions)
-    name = {"distance": "lengths", "coupling": "couplings", "drive": "drives"}.get(one.kind)
-    number = None if name is None else frames.number(name, one.numbers)
+    name = NUMBERED.get(one.kind)
+    number = None if name is None else keep(name, one.numbers)
     coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
     return Closure(one.kind, one.name, points, turned, coordinates, number)
 

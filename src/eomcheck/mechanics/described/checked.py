@@ -11,14 +11,19 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics.described.closures import KINDS
+from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import LONGEST, SHORTEST, Constraint, Joint, Link
 
 COUNTS = {1: "a number", 2: "two numbers", 3: "three numbers", 4: "four numbers"}
 
 NOT_NEGATIVE = "expected a number that is not negative"
 
-NUMBERS = {"distance": 1, "coupling": 2, "drive": 3}
+NUMBERS = {"distance": 1, "coupling": 2, "drive": 3, **dict.fromkeys(ROLLING, 1)}
 """Kind of constraint -> numbers that it has; others have none."""
+
+
+LENGTHS = {"distance": "length", **dict.fromkeys(ROLLING, "radius")}
+"""Kind of constraint -> what its number is, m."""
 
 
 def all_of(what: str, kind: type, things: Any) -> tuple[Any, ...]:
@@ -108,13 +113,14 @@ def _check_constraint(one: Constraint) -> None:
     for link, along in one.directions:
         _check_length(f"{said}, on {link!r}, has the direction", along, 3)
     points, directions = ([link for link, _ in of] for of in (one.points, one.directions))
-    for names in (points, directions, one.joints):
+    for names in (points, () if one.kind in ROLLING else directions, one.joints):
         if len(names) == 2 and names[0] == names[1]:
             raise InputError(f"{said} is between {names[0]!r} and itself")
     if one.kind in NUMBERS:
         _check_numbers(f"{said}: its numbers", one.numbers, NUMBERS[one.kind])
-        if one.kind == "distance" and one.numbers <= 0:
-            raise InputError(f"{said}: length = {one.numbers} m, expected a positive number")
+        if one.kind in LENGTHS and one.numbers <= 0:
+            what = LENGTHS[one.kind]
+            raise InputError(f"{said}: {what} = {one.numbers} m, expected a positive number")
 
 
 def _check_numbers(said: str, value: Any, count: int = 1, sign: str = " = ") -> None:

@@ -13,6 +13,8 @@ own vectors.
 - "coupling": q_i = ratio q_j + shift
 - "drive": q_i = p + r t + a t²/2
 - "edge": a point does not move along a direction of its frame, and the position is free
+- "touching": a ball or the rim of a disk touches a plane of the second frame
+- "rolling": where it touches the plane it does not slip along a direction (`rolling`)
 """
 
 from __future__ import annotations
@@ -21,14 +23,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from eomcheck.mechanics.described.absent import (
-    AXES,
     dot,
     minus,
     plus,
-    times,
     vector,
 )
-from eomcheck.mechanics.described.rows import Derivation, Moving, Read, Row, product
+from eomcheck.mechanics.described.rolling import rolling, touching
+from eomcheck.mechanics.described.rows import Derivation, Moving, Read, Row, product, repeated
 from eomcheck.mechanics.described.topology import Closure, Plan
 
 
@@ -133,15 +134,9 @@ KINDS = {
     "coupling": Closing(coupling, 1, 1),
     "drive": Closing(drive, 1, 1),
     "edge": Closing(edge, 1, 1, 1, holonomic=False),
+    "touching": Closing(touching, 1, 1, 2),
+    "rolling": Closing(rolling, 1, 1, 2, holonomic=False),
 }
-
-
-def repeated(row: Row, factor: Any) -> Row:
-    """Return so many times a row."""
-    columns = {i: times(factor, x) for i, x in row.columns.items()}
-    numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
-    position, rate, rest, b = numbers
-    return Row(position, rate, columns, rest, b)
 
 
 def rows_of(closure: Closure, planar: bool) -> int:
@@ -153,7 +148,7 @@ def rows_of(closure: Closure, planar: bool) -> int:
 def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
     """Return all rows, closure by closure."""
     found: list[Row] = []
-    seen: dict[Any, Moving] = {}  # many closures share a point
+    seen: dict[Any, Any] = {}  # many closures share a point, or a place where something rolls
 
     def of(what: Callable, k: int, i: int, numbers: Any) -> Moving:
         if (what, k, i) not in seen:
@@ -163,12 +158,11 @@ def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
     for closure in plan.topology.closures:
         points = [of(at.point, k, i, given.points) for k, i in closure.points]
         directions = [of(at.direction, k, i, given.directions) for k, i in closure.directions]
-        second = (
-            [at.direction(closure.points[1][0], x) for x in AXES]
-            if (closure.kind == "weld")
-            else []
-        )
-        read = Read(points, directions, second, closure, given, at, plan.topology.planar)
+        frames = tuple(k for k, _ in closure.points)
+        disk = plan.disk.get(closure.directions[1:])
+        sine = None if disk is None else at.sines[disk]
+        planar = plan.topology.planar
+        read = Read(points, directions, frames, closure, given, at, planar, seen, sine)
         some = KINDS[closure.kind].rows(read)
         if closure.factor is not None:
             some = [repeated(row, given.factors[closure.factor]) for row in some]

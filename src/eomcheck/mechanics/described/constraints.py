@@ -13,8 +13,11 @@ from eomcheck.mechanics.described.absent import (
     added,
     centripetal,
     cross,
+    dot,
     levelled,
     put,
+    scaled,
+    subtracted,
 )
 from eomcheck.mechanics.described.closures import KINDS, rows, rows_of
 from eomcheck.mechanics.described.motion import (
@@ -25,7 +28,7 @@ from eomcheck.mechanics.described.motion import (
     turning_columns,
 )
 from eomcheck.mechanics.described.pose import GROUND, placed, point_of
-from eomcheck.mechanics.described.rows import Moving
+from eomcheck.mechanics.described.rows import Moving, product
 from eomcheck.mechanics.described.topology import Plan
 
 
@@ -33,7 +36,8 @@ class First:
     """Vectors by columns and rests; without v only where they are and their columns."""
 
     def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
-        self.plan, self.q, self.v, self.driven = plan, q, v, prepared.driven
+        self.plan, self.q, self.v = plan, q, v
+        self.driven, self.sines = prepared.driven, prepared.sines
         self.frames = placed(plan, parameters, prepared)
         self.rates = None if v is None else moving(plan, parameters, self.frames, v)
 
@@ -55,6 +59,20 @@ class First:
         rest = added(cross(rates.alpha, along), centripetal(rates.omega, along))
         return Moving(along, cross(rates.omega, along), found, rest)
 
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns."""
+        rates = STILL if self.rates is None or k < 0 else self.rates[k]
+        found = turning_columns(self.plan, self.frames, k)
+        return Moving(NOTHING, rates.omega, found, rates.alpha)
+
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return (n·n) e - (e·n) n and its rate."""
+        upright, square = product(axis, normal), dot(axis.value, axis.value)
+        along = scaled(upright.position, axis.value)
+        moved = added(scaled(upright.rate, axis.value), scaled(upright.position, axis.rate))
+        spoke, rate = (scaled(square, x) for x in (normal.value, normal.rate))
+        return subtracted(spoke, along), subtracted(rate, moved)
+
     def _rate(self, found: dict[int, Vector]) -> Vector:
         rate = NOTHING
         for i, one in found.items():
@@ -66,7 +84,8 @@ class Second:
     """Vectors by positions and velocities that are passed on; without v only where they are."""
 
     def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
-        self.here, self.q, self.v, self.driven = (plan, parameters, prepared), q, v, prepared.driven
+        self.here, self.q, self.v = (plan, parameters, prepared), q, v
+        self.driven, self.sines = prepared.driven, prepared.sines
         self.rates = None if v is None else energies.passed_on(plan, parameters, prepared, v)
 
     def point(self, k: int, a: Vector) -> Moving:
@@ -80,6 +99,15 @@ class Second:
         omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
         along, rate = (energies.level(*self.here, k, x) for x in (a, cross(omega, a)))
         return Moving(along, rate, {}, NOTHING)
+
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns."""
+        omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
+        return Moving(NOTHING, energies.level(*self.here, k, omega), {}, NOTHING)
+
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return n × (e × n)."""
+        return cross(axis.value, cross(normal.value, axis.value)), NOTHING
 
 
 def holonomic_rows(plan: Plan) -> list[int]:

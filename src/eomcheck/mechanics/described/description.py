@@ -116,6 +116,7 @@ class _Reading:
                     body=None if link is None else self.bodies.index(link),
                     absolute=joint.absolute,
                     torque=self.number("torque", joint.torque),
+                    symmetric=joint.symmetric,
                     name=joint.name + part,
                 )
             )
@@ -127,6 +128,15 @@ class _Reading:
             return None
         self.numbers[name].append(x)
         return len(self.numbers[name]) - 1
+
+    def shared(self, name: str, x: Any) -> int | None:
+        """Keep a number, once for all who share it, and return its place."""
+        if x is None:
+            return None
+        if (name, id(x)) not in self.places:
+            self.places[name, id(x)] = len(self.numbers[name])
+            self.numbers[name].append(x)
+        return self.places[name, id(x)]
 
     def vector(self, name: str, x: Triple) -> int:
         """Keep a point or a direction, once for all who share it, and return its place."""
@@ -142,7 +152,7 @@ class _Reading:
             one.name,
             tuple((self.at[link], self.vector("points", at)) for link, at in one.points),
             tuple((self.at[link], self.vector("directions", x)) for link, x in one.directions),
-            number=self.number("lengths", one.numbers),
+            number=self.shared("lengths", one.numbers),
             factor=self.number("factors", one.factor),
         )
 
@@ -174,8 +184,15 @@ def _axis(axis: Triple) -> tuple[str, int]:
     return "xyz"[place], int(sense)
 
 
+def _seat(turn: Any) -> Any:
+    """Return the rotation of a seat, None where it is not turned."""
+    if np.shape(turn) == (3, 3):
+        return np.array([absent(row) for row in turn], object)
+    return _quarters(turn)
+
+
 @lru_cache(64)
-def _seat(turn: Quaternion) -> Any:
+def _quarters(turn: Quaternion) -> Any:
     """Return the rotation of a seat as whole numbers, None where it is not turned."""
     if turn == ONE:
         return None

@@ -56,6 +56,7 @@ class Frames:
         self.place_of = {name: i for i, name in enumerate(self.coordinates)}
         self.numbers: dict[str, list[Any]] = {}
         """Name of a parameter -> what there is of it, by place."""
+        self._places: dict[Any, int | None] = {}
         self.slots: list[Slot] = []
         self.rigid: dict[int, list[Rigid]] = {}
         """Slot -> what is fixed to it."""
@@ -74,6 +75,12 @@ class Frames:
         kept = self.numbers.setdefault(name, [])
         kept.append(value)
         return len(kept) - 1
+
+    def shared(self, name: str, value: Any) -> int | None:
+        """Keep a parameter, once for all that share it, and return its place."""
+        if (name, value) not in self._places:
+            self._places[name, value] = self.number(name, value)
+        return self._places[name, value]
 
     def _coordinates(self) -> list[str]:
         found: list[str] = []

@@ -22,6 +22,7 @@ from eomcheck.mechanics.described.motion import jacobians_of
 from eomcheck.mechanics.described.neutral import tree_of
 from eomcheck.mechanics.described.pose import prepare_of
 from eomcheck.mechanics.described.quaternions import rotations
+from eomcheck.mechanics.described.rolling import with_sines
 from eomcheck.mechanics.described.springs import stored, taken, with_lengths
 from eomcheck.mechanics.described.start import started
 from eomcheck.mechanics.described.terms import terms_of
@@ -191,7 +192,7 @@ def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
 def functions_of(plan: Plan) -> dict[str, Callable]:
     """Return the functions of a scene."""
     functions = {
-        "prepare": with_lengths(plan, prepare_of(plan)),
+        "prepare": with_sines(plan, with_lengths(plan, prepare_of(plan))),
         "jacobians": jacobians_of(plan),
         "forces": forces_of(plan),
         "velocities": energies.velocities_of(plan),

@@ -85,8 +85,9 @@ def spins(plan, parameters, prepared):
             here = {i: along(seat, one) for i, one in here.items()}
         if not slot.slides:
             at, axis, j = plan.hinge[k], slot.axis, slot.coordinate
-            cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
-            here = {i: turned_back(one, axis, cos, sin) for i, one in here.items()}
+            if not slot.symmetric:
+                cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
+                here = {i: turned_back(one, axis, cos, sin) for i, one in here.items()}
             own = unit(axis, factor(slot, parameters))
             here[j] = added(here.get(j, NOTHING), own)
         found.append(here)

@@ -33,6 +33,8 @@ class Prepared(NamedTuple):
     """Position, rate and acceleration of what a clock drives (3, drives), or None."""
     lengths: Any = None
     """Lengths of the springs between points, or None without any, m."""
+    sines: Any = None
+    """Of the angles between axes of disks and normals of planes, or None without any."""
 
 
 class Frame(NamedTuple):
@@ -107,7 +109,7 @@ def placed_on(before: Frame, plan: Plan, k: int, parameters: Any, prepared: Prep
     axis = scaled(factor(slot, parameters), axes[slot.axis])
     if slot.slides:
         arm = added(arm, scaled(prepared.x[k], axes[slot.axis]))
-    else:
+    elif not slot.symmetric:
         at = plan.hinge[k]
         axes = hinged(axes, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
     return Frame(axes, added(before.origin, arm), arm, axis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from eomcheck.mechanics.described.absent import (
+    AXES,
     NOTHING,
     Vector,
     dot,
@@ -52,9 +53,18 @@ class Derivation(Protocol):
         """Return the direction a of frame k."""
         ...
 
+    def turning(self, k: int) -> Moving:
+        """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
+        ...
+
+    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+        """Return n × (e × n), of a disk's axis n and a normal e, and its rate, where known."""
+        ...
+
     q: Any
     v: Any
     driven: Any
+    sines: Any
 
 
 class Read(NamedTuple):
@@ -62,13 +72,27 @@ class Read(NamedTuple):
 
     points: list[Moving]
     directions: list[Moving]
-    second: list[Moving]
-    """Axes of the second frame."""
+    frames: tuple[int, ...]
+    """Those of the points."""
     closure: Closure
     given: Any
     """Parameters."""
     at: Derivation
     planar: bool
+    seen: dict[Any, Any]
+    """What closures share, kept by whoever found it first."""
+    sine: Any = None
+    """Of the angle between the axis of a disk and the normal of its plane."""
+
+    @property
+    def second(self) -> list[Moving]:
+        """Axes of the second frame."""
+        return [self.at.direction(self.frames[1], x) for x in AXES]
+
+    @property
+    def turning(self) -> list[Moving]:
+        """How the frames of the points turn."""
+        return [self.at.turning(k) for k in self.frames]
 
     @property
     def apart(self) -> Moving:
@@ -102,3 +126,11 @@ def product(a: Moving, b: Moving) -> Row:
         columns,
         plus(rest, times(2, dot(a.rate, b.rate))),
     )
+
+
+def repeated(row: Row, factor: Any) -> Row:
+    """Return so many times a row."""
+    columns = {i: times(factor, x) for i, x in row.columns.items()}
+    numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
+    position, rate, rest, b = numbers
+    return Row(position, rate, columns, rest, b)

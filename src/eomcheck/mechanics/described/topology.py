@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+ROLLING = frozenset({"touching", "rolling"})
+"""Kinds of closures that are about what rolls on a plane."""
 
 
 class Slot(NamedTuple):
@@ -35,6 +38,9 @@ class Slot(NamedTuple):
     """Whether it turns against the axes of the ground and not those of the frame before."""
     torque: int | None = None
     """A constant one, or a force, along its coordinate."""
+    symmetric: bool = False
+    """Whether all that it turns is alike all round its axis: the first derivation does not turn
+    its frame then, the second does."""
     name: str = ""
 
     @property
@@ -59,7 +65,7 @@ class Closure(NamedTuple):
     """Frames, and places among the `directions`."""
     coordinates: tuple[int, ...] = ()
     number: int | None = None
-    """Place among the `lengths`, the `couplings`, the `drives` or the `springs`."""
+    """Place among the `lengths` (radii too), the `couplings`, the `drives` or the `springs`."""
     factor: int | None = None
     """Place among the `factors`: so many times its rows are taken."""
 
@@ -103,6 +109,10 @@ class Plan:
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
         self.hinge = {k: place for place, k in enumerate(self.hinges)}
         """Slot -> place among the hinges."""
+        rolling = (one for one in topology.closures if one.kind in ROLLING)
+        self.disks = tuple(dict.fromkeys(x for one in rolling if len(x := one.directions[1:]) == 2))
+        """Pairs of an axis and a normal, each a frame and a place among the `directions`."""
+        self.disk: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
         self.from_ground: list[tuple[int, ...]] = []
         """Slots on the way to each from the ground, itself the last."""
         for k, slot in enumerate(slots):

@@ -54,8 +54,9 @@ class Joint(NamedTuple):
     child: str
     place: Triple = ORIGIN
     """Of the child in the frame of the parent where all coordinates are 0, m."""
-    turn: Quaternion = ONE
-    """Its orientation there, of any length."""
+    turn: Any = ONE
+    """Its orientation there, a quaternion of any length. In a `Description` a quarter turn, or a
+    matrix (3, 3) whose columns are its axes."""
     axis: Triple = (0.0, 0.0, 1.0)
     """In the frame of the child, of any length."""
     damping: float | None = None
@@ -72,6 +73,9 @@ class Joint(NamedTuple):
     """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
     torque: float | None = None
     """A constant one along its coordinate, N m or N; None without."""
+    symmetric: bool = False
+    """Whether all that it turns is alike all round its axis, as wheels are: then half of the
+    equations need no sine of it. Of a `Description` alone; the other half checks it."""
 
 
 class Constraint(NamedTuple):
@@ -167,6 +171,118 @@ def drive(
 def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
     """Return that a point of a link does not move along a direction of the link."""
     return Constraint("edge", name, ((link, at),), ((link, across),))
+
+
+def on_line(
+    name: str, link: str, other: str, along: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
+) -> tuple[Constraint, Constraint]:
+    """Return that a point of one link stays on a line of another, in space: on two planes.
+
+    In the plane a line is what `on_plane` says.
+    """
+    _check_turns(name, along)
+    x, y, _ = _axes_about(along)
+    return (
+        on_plane(f"{name}, x", link, other, x, at, at_other),
+        on_plane(f"{name}, y", link, other, y, at, at_other),
+    )
+
+
+class Contact(NamedTuple):
+    """Where a ball, or the rim of a disk, touches a plane; what holds there are its methods.
+
+    Directions are of length 1.
+    """
+
+    center: tuple[str, Triple]
+    """A link, and where on it the centre is, m."""
+    floor: tuple[str, Triple]
+    """Another, which may move, and a point of its plane, m."""
+    radius: float
+    """m."""
+    told: tuple[tuple[str, Triple], ...]
+    """Links and directions. Of a ball one, the plane's normal. Of a disk its axis and then the
+    normal; or, where some link has it, only the direction from the point of contact to the centre:
+    then no root is needed."""
+
+    def touching(self, name: str, across: tuple[str, Triple]) -> Constraint:
+        """Return that the height above the plane is 0, by the plane's normal."""
+        points, numbers = (self.center, self.floor), self.radius
+        return Constraint("touching", name, points, (across, *self.told), numbers=numbers)
+
+    def rolling(self, name: str, along: tuple[str, Triple]) -> Constraint:
+        """Return that nothing slips along a direction of some link."""
+        points, numbers = (self.center, self.floor), self.radius
+        return Constraint("rolling", name, points, (along, *self.told), numbers=numbers)
+
+    def rows(self, name: str, across: Triple, *along: Triple) -> tuple[Constraint, ...]:
+        """Return that it touches the plane and does not slip along directions of the plane."""
+        link, _ = self.floor
+        slips = zip("xy", along, strict=False)
+        return (
+            self.touching(f"{name}, touching", (link, across)),
+            *(self.rolling(f"{name}, along {way}", (link, one)) for way, one in slips),
+        )
+
+
+def rolling_ball(
+    name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN, across: Triple = (0.0, 0.0, 1.0),
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a ball rolls on a plane of another link without slipping, in three rows.
+
+    Args:
+        name: of the constraint; rows add what they are about.
+        link: what the ball belongs to.
+        other: what the plane belongs to; it may move.
+        radius: m.
+        at: centre of the ball.
+        at_other: a point of the plane.
+        across: its normal, to the side of the ball.
+    """
+    _check_turns(name, across)
+    x, y, normal = _axes_about(across)
+    contact = Contact((link, at), (other, at_other), radius, ((other, normal),))
+    return contact.rows(name, normal, x, y)
+
+
+def rolling_disk(
+    name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN, axis: Triple = (0.0, 0.0, 1.0), across: Triple = (0.0, 0.0, 1.0),
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a disk rolls on its rim on a plane without slipping, in three rows.
+
+    It must not lie flat. Args: see `rolling_ball`; `axis` is the axis of the disk.
+    """
+    _check_turns(name, across)
+    _check_turns(name, axis)
+    x, y, normal = _axes_about(across)
+    told = (link, _axes_about(axis)[2]), (other, normal)
+    return Contact((link, at), (other, at_other), radius, told).rows(name, normal, x, y)
+
+
+def rolling_circle(
+    name: str, link: str, other: str, radius: float, along: Triple, at: Triple = ORIGIN,
+    at_other: Triple = ORIGIN,
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a circle rolls on a line of another link without slipping, all in the plane.
+
+    Args: see `rolling_ball`; `along` is the direction of the line, the circle to its left.
+    """
+    _check_turns(name, along)
+    x, y, z = along
+    if z:
+        raise InputError(f"constraint {name!r} is along {along!r}, expected nothing along z")
+    size = math.hypot(x, y)
+    ahead, left = (x / size, y / size, 0.0), (-y / size, x / size, 0.0)
+    contact = Contact((link, at), (other, at_other), radius, ((other, left),))
+    return contact.rows(name, left, ahead)
+
+
+def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
+    """Return axes of length 1, the last along a direction of any length."""
+    x, y, along = rotation(to_z(z)).T
+    return _triple(x), _triple(y), _triple(along)
 
 
 def _check_turns(name: str, parts: Any) -> None:

@@ -16,6 +16,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.mechanics.choices import Choices
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.quaternions import multiplied
+from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import (
     COORDINATES,
     Constraint,
@@ -27,6 +28,9 @@ from eomcheck.mechanics.described.words import (
     knife_edge,
     on_plane,
     pin,
+    rolling_ball,
+    rolling_circle,
+    rolling_disk,
     square,
     weld,
 )
@@ -44,8 +48,15 @@ ATTEMPTS = 12
 """Constraints of one kind that are tried."""
 
 
+UPRIGHT = 0.5
+"""Least sine of the angle between the axis of a disk and the normal of its plane: where they are
+along each other no point of the rim is the lowest."""
+
+
 def rows_of(kind: str, planar: bool) -> int:
-    """Return how many rows a constraint has."""
+    """Return how many rows a constraint has; of what rolls, all those that let it roll."""
+    if kind == "rolling":
+        return 2 if planar else 3
     return KINDS[kind].planar if planar else KINDS[kind].spatial
 
 
@@ -76,7 +87,7 @@ def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Desc
         more = _constraint(tree, kind, planar, choices)
         if more is None:
             continue
-        found = tree._replace(constraints=(*tree.constraints, more), first=())
+        found = tree._replace(constraints=(*tree.constraints, *more), first=())
         a = _jacobian(found)
         rows = np.linalg.norm(a, axis=1, keepdims=True)
         if not rows.all():
@@ -100,11 +111,17 @@ def _jacobian(description: Description) -> Array:
 # ---- Constraints that fit a pose -----------------------------------------------------------------
 
 
-def _constraint(tree: Description, kind: str, planar: bool, choices: Choices) -> Constraint | None:
-    """Return a constraint that is closed in the pose; None where no two links can have it."""
+def _constraint(
+    tree: Description, kind: str, planar: bool, choices: Choices
+) -> tuple[Constraint, ...] | None:
+    """Return a constraint that is closed in the pose; None where no two links can have it.
+
+    It is one word, but for what rolls.
+    """
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
-        return _of_coordinates(tree, kind, name, choices)
+        found = _of_coordinates(tree, kind, name, choices)
+        return None if found is None else (found,)
     pairs = (
         _turning(tree) if kind == "square" else _pairs(tree, rows_of(kind, planar), kind == "edge")
     )
@@ -113,8 +130,11 @@ def _constraint(tree: Description, kind: str, planar: bool, choices: Choices) ->
     link, other = choices.one_of(pairs)
     there = poses(tree)
     at = parts.anywhere(choices, planar)
-    make = _FITTING[kind]
-    return make(name, link, other, at, there[link], there[other], planar, choices)
+    here = name, link, other, at, there[link], there[other], planar, choices
+    if kind in ROLLING:
+        up, *slips = _rolling(*here)
+        return (*slips, up) if kind == "rolling" else (up,)
+    return (_FITTING[kind](*here),)
 
 
 def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
@@ -225,6 +245,44 @@ def _edge(
     choices: Choices,
 ) -> Constraint:  # fmt: skip
     return knife_edge(name, link, parts.direction(choices, planar), at)
+
+
+def _rolling(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> tuple[Constraint, ...]:  # fmt: skip
+    """Return that a ball, a disk or, in the plane, a circle rolls; the first is that it touches."""
+    radius, across = choices.number(0.2, 1.0), np.asarray(parts.direction(choices, planar))
+    normal = across / np.linalg.norm(across)
+    is_disk = not planar and choices.one_of((False, True))
+    if is_disk:
+        axis = _upright(choices, np.asarray(here.own_direction(there.direction(normal))))
+        n = here.direction(axis) / np.linalg.norm(axis)
+        up = there.direction(normal)
+        rim = up - up @ n * n
+        arm = -radius * rim / np.linalg.norm(rim)
+    else:
+        axis, arm = None, -radius * there.direction(normal)
+    aside = np.asarray(parts.anywhere(choices, planar))
+    aside -= aside @ normal * normal
+    x, y, z = (np.asarray(there.own_point(here.point(at) + arm)) + aside).tolist()
+    given = name, link, other, radius
+    if planar:
+        left_x, left_y, _ = normal.tolist()
+        return rolling_circle(*given, (left_y, -left_x, 0.0), at, (x, y, 0.0))
+    a, b, c = normal.tolist()
+    if axis is None:
+        return rolling_ball(*given, at, (x, y, z), (a, b, c))
+    return rolling_disk(*given, at, (x, y, z), axis, (a, b, c))
+
+
+def _upright(choices: Choices, normal: Array) -> Triple:
+    """Return an axis that is far from along a normal (3,) of length 1."""
+    axis = parts.direction(choices, planar=False)
+    if np.linalg.norm(np.cross(normal, axis)) >= UPRIGHT * np.linalg.norm(axis):
+        return axis
+    x, y, z = np.eye(3)[np.argmin(np.abs(normal))].tolist()
+    return x, y, z
 
 
 _FITTING: dict[str, Fitting] = {

@@ -152,7 +152,7 @@ class RandomMechanism(Random):
             if still:
                 found.append(ways | {CONSTRAINTS: still})
             if "drive" in fitting:
-                found.append(ways | {CONSTRAINTS: ("drive",), MOTION: ("moving",)})
+                found.append(ways | {CONSTRAINTS: fitting, MOTION: ("moving",)})
         return found
 
     @classmethod

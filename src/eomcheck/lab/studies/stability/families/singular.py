@@ -16,7 +16,7 @@ from eomcheck import scenes
 from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.lab.studies.stability.families.every import ordinary
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes import bicycle_axes
+from eomcheck.scenes import bicycle
 
 LEAN = 3
 """The Euler angle of disk and ball at whose right angle the others are one."""
@@ -68,7 +68,7 @@ def _lying(variant: str, lean: float) -> Posed:
     scene = scenes.Bicycle()
     q, _ = scene.initial_state()
     # It tilts about the line on the ground between the wheels.
-    q[bicycle_axes.LEAN], q[bicycle_axes.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
+    q[bicycle.LEAN], q[bicycle.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
     return Posed(scene, q, 1.0 / np.arange(1, scene.p + 1))
 
 
