@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
-from eomcheck.cli.options import Formulations, Kept, Kind, Seed, records_or_none
+from eomcheck.cli.complete import completing
+from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import at_least_one, interval
+from eomcheck.lab.options import at_least_one, interval, listed
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
@@ -43,17 +44,25 @@ def _rations(text: str) -> list[int]:
 @app.command()
 def fuzz(
     scene: Kind = "snake",
-    links: Annotated[str, typer.Option(help="Number of links, N or N..M.")] = "1..12",
+    links: Annotated[
+        str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
+    ] = None,
     engine: Annotated[
         list[str] | None,
         typer.Option(
-            help="Engine to compare with, or your own: path/to/file.py:Class; repeat for more. "
-            "Default those that no extra installs; none for no engine."
+            metavar="A,B",
+            help="Engine to compare with, several: a,b, or your own: FILE.py:CLASS. "
+            "Default those that no extra installs; none for no engine.",
+            callback=listed,
+            autocompletion=completing("engine", more=["none"]),
         ),
     ] = None,
     formulation: Formulations = None,
     claim: Annotated[
-        list[str] | None, typer.Option(help="Claim to look at; repeat for more. Default all.")
+        list[str] | None,
+        typer.Option(
+            metavar="A,B", help="Claim to look at, or several: a,b. Default all.", callback=listed
+        ),
     ] = None,
     time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
     states: Annotated[
@@ -63,7 +72,9 @@ def fuzz(
     family: Annotated[
         list[str] | None,
         typer.Option(
-            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all."
+            metavar="A,B",
+            callback=listed,
+            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all."
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -94,6 +105,9 @@ def fuzz(
     """
     check_writable(keep)
     if replay is not None:
+        elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
+        many = {"time": time, "states": states, "ration": ration, "records": records, "keep": keep}
+        check_used("with --replay", **elsewhere, **many)
         _replay(replay, formulation, scene)
         return
     if time is not None and states is not None:
@@ -101,6 +115,8 @@ def fuzz(
     most = None if states is not None else seconds_of(time or "1m")
     if states is not None:
         at_least_one(states=states)
+    if links is not None:
+        _check_links(scene, links)
 
     from eomcheck.console import console, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
@@ -109,7 +125,7 @@ def fuzz(
     from eomcheck.lab.store.workers import check_place
 
     kind, name = _kind(scene)
-    low, high = interval(links)
+    low, high = interval(links or "1..12")
     if executor is not None:
         check_place(executor)
     interrupted = False
@@ -133,6 +149,13 @@ def fuzz(
         raise typer.Exit(130)
     if campaign.finds:
         raise typer.Exit(1)
+
+
+def _check_links(scene: str, links: str) -> None:
+    from eomcheck.scenes.named import kinds_of
+
+    if not any(kind.has_links for kind in kinds_of(scene)):
+        raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
