@@ -74,7 +74,7 @@ def fuzz(
         typer.Option(
             metavar="A,B",
             callback=listed,
-            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all."
+            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all.",
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
