@@ -35,6 +35,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
+    "sphinx.ext.githubpages",  # folders that begin with _ are served too
     "sphinx.ext.napoleon",
 ]
 exclude_patterns = ["_build", "_generated", "figures/*.md"]
@@ -54,7 +55,7 @@ doctest_path = [str(DOCS / "guides")]
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_static_path = ["static"]
-html_css_files = ["formulas.css"]
+html_css_files = ["pages.css"]
 html_title = f"eomcheck {release}"
 
 

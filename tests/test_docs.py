@@ -31,6 +31,15 @@ def test_a_python_block_runs(page: Path, number: int, block: str, monkeypatch):
     exec(compile(block, f"{page.name}, block {number}", "exec"), {"__name__": "block"})
 
 
+def test_what_the_first_page_shows_is_what_its_code_prints(capsys):
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    ((block, shown),) = re.findall(
+        r"^```python\n(.*?)^```\n\n```text\n(.*?)^```$", page, re.S | re.M
+    )
+    exec(compile(block, "README.md", "exec"), {"__name__": "block"})
+    assert capsys.readouterr().out == shown and len(shown.splitlines()) == 2
+
+
 SHOWN = [
     (page, file, block)
     for page in PAGES

@@ -18,7 +18,8 @@ FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     """Run `eomcheck fuzz` in this process and return its exit code."""
-    monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *FEW, *arguments])
+    few = () if "--replay" in arguments else FEW
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *few, *arguments])
     monkeypatch.setattr(rounds, "BATCH", 8)
     with pytest.raises(SystemExit) as stop:
         cli.main()

@@ -176,6 +176,14 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["report", "x.db", "--suite", "x"], "--suite says nothing without --equivalences"),
         (["list", "claim"], "did you mean 'claims'"),
         (["reference", "paper-res"], "did you mean 'paper-rest'"),
+        (["fuzz", "--family", "ordinary,wid", "--states", "1"], "did you mean 'wide'"),
+        (["fuzz", "--claim", "bias,bia", "--states", "1"], "did you mean 'bias'"),
+        (["fuzz", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
+        (["fuzz", "--replay", "x.json", "--states", "3"], "--states says nothing with --replay"),
+        (["valdate"], "Did you mean 'validate'"),
+        (["validate", "--sceen", "x"], "--sceen (did you mean '--scene'?)"),
+        (["validate", "--seed"], "'--seed' requires an argument"),
+        (["simulate"], "Missing argument '[SCENE] END'"),
     ],
 )
 def test_what_says_nothing_is_refused_and_names_are_hinted_at(

@@ -11,12 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import typer
 from rich.cells import cell_len
 from tests.cli.test_cli import plant_in_au, run
 
 import eomcheck
+from eomcheck import cli
 from eomcheck.cli.study import GROUPS
 from eomcheck.console import console
+from eomcheck.lab.fuzzing import rounds
 from eomcheck.lab.show import sheet
 
 WIDTHS = (40, 80, 140)
@@ -42,10 +45,11 @@ COMMANDS = {
     "agreement": "study agreement --links 2 --per-size 1",
     "studies": "study --help",
 }
+OTHERS = {"report", "export", "reference", "compare", "fuzz"}
+"""Commands that need files or take long: below; what `reference` prints is a table of `Sheet`."""
 HELP = [
     [],
-    *([name] for name in ("validate", "prove", "list", "report", "export", "reference")),
-    *([name] for name in ("simulate", "acceleration", "bench", "study", "draw")),
+    *([name] for name in sorted(typer.main.get_command(cli.app).commands)),  # type: ignore[attr-defined]
     *([group, key] for group, keys in GROUPS.items() for key in keys),
     ["draw", "scene"],
     ["draw", "structure"],
@@ -83,6 +87,45 @@ def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, mon
         assert set(getattr(eomcheck, command.upper())) <= words, "no key is cut"
     if command in ("validate", "wide"):
         assert {"mass-matrix", "constraint-acceleration", "casadi", "sleigh"} <= words
+
+
+def test_no_command_is_left_out():
+    looked_at = {line.split()[0] for line in COMMANDS.values() if line} | OTHERS | {"draw"}
+    assert {words[0] for words in HELP if words} == looked_at
+
+
+FUZZ = ["fuzz", "--links", "2", "--engine", "none", "--ration", "0,0,0,0,0"]
+
+
+def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
+    width, monkeypatch, capsys, tmp_path
+):
+    kept, page = str(tmp_path / "r.db"), str(tmp_path / "r.md")
+    study = "study", "operations", "--links", "2..3", "--records", kept
+    assert run(*study, monkeypatch=monkeypatch) == 0
+    capsys.readouterr()
+    assert run("report", kept, "--markdown", page, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    # The name of a file is whole, however long it is.
+    check(said.replace(page, "r.md"), width)
+    assert page in said
+    assert run("export", kept, monkeypatch=monkeypatch) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert rows and all(row.count(",") >= head.count(",") for row in rows), "CSV is not folded"
+
+
+def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
+    monkeypatch.setattr(rounds, "BATCH", 8)
+    assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
+    check(capsys.readouterr().out, width)
+
+
+def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
+    robot = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
+    monkeypatch.chdir(robot.parent)
+    how = "--engine", "pinocchio", "--states", "1"
+    assert run("compare", robot.name, *how, monkeypatch=monkeypatch) in (0, 1)
+    check(capsys.readouterr().out, width)
 
 
 @pytest.mark.parametrize("of", HELP, ids=" ".join)

@@ -11,7 +11,7 @@ import os
 import sys
 
 from eomcheck.cli import checking, comparing, drawing, fuzzing, motions
-from eomcheck.cli.app import app, help_width
+from eomcheck.cli.app import app, help_width, usage_error
 from eomcheck.cli.study import bench, draw, study
 from eomcheck.console import said_at_work
 from eomcheck.errors import EomcheckError
@@ -30,9 +30,17 @@ def main() -> None:
     with unfailing():
         try:
             with said_at_work(" ".join(["starting", *sys.argv[1:2]])):
-                app(prog_name="eomcheck", terminal_width=help_width())
+                how = {"prog_name": "eomcheck", "terminal_width": help_width()}
+                code = app(**how, standalone_mode=False)
+                sys.exit(code if isinstance(code, int) else 0)
         except EomcheckError as error:
             print(f"eomcheck: {error}", file=sys.stderr)
+            sys.exit(2)
+        except Exception as error:
+            said = usage_error(error)
+            if said is None:
+                raise
+            print(said, file=sys.stderr)
             sys.exit(2)
 
 

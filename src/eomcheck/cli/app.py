@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from eomcheck import __version__
+from eomcheck.errors import did_you_mean
 
 EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
@@ -51,6 +52,25 @@ class Group(TyperGroup):
 
 def _first_sentence(command: Any) -> str:
     return (command.help or "").split("\n\n")[0].replace("\n", " ").strip()
+
+
+def usage_error(error: Exception) -> str | None:
+    """Return what is said of words that are no command line; None of any other error.
+
+    One sentence in one line, or the help of a group of commands of which none is named. What
+    parses them is a part of typer in newer versions and click in older ones: told by what it has.
+    """
+    if not hasattr(error, "format_message"):
+        return None
+    context: Any = getattr(error, "ctx", None)
+    text: str = error.format_message()  # type: ignore[attr-defined]
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return text
+    option, near = getattr(error, "option_name", None), getattr(error, "possibilities", None)
+    if near and option:
+        text = f"{error.message}{did_you_mean(option, near)}"  # type: ignore[attr-defined]
+    command = "eomcheck" if context is None else context.command_path
+    return f"eomcheck: {' '.join(text.split()).rstrip('.')} (see {command} --help)"
 
 
 def help_width() -> int:

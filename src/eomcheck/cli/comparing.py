@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from eomcheck.cli.app import app
+from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Json, Seed
 from eomcheck.files import check_writable
-from eomcheck.lab.options import at_least_one
+from eomcheck.lab.options import at_least_one, listed
 
 
 @app.command()
@@ -18,7 +19,12 @@ def compare(
     robot: Annotated[Path, typer.Argument(help="Robot description: robot.urdf.")],
     engine: Annotated[
         list[str] | None,
-        typer.Option(help="Library to compare with; repeat for more. Default all installed."),
+        typer.Option(
+            metavar="A,B",
+            help="Library to compare with, or several: a,b. Default all installed.",
+            callback=listed,
+            autocompletion=completing("engine"),
+        ),
     ] = None,
     states: Annotated[int, typer.Option(help="Number of random states.")] = 20,
     seed: Seed = 0,

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.cli.app import app
+from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import at_least_one, interval
+from eomcheck.lab.options import at_least_one, interval, listed
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
@@ -45,17 +46,25 @@ def _rations(text: str) -> list[int]:
 @app.command()
 def fuzz(
     scene: Kind = "snake",
-    links: Annotated[str, typer.Option(help="Number of links, N or N..M.")] = "1..12",
+    links: Annotated[
+        str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
+    ] = None,
     engine: Annotated[
         list[str] | None,
         typer.Option(
-            help="Engine to compare with, or your own: path/to/file.py:Class; repeat for more. "
-            "Default those that no extra installs; none for no engine."
+            metavar="A,B",
+            help="Engine to compare with, several: a,b, or your own: FILE.py:CLASS. "
+            "Default those that no extra installs; none for no engine.",
+            callback=listed,
+            autocompletion=completing("engine", more=["none"]),
         ),
     ] = None,
     formulation: Formulations = None,
     claim: Annotated[
-        list[str] | None, typer.Option(help="Claim to look at; repeat for more. Default all.")
+        list[str] | None,
+        typer.Option(
+            metavar="A,B", help="Claim to look at, or several: a,b. Default all.", callback=listed
+        ),
     ] = None,
     time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
     states: Annotated[
@@ -68,8 +77,10 @@ def fuzz(
     family: Annotated[
         list[str] | None,
         typer.Option(
-            help="What is drawn: ordinary, wide, special or fast; repeat for more. Default all; "
-            "of motions the first and the third."
+            metavar="A,B",
+            callback=listed,
+            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
+            "the first and the third.",
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -100,6 +111,9 @@ def fuzz(
     """
     check_writable(keep)
     if replay is not None:
+        elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
+        many = {"time": time, "states": states, "ration": ration, "records": records, "keep": keep}
+        check_used("with --replay", motions=motions, **elsewhere, **many)
         _replay(replay, formulation, scene)
         return
     if time is not None and states is not None:
@@ -116,18 +130,21 @@ def fuzz(
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.workers import check_place
 
-    low, high = interval(links)
+    low, high = interval(links or "1..12")
     if executor is not None:
         check_place(executor)
     interrupted = False
     with stoppable(), records_or_none(records) as kept:
         if functions_named(scene) is not None:
-            unused = {"engine": engine, "formulation": formulation, "ration": ration}
-            check_used(f"of {scene}, which are functions", motions=motions, **unused)
+            unused = {"links": links, "engine": engine, "formulation": formulation}
+            unused |= {"motions": motions, "ration": ration}
+            check_used(f"of {scene}, which are functions", **unused)
             plan, name = _functions(scene, seed, claim, family, climb), scene
             strata = [Stratum(None, ())]
         else:
             kind, name = _kind(scene)
+            if links is not None and not kind.has_links:
+                raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
             strata = strata_of_any(kind, range(low, high + 1))
             if motions:
                 check_used("with --motions", engine=engine, claim=claim, ration=ration)
