@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from eomcheck.cli.app import app
 from eomcheck.cli.options import Json, Seed
+from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one
 
 
 @app.command()
 def compare(
-    robot: Annotated[Path, typer.Argument(help="Robot description: robot.urdf.")],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Its description: robot.urdf, robot.urdf:floating with a free base.",
+        ),
+    ],
     engine: Annotated[
         list[str] | None,
         typer.Option(help="Library to compare with; repeat for more. Default all installed."),
@@ -36,9 +42,11 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes import from_urdf
+    from eomcheck.scenes.named import is_urdf, scene_of
 
-    scene = from_urdf(robot)
+    if not is_urdf(robot):
+        raise InputError(f"robot = {robot!r}, expected a file robot.urdf or robot.urdf:floating")
+    scene = scene_of(robot)
     with progress("comparing", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:
@@ -46,5 +54,5 @@ def compare(
     print_comparison(found, pairs)
     if json is not None:
         print(f"written: {json}")
-    if found.failed:
+    if not found.agree:
         raise typer.Exit(1)

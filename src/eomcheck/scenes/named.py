@@ -14,7 +14,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.random import RANDOM
 from eomcheck.scenes.snake import Snake
-from eomcheck.scenes.urdf import urdf_kind
+from eomcheck.scenes.urdf import FLOATING, is_urdf, robot_named
 
 ALL = "all"
 
@@ -48,8 +48,8 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
     """Return the kinds of scenes that `name` stands for.
 
     Args:
-        name: "all" of the registry, a robot's file.urdf, or a name as `eomcheck.lookup.looked_up`
-            understands it.
+        name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
+            or a name as `eomcheck.lookup.looked_up` understands it.
 
     Those of `RANDOM` hang together in another way with every draw, and are not among all.
 
@@ -65,7 +65,11 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
 
 def _looked_up(name: str) -> type[Scene]:
     """Return the kind of scene that a name stands for, whatever it is the name of."""
-    return urdf_kind(name) if name.lower().endswith(".urdf") else looked_up(SCENE, name)
+    if is_urdf(name):
+        return robot_named(name)
+    if name.endswith(f":{FLOATING}"):
+        raise InputError(f"scene = {name!r}: only the root of a robot in a .urdf can be set free")
+    return looked_up(SCENE, name)
 
 
 def kind_of(name: str) -> type[Scene]:

@@ -18,6 +18,9 @@ from eomcheck.mechanics.scene import finite_array
 from eomcheck.scenes.urdf_robot import Robot, read_urdf
 from eomcheck.scenes.urdf_xml import Unreadable
 
+FLOATING = "floating"
+"""What stands behind a colon after the name of a file whose root is to be free."""
+
 
 def from_urdf(
     path: str | os.PathLike[str],
@@ -62,8 +65,9 @@ def urdf_kind(
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
     )
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
+    name = f"{robot.name}_{FLOATING}" if floating else robot.name
     try:
-        made = described(robot.name, links, joints, gravity=gravity)
+        made = described(name, links, joints, gravity=gravity)
         return made._replace(
             code=f"from_urdf({str(path)!r}{options})",
             imported="from eomcheck.scenes import from_urdf",
@@ -75,6 +79,26 @@ def urdf_kind(
         raise
     except InputError as error:
         raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
+def is_urdf(name: str) -> bool:
+    """Return whether a name is that of a robot in a file: FILE.urdf or FILE.urdf:floating."""
+    home, colon, _ = name.rpartition(":")
+    return name.lower().endswith(".urdf") or (bool(colon) and home.lower().endswith(".urdf"))
+
+
+def robot_named(name: str) -> type[Mechanism]:
+    """Return the kind of the robot that is named, its root free if it says so.
+
+    Raises:
+        InputError: see `from_urdf`; or something else stands behind the colon.
+    """
+    if name.lower().endswith(".urdf"):
+        return urdf_kind(name)
+    file, _, how = name.rpartition(":")
+    if how != FLOATING:
+        raise InputError(f"scene = {name!r}, expected {file} or {file}:{FLOATING}")
+    return urdf_kind(file, floating=True)
 
 
 def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

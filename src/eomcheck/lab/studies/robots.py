@@ -13,7 +13,7 @@ from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.comparing import FIXED_ONLY, QUANTITIES, compare
+from eomcheck.lab.comparing import QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.records import Record, Settings, rows_of
@@ -125,8 +125,7 @@ def _look(settings: Settings) -> Record:
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
         rows.append(Read(called, version, found.verdict(key), apart, why))
-    refused = {key: why for key, why in found.refused.items() if why != FIXED_ONLY}
-    rows += [Read(called, key, "no answer", {}, why) for key, why in refused.items()]
+    rows += [Read(called, key, "no answer", {}, why) for key, why in found.refused.items()]
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
