@@ -114,6 +114,8 @@ class MujocoEngine(TreeEngine):
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ by MuJoCo's own solver, from our Q, a and gamma."""
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
         if a is not None and gamma is not None:
             self.model.wrap_prm[:] = a.ravel()
             self.model.eq_data[:, 0] = a @ q - gamma

@@ -125,16 +125,10 @@ class FileEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return ẍ under the library's own forces.
-
-        Where joints follow others, which most libraries leave to a constraint solver, of the
-        library's own M, B and Q.
-        """
-        S = self.coordinates
-        if len(S) == self.scene.n:  # no joint follows another
-            return EngineAcceleration(self.free_acceleration(q, v))
-        F = self.forces(q, v, t) - self.bias(q, v, t)
-        return EngineAcceleration(S @ np.linalg.solve(S.T @ self.mass_matrix(q, t) @ S, S.T @ F))
+        """Return ẍ under the library's own forces."""
+        if self.follow:  # which most libraries leave to a constraint solver
+            return self.eliminated(q, v, self.forces(q, v, t), None, None, t)
+        return EngineAcceleration(self.free_acceleration(q, v))
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẍ (m,); by M, B and Q unless the library has a way of its own."""
