@@ -23,6 +23,7 @@ from eomcheck.lab.comparing import QUANTITIES, Comparison, compare
 from eomcheck.lab.reasons import Parting, Why, reasons
 from eomcheck.lab.report.comparison import print_comparison, write_comparison
 from eomcheck.mechanics.described.quaternions import rotation
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, from_urdf
 
 FINGERS = (
@@ -286,6 +287,16 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
     write_comparison(found, tmp_path / "out.json")
     written = json.loads((tmp_path / "out.json").read_text())["faults"]
     assert written == [[*where, said] for where, said in found.faults.items()]
+
+
+def test_who_fails_at_rest_alone_does_not_agree(monkeypatch, tmp_path):
+    moving = State(np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.2, 1.0]), 0.0)
+    monkeypatch.setattr(comparing, "draw", lambda *_: [moving])
+    found = compared(monkeypatch, AtRest, tmp_path / "arm.urdf")
+    assert (found.failed, list(found.faults)) == ([], [("at_rest_file", "gravity")])
+    assert not found.agree
+    assert found.verdict("at_rest_file") == "no gravity"
+    print_comparison(found)
 
 
 def test_a_library_reads_the_file_twice_however_many_states_there_are(monkeypatch, tmp_path):
