@@ -131,7 +131,7 @@ class Single(PinocchioFile):
 
 def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> Comparison:
     """Compare with an engine that reads as a faulty library would."""
-    monkeypatch.setitem(comparing.READERS, kind.key, kind)
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], kind.key, kind)
     return compare(from_urdf(arm(path, **options)), [kind.key], states=3)
 
 
@@ -196,7 +196,7 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
         key = "taken_file"
         base_velocity = taken
 
-    monkeypatch.setitem(comparing.READERS, "taken_file", Taken)
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
     found = compare(scene, ["taken_file"], states=3)
     ((why, _),) = found.why["taken_file"]
@@ -338,7 +338,8 @@ def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monke
         def _read(self, library, description):
             raise RuntimeError("no such\njoint")
 
-    monkeypatch.setattr(comparing, "READERS", {"a": Refusing, "pinocchio": PinocchioFile})
+    readers = {"a": Refusing, "pinocchio": PinocchioFile}
+    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", readers)
     found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
     assert found.refused == {"a": "no such joint"}
     assert list(found.versions) == ["pinocchio"]
@@ -353,7 +354,7 @@ def test_a_library_that_lacks_a_joint_is_told(monkeypatch, tmp_path):
         def joints(self):
             return super().joints()[:2]
 
-    monkeypatch.setattr(comparing, "READERS", {"locked": Locked})
+    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"locked": Locked})
     with pytest.raises(InputError, match="locked_file has no joint 'wrist', which the file moves"):
         compare(from_urdf(arm(tmp_path / "arm.urdf")))
 
@@ -408,8 +409,8 @@ def test_a_free_base_is_asked_for_behind_a_colon(tmp_path: Path):
     ("name", "said"),
     [
         ("arm.urdf:free", "scene = 'arm.urdf:free', expected arm.urdf or arm.urdf:floating"),
-        ("snake", "robot = 'snake', expected a file robot.urdf or robot.urdf:floating"),
-        ("snake:floating", "robot = 'snake:floating', expected a file robot.urdf or"),
+        ("snake", "robot = 'snake', expected robot.urdf, robot.urdf:floating or robot.xml"),
+        ("snake:floating", "robot = 'snake:floating', expected robot.urdf, robot.urdf:"),
     ],
 )
 def test_what_is_no_robot_s_file_is_refused_in_one_sentence(name: str, said: str):

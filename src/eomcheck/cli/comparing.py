@@ -19,7 +19,7 @@ def compare(
         str,
         typer.Argument(
             metavar="ROBOT",
-            help="Its description: robot.urdf, robot.urdf:floating with a free base.",
+            help="Its description: robot.urdf, robot.urdf:floating with a free base, robot.xml.",
         ),
     ],
     engine: Annotated[
@@ -42,10 +42,13 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes.named import is_urdf, scene_of
+    from eomcheck.scenes.named import scene_of
+    from eomcheck.scenes.robot_files import is_robot
 
-    if not is_urdf(robot):
-        raise InputError(f"robot = {robot!r}, expected a file robot.urdf or robot.urdf:floating")
+    if not is_robot(robot):
+        raise InputError(
+            f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
+        )
     scene = scene_of(robot)
     with progress("comparing", states) as advance:
         found = compared(scene, engine, states, seed, advance)

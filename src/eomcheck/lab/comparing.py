@@ -12,14 +12,14 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import Answers, Engine, EngineFault
-from eomcheck.engines.files import READERS, FileEngine
-from eomcheck.engines.files.description import file_of
+from eomcheck.engines.files import BY_FORMAT, FileEngine
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.reasons import Parting, Why, reasons
+from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -90,16 +90,20 @@ class Comparison:
         return ", ".join(labels) if labels and all(labels) else "differs"
 
 
-def readers(names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
-    """Return the libraries of these names, by default all.
+def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
+    """Return the libraries of these names that read the file of a scene, by default all.
 
     Raises:
+        InputError: the scene is no file, or has other parameters.
         UnknownNameError: there is none of a name.
     """
+    if not (isinstance(scene, Mechanism) and scene.made.format and scene.as_described):
+        raise InputError(f"{scene.name} is no robot as its file describes it")
+    known = BY_FORMAT[scene.made.format]
     for name in names or ():
-        if name not in READERS:
-            raise UnknownNameError("engine", name, READERS)
-    return READERS if names is None else {name: READERS[name] for name in names}
+        if name not in known:
+            raise UnknownNameError("engine", name, known)
+    return known if names is None else {name: known[name] for name in names}
 
 
 def compare(
@@ -112,8 +116,8 @@ def compare(
     """Compare how libraries read the file of a scene, and their equations of motion.
 
     Args:
-        scene: of `eomcheck.scenes.from_urdf`.
-        engines: keys of `eomcheck.engines.files.READERS`; by default those that are installed.
+        scene: of `eomcheck.scenes.from_urdf` or `from_mjcf`.
+        engines: keys of `eomcheck.engines.files.BY_FORMAT`; by default those that are installed.
         states: number of random states.
         seed: of their draws.
         advance: called after each state.
@@ -123,10 +127,8 @@ def compare(
         EngineError: a library that was named is not installed.
         UnknownNameError: there is none of a name.
     """
-    if file_of(scene) is None:
-        raise InputError(f"{scene.name} is no robot as its file describes it")
     found, made = Comparison(scene), {}
-    for key, kind in readers(engines).items():
+    for key, kind in readers(scene, engines).items():
         try:
             found.versions[key] = kind.version()
         except EngineError as error:

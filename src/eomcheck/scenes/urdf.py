@@ -19,7 +19,6 @@ from eomcheck.scenes.urdf_robot import Robot, read_urdf
 from eomcheck.scenes.urdf_xml import Unreadable
 
 FLOATING = "floating"
-"""What stands behind a colon after the name of a file whose root is to be free."""
 
 
 def from_urdf(
@@ -57,9 +56,7 @@ def urdf_kind(
         file = Path(path)
     except TypeError:
         raise InputError(f"path = {path!r}, expected the path of a URDF file") from None
-    if gravity is not None:
-        x, y, z = finite_array("gravity", gravity, (3,)).tolist()
-        gravity = x, y, z
+    gravity = gravity_of(gravity)
     robot = read_urdf(file)
     options = (", floating=True" if floating else "") + (
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
@@ -73,6 +70,7 @@ def urdf_kind(
             imported="from eomcheck.scenes import from_urdf",
             left_out=robot.left_out,
             source=str(file),
+            format="urdf",
             floating=joints[0].name if floating else "",
         ).kind()
     except Unreadable:
@@ -81,24 +79,16 @@ def urdf_kind(
         raise Unreadable(f"{str(path)!r}: {error}") from None
 
 
-def is_urdf(name: str) -> bool:
-    """Return whether a name is that of a robot in a file: FILE.urdf or FILE.urdf:floating."""
-    home, colon, _ = name.rpartition(":")
-    return name.lower().endswith(".urdf") or (bool(colon) and home.lower().endswith(".urdf"))
-
-
-def robot_named(name: str) -> type[Mechanism]:
-    """Return the kind of the robot that is named, its root free if it says so.
+def gravity_of(given: Triple | None) -> Triple | None:
+    """Return gravity as three numbers, or None.
 
     Raises:
-        InputError: see `from_urdf`; or something else stands behind the colon.
+        InputError: it is something else.
     """
-    if name.lower().endswith(".urdf"):
-        return urdf_kind(name)
-    file, _, how = name.rpartition(":")
-    if how != FLOATING:
-        raise InputError(f"scene = {name!r}, expected {file} or {file}:{FLOATING}")
-    return urdf_kind(file, floating=True)
+    if given is None:
+        return None
+    x, y, z = finite_array("gravity", given, (3,)).tolist()
+    return x, y, z
 
 
 def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

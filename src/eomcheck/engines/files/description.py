@@ -40,8 +40,8 @@ class Description(NamedTuple):
 
 
 def file_of(scene: Scene) -> Path | None:
-    """Return the file of a robot that has the parameters of its file; None of any other scene."""
-    if not (isinstance(scene, Mechanism) and scene.made.source and scene.as_described):
+    """Return the URDF of a robot that has the parameters of its file; None of any other scene."""
+    if not (isinstance(scene, Mechanism) and scene.made.format == "urdf" and scene.as_described):
         return None
     first = FREE if is_free(scene) else 0
     # What has more coordinates has names of its own for them.
