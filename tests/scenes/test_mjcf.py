@@ -168,6 +168,16 @@ def test_an_equality_is_held_where_mujoco_s_is_and_frees_the_same_velocities(tmp
     assert np.linalg.matrix_rank(np.vstack([a, theirs]), 1e-9) == rows
 
 
+def test_what_is_held_is_compared_as_it_is_held():
+    scene = from_mjcf(Path("docs/guides/rocker.xml"))
+    assert scene.coordinate_names == ("rocker", "travel", "crank", "knee")  # what the gear turns
+    found = compare(scene, states=5)
+    assert found.verdict("mujoco") == "agrees"
+    assert list(found.versions.values()) == [f"mujoco {mujoco.__version__}"]
+    assert all(table.max() < 1e-12 for table in found.apart.values())
+    assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+
+
 def test_an_equality_that_is_not_active_is_none(tmp_path: Path):
     text = EQUALITIES["joint"][0].replace("<joint ", '<joint active="false" ')
     (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))

@@ -24,8 +24,8 @@ REFERENCES = SUITE / "references"
 
 _SCENES = completing("scene", more=["all"])
 _ONE = (
-    "Scene: its key, ROBOT.urdf (:floating with a free base), your own, FILE.py:CLASS, or a snake: "
-    "paper, coil, pattern."
+    "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
+    "or a snake: paper, coil, pattern."
 )
 
 Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]

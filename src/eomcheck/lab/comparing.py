@@ -213,7 +213,7 @@ def _theirs(found: Comparison, key: str, engine: FileEngine, at: Evaluation) -> 
         "bias": (q, v, t),
         "gravity": (q, zero, t),
         "forces": (q, v, t),
-        "q̈": (q, v, zero, None, None, t),
+        "q̈": (q, v, zero, at.terms.a, at.terms.gamma, t),
     }
     told = {}
     for name, method in QUANTITIES.items():

@@ -13,7 +13,7 @@ T = TypeVar("T")
 MOST_LINKS = 100_000
 
 SCENE_HELP = (
-    "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), or your own: "
+    "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "
     "FILE.py:CLASS."
 )
 SET_HELP = (

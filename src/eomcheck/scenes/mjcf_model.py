@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.mechanics.described.quaternions import ONE, multiplied, roll_pitch_yaw_of, rotation
-from eomcheck.mechanics.described.words import Constraint, Joint, Link, Triple
+from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes.mjcf_equalities import Read, equality, quaternion_of, triple_of
 from eomcheck.scenes.mjcf_file import compiled
@@ -40,6 +40,13 @@ class Model(NamedTuple):
     gravity: Triple | None
     pose: dict[str, float]
     left_out: str
+    compiled: Any
+    """MuJoCo's own model."""
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates, in the order of the file."""
+        return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
 
 
 def read_mjcf(path: Path) -> Model:
@@ -88,6 +95,7 @@ class _Reading:
             None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
             self.pose,
             left_out(self.out),
+            m,
         )
 
     def _refuse(self) -> None:

@@ -17,8 +17,7 @@ from eomcheck.errors import EngineError
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
-from eomcheck.scenes.mjcf_file import compiled
-from eomcheck.scenes.mjcf_model import BALL_JOINT, FREE_JOINT
+from eomcheck.scenes.mjcf_model import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 
 TURNS = 3
 """Coordinates of a ball joint; MuJoCo has a quaternion for them."""
@@ -34,7 +33,8 @@ class MjcfFile(MujocoFile):
         if not (isinstance(scene, Mechanism) and self.represents(scene)):
             raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
         self._mj, self.base = self._library(), 0
-        self.model, _ = compiled(Path(scene.made.source))
+        read = read_mjcf(Path(scene.made.source))
+        self.model = read.compiled
         self.model.opt.disableflags |= int(self._mj.mjtDisableBit.mjDSBL_CONSTRAINT)
         self.model.opt.disableflags &= ~int(self._mj.mjtDisableBit.mjDSBL_GRAVITY)
         self.model.opt.gravity[:] = 0.0
@@ -43,14 +43,17 @@ class MjcfFile(MujocoFile):
             self._gravity[: len(gravity)] = gravity
         self.data = self._mj.MjData(self.model)
         self._n, self._place = self.model.nv, np.arange(self.model.nv)
-        self.coordinates, self.shift = np.eye(self._n), np.zeros(self._n)
-        damped = {
-            name for name, one in zip(self._dofs(), self.model.dof_damping, strict=True) if one
-        }
-        self.description = Description("", "world", {}, frozenset(damped), (), (), ())
+        place = {name: i for i, name in enumerate(scene.coordinate_names)}
+        self._in_file = [place[name] for name in read.coordinates]
+        self.coordinates, self.shift = np.eye(self._n)[self._in_file], np.zeros(self._n)
+        damped = zip(read.coordinates, self.model.dof_damping, strict=True)
+        names = frozenset(name for name, damping in damped if damping)
+        self.description = Description("", GROUND, {}, names, (), (), ())
 
-    def _dofs(self) -> tuple[str, ...]:
-        return self.scene.coordinate_names
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return f"mujoco {cls._library().__version__}"
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
@@ -62,6 +65,7 @@ class MjcfFile(MujocoFile):
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v): what is free slides along axes of the ground, turns about its own."""
         x: list[float] = []
+        q, v = q[self._in_file], v[self._in_file]
         S, rest, i = np.eye(self._n), np.zeros(self._n), 0
         for kind in self.model.jnt_type:
             if kind not in (FREE_JOINT, BALL_JOINT):
@@ -76,7 +80,7 @@ class MjcfFile(MujocoFile):
             S[here, here], rest[here] = whole[part, part], more[part]
             x += [*(base.place if count == FREE else ()), *base.quaternion]
             i += count
-        return VelocityMap(np.array(x), S, rest)
+        return VelocityMap(np.array(x), S @ self.coordinates, rest)
 
     def acceleration(
         self,

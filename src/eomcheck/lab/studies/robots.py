@@ -18,7 +18,8 @@ from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.records import Record, Settings, rows_of
 from eomcheck.lab.study import Study, unfinished
-from eomcheck.scenes.urdf import from_urdf
+from eomcheck.scenes.robot_files import robot_named
+from eomcheck.scenes.urdf import FLOATING
 
 ROBOTS = {
     "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
@@ -34,6 +35,11 @@ ROBOTS = {
     "icub": ("example-robot-data", "icub_description/robots/icub_reduced.urdf"),
     "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
     "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+    "half-cheetah": ("gymnasium", "mujoco/assets/half_cheetah.xml"),
+    "ant": ("gymnasium", "mujoco/assets/ant.xml"),
+    "humanoid": ("gymnasium", "mujoco/assets/humanoid.xml"),
+    "fish": ("dm_control", "dm_control/suite/fish.xml"),
+    "jaco": ("dm_control", "third_party/kinova/jaco_arm.xml"),
 }
 """Name -> package on PyPI that its description comes with, and how the path there ends."""
 
@@ -102,7 +108,8 @@ def _look(settings: Settings) -> Record:
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
     called = _called(settings)
     try:
-        scene = from_urdf(located(name), floating=settings["free"])
+        file = str(located(name))
+        scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     start = time.perf_counter()
