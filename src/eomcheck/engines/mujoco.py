@@ -64,6 +64,7 @@ class MujocoEngine(TreeEngine):
         body.quat = self._quaternion(one.rotation)
         body.mass, body.ipos, body.inertia = one.body.mass, one.body.center, np.ones(3)
         body.explicitinertial = True
+        body.simple = 0  # of which nothing may be changed once it is compiled, as inertia is
         for joint in one.joints:
             kind = kinds.mjJNT_SLIDE if joint.slides else kinds.mjJNT_HINGE
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
