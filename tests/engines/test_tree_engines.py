@@ -12,11 +12,16 @@ from eomcheck.engines import ENGINES, Answers, Engine
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.mechanics.described import words
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.words import Joint, distance
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.decompositions import null_space
 from eomcheck.scenes import SCENES, ChainPendulum
 
 TREES = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
@@ -233,3 +238,45 @@ def test_constraints_of_mujoco_give_way_by_a_small_part_and_not_by_rounding(key,
     M, B = at.terms.M, at.terms.B
     rest = M @ found.vdot + B - Q - a.T @ found.multipliers
     assert largest(rest) <= 1e-8 * (largest(B) + largest(Q) + largest(a.T @ found.multipliers))
+
+
+# ---- Joints that follow others -------------------------------------------------------------------
+
+
+def linked(place: float, closed: bool):
+    """Return three links in a row, the last joint geared to the first; a pin may close them."""
+    rod = {"mass": 1.3, "center": (0.4, 0.1, 0.2), "moments": (0.2, 0.3, 0.25)}
+    names = ["a", "b", "c"]
+    joints = [
+        Joint("p", "revolute", "ground", "a", axis=(0.0, 0.6, 0.8)),
+        Joint("s", "prismatic", "a", "b", place=(0.7, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
+        Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), follows=("p", -1.5, place), axis=(1, 0, 1)),
+    ]
+    ends = [distance("rod", "c", "ground", 1.1, (0.3, 0, 0), (0.2, 1.2, 0))] if closed else []
+    links = [words.Link("ground"), *(words.Link(name, **rod) for name in names)]
+    return mechanism("Linked", links, joints, ends)()
+
+
+@every_engine
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_joint_that_follows_another_is_taken_along(key, closed):
+    scene = linked(0.3, closed)
+    kind = represented(ENGINES[key], scene)
+    engine = kind(scene)
+    assert isinstance(engine, TreeEngine)
+    assert engine.coordinates.shape == (3, 2)
+    claims = ["mass-matrix", "bias"]
+    if kind.offers("acceleration") and not (kind.compliant and closed):
+        claims += ["engine-acceleration", *(["engine-multipliers"] if closed else [])]
+    for q, c in np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)):
+        q = closed_position(scene, q) if closed else q
+        a = Evaluation(scene, q, c, 0.0).terms.a
+        v = c if a is None else null_space(a) @ c[:1]
+        found = look(scene, State(q, v, 0.0), engine, *claims)
+        assert {(one.claim, one.verdict) for one in found} == {(x, "passed") for x in claims}, found
+
+
+def test_another_shift_of_a_joint_that_follows_shows():
+    state = State(np.array([0.4, 0.2]), np.array([0.5, -1.0]), 0.0)
+    (found,) = look(linked(0.3, False), state, ENGINES["pinocchio"](linked(0.4, False)), "bias")
+    assert found.verdict == "failed"

@@ -15,12 +15,15 @@ from eomcheck.cli import app
 from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.files.description import described
+from eomcheck.engines.files.free import AXES, BaseVelocity, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.lab import comparing
 from eomcheck.lab.comparing import QUANTITIES, Comparison, compare
 from eomcheck.lab.reasons import Parting, Why, reasons
 from eomcheck.lab.report.comparison import print_comparison, write_comparison
+from eomcheck.mechanics.described.quaternions import rotation
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, from_urdf
 
 FINGERS = (
@@ -40,9 +43,13 @@ def installed(key: str) -> None:
 
 @pytest.mark.parametrize("key", READERS)
 @pytest.mark.parametrize("more", ["", FINGERS])
-def test_a_library_that_reads_the_file_agrees_to_rounding(key: str, more: str, tmp_path: Path):
+@pytest.mark.parametrize("floating", [False, True])
+def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, tmp_path: Path):
     installed(key)
-    scene = from_urdf(arm(tmp_path / "arm.urdf", more=more))
+    file = arm(tmp_path / "arm.urdf", more=more)
+    file.write_text(file.read_text().replace('<link name="base"/>', body("base")))
+    scene = from_urdf(file, floating=floating)
+    assert ("base_pitch" in scene.coordinate_names) == floating
     found = compare(scene, [key], states=5)
     assert found.verdict(key) in ("agrees", "fewer digits")
     assert set(found.apart) == set(QUANTITIES)
@@ -57,6 +64,36 @@ def test_a_joint_that_follows_another_is_no_coordinate_but_the_library_s_own(tmp
     assert scene.coordinate_names == ("shoulder", "slide", "wrist", "grip")
     assert engine.coordinates.shape == (5, 4)
     assert engine.coordinates[engine.joints().index("follow")].tolist() == [0, 0, 0, -2]
+
+
+@pytest.mark.parametrize("key", ["mujoco", "drake"])
+def test_a_root_called_world_cannot_be_free_where_it_is_the_ground(key: str, tmp_path: Path):
+    installed(key)
+    file = free(tmp_path / "arm.urdf")
+    file.write_text(file.read_text().replace('"base"', '"world"'))
+    with pytest.raises(InputError, match=f"{key}_file .* a link called world"):
+        compare(from_urdf(file, floating=True), [key], states=1)
+
+
+@pytest.mark.parametrize("linear", AXES)
+@pytest.mark.parametrize("angular", AXES)
+@pytest.mark.parametrize("first", [False, True])
+def test_a_base_moves_as_differences_of_its_places_say(linear, angular, first):
+    told, h = BaseVelocity(linear, angular, first), 1e-6
+    q, v = np.array([0.3, -0.2, 0.5, 2.1, -0.7, 1.3]), np.array([0.4, 0.2, -0.6, 0.9, -1.1, 0.8])
+    at, turn = np.array([0.2, -0.5, 0.3]), rotation((0.9, 0.1, -0.3, 0.2))
+    before, here, after = (free_base(q + x * v, v, at, turn) for x in (-h, 0, h))
+    place = (after.place - before.place) / (2 * h)
+    spin = (after.R - before.R) @ here.R.T / (2 * h)
+    omega = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+    parts = [
+        here.R.T @ x if axes == "base" else x for x, axes in ((place, linear), (omega, angular))
+    ]
+    S, rest = here.velocity(told, v)
+    assert S @ v == pytest.approx(np.concatenate(parts[::-1] if first else parts), abs=1e-8)
+    ends = [one.velocity(told, v)[0] @ v for one in (before, after)]
+    assert rest == pytest.approx((ends[1] - ends[0]) / (2 * h), abs=1e-8)
+    assert rotation(tuple(here.quaternion)) == pytest.approx(here.R, abs=1e-14)
 
 
 # ---- Who differs is told, and why ----------------------------------------------------------------
@@ -94,7 +131,7 @@ class Single(PinocchioFile):
 
 def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> Comparison:
     """Compare with an engine that reads as a faulty library would."""
-    monkeypatch.setitem(comparing.READERS, kind.key, kind)
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], kind.key, kind)
     return compare(from_urdf(arm(path, **options)), [kind.key], states=3)
 
 
@@ -140,6 +177,34 @@ def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatc
     assert found.verdict("reversed_file") == "differs"
 
 
+def free(path: Path) -> Path:
+    """Write the arm on a base that has inertia; return `path`."""
+    arm(path).write_text(path.read_text().replace('<link name="base"/>', body("base")))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("taken", "told"),
+    [
+        (BaseVelocity("ground", "base"), "linear velocity along the axes of the base"),
+        (BaseVelocity("base", "ground"), "angular velocity along the axes of the base"),
+        (BaseVelocity("base", "base", True), "linear velocity along the axes of the base, then"),
+    ],
+)
+def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_path, taken, told):
+    class Taken(PinocchioFile):
+        key = "taken_file"
+        base_velocity = taken
+
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], "taken_file", Taken)
+    scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
+    found = compare(scene, ["taken_file"], states=3)
+    ((why, _),) = found.why["taken_file"]
+    assert why.startswith("has another velocity of the base: ")
+    assert told in why
+    assert why.endswith(f"not {taken}")
+
+
 def parting(path: Path, **options) -> Parting:
     ours = {name: np.eye(3) if name == "M" else np.ones(3) for name in QUANTITIES}
     theirs = ours | {"M": ours["M"] + 0.5}
@@ -166,6 +231,87 @@ def test_nothing_odd_is_told_of_a_file_without_it(tmp_path: Path):
     assert reasons(parting(tmp_path / "arm.urdf")) == []
 
 
+# ---- What a library does instead of an answer ----------------------------------------------------
+
+
+class Nan(PinocchioFile):
+    key = "nan_file"
+
+    def mass_matrix(self, q, t=0.0):
+        return np.full((3, 3), np.nan)
+
+
+class AtRest(PinocchioFile):
+    key = "at_rest_file"
+
+    def forces(self, q, v, t=0.0):
+        if not v.any():  # nor are there forces then
+            raise RuntimeError("no flow")
+        return super().forces(q, v, t)
+
+
+class Elsewhere(PinocchioFile):
+    key = "elsewhere_file"
+
+    def free_acceleration(self, q, v):
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(
+    ("kind", "quantities", "what"),
+    [
+        (Nan, ["M"], "mass_matrix returned nan in entry [0, 0]"),
+        (
+            AtRest,
+            ["gravity", "forces"],
+            "forces raised RuntimeError: no flow (test_comparing.py, line",
+        ),
+        (Elsewhere, ["q̈"], "acceleration raised ZeroDivisionError (test_comparing.py, line"),
+    ],
+)
+def test_a_library_that_does_not_answer_is_told_by_quantity(
+    monkeypatch, tmp_path, capsys, kind, quantities, what
+):
+    found = compared(monkeypatch, kind, tmp_path / "arm.urdf")
+    assert list(found.faults) == [(kind.key, name) for name in quantities]
+    assert all(said.startswith(what) for said in found.faults.values())
+    assert not found.agree
+    assert found.verdict(kind.key) == ", ".join(f"no {name}" for name in quantities)
+    agreed = [table for name, table in found.apart.items() if name not in quantities]
+    assert np.max(agreed) < 1e-12
+    print_comparison(found)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert shown.count("fault") == len(quantities)
+    assert all(f"gives no {name}: {what}" in shown for name in quantities)
+    assert "agree to rounding" not in shown
+    write_comparison(found, tmp_path / "out.json")
+    written = json.loads((tmp_path / "out.json").read_text())["faults"]
+    assert written == [[*where, said] for where, said in found.faults.items()]
+
+
+def test_who_fails_at_rest_alone_does_not_agree(monkeypatch, tmp_path):
+    moving = State(np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.2, 1.0]), 0.0)
+    monkeypatch.setattr(comparing, "draw", lambda *_: [moving])
+    found = compared(monkeypatch, AtRest, tmp_path / "arm.urdf")
+    assert (found.failed, list(found.faults)) == ([], [("at_rest_file", "gravity")])
+    assert not found.agree
+    assert found.verdict("at_rest_file") == "no gravity"
+    print_comparison(found)
+
+
+def test_a_library_reads_the_file_twice_however_many_states_there_are(monkeypatch, tmp_path):
+    class Counted(PinocchioFile):
+        key = "counted_file"
+        times = 0
+
+        def _read(self, library, description):
+            type(self).times += 1
+            super()._read(library, description)
+
+    found = compared(monkeypatch, Counted, tmp_path / "arm.urdf")
+    assert (found.states, Counted.times) == (3, 2)
+
+
 # ---- What cannot be compared ---------------------------------------------------------------------
 
 
@@ -180,15 +326,6 @@ def test_a_robot_with_other_parameters_than_its_file_is_read_by_no_library(tmp_p
         compare(ChainPendulum.rods(1))
 
 
-def test_a_free_base_is_compared_with_who_takes_one(tmp_path: Path):
-    heavy = arm(tmp_path / "arm.urdf").read_text().replace('<link name="base"/>', body("base"))
-    (tmp_path / "heavy.urdf").write_text(heavy)
-    found = compare(from_urdf(tmp_path / "heavy.urdf", floating=True), states=3)
-    assert found.verdict("pinocchio") == "agrees"
-    assert list(found.versions) == ["pinocchio"]
-    assert all(table.max() < 1e-12 for table in found.apart.values())
-
-
 def test_an_unknown_library_is_refused_by_name(tmp_path: Path):
     with pytest.raises(UnknownNameError, match="unknown engine 'newton'"):
         compare(from_urdf(arm(tmp_path / "arm.urdf")), ["newton"])
@@ -201,7 +338,8 @@ def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monke
         def _read(self, library, description):
             raise RuntimeError("no such\njoint")
 
-    monkeypatch.setattr(comparing, "READERS", {"a": Refusing, "pinocchio": PinocchioFile})
+    readers = {"a": Refusing, "pinocchio": PinocchioFile}
+    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", readers)
     found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
     assert found.refused == {"a": "no such joint"}
     assert list(found.versions) == ["pinocchio"]
@@ -216,7 +354,7 @@ def test_a_library_that_lacks_a_joint_is_told(monkeypatch, tmp_path):
         def joints(self):
             return super().joints()[:2]
 
-    monkeypatch.setattr(comparing, "READERS", {"locked": Locked})
+    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"locked": Locked})
     with pytest.raises(InputError, match="locked_file has no joint 'wrist', which the file moves"):
         compare(from_urdf(arm(tmp_path / "arm.urdf")))
 
@@ -257,6 +395,28 @@ def test_the_command_tells_and_its_exit_code_says_whether_all_agree(tmp_path, da
     assert written["libraries"] == ["eomcheck", "pinocchio"]
     assert np.array(written["apart"]["M"]).shape == (2, 2)
     assert [one["verdict"] for one in written["findings"]].count("failed") == code
+
+
+def test_a_free_base_is_asked_for_behind_a_colon(tmp_path: Path):
+    path, out = free(tmp_path / "arm.urdf"), tmp_path / "out.json"
+    given = "compare", f"{path}:floating", "--engine", "pinocchio", "--states", "2"
+    ran = CliRunner().invoke(app, [*given, "--json", str(out)])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(out.read_text(encoding="utf-8"))["coordinates"][0] == "base_x"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("arm.urdf:free", "scene = 'arm.urdf:free', expected arm.urdf or arm.urdf:floating"),
+        ("snake", "robot = 'snake', expected robot.urdf, robot.urdf:floating or robot.xml"),
+        ("snake:floating", "robot = 'snake:floating', expected robot.urdf, robot.urdf:"),
+    ],
+)
+def test_what_is_no_robot_s_file_is_refused_in_one_sentence(name: str, said: str):
+    ran = CliRunner().invoke(app, ["compare", name])
+    assert isinstance(ran.exception, InputError)
+    assert str(ran.exception).startswith(said)
 
 
 def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots import arm, body
 
 import eomcheck
 from eomcheck.claims.proof import prove
@@ -18,7 +19,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import from_urdf
-from eomcheck.scenes.named import kinds_of
+from eomcheck.scenes.named import kinds_of, scene_of
 
 ROBOTS = Path(__file__).parent / "robots"
 CASES = [("arm", False), ("arm", True), ("gripper", False), ("walker", True)]
@@ -273,3 +274,16 @@ def test_many_fixed_links_are_one_body(tmp_path):
     scene = from_urdf(written(tmp_path, f"<robot>{text}</robot>"))
     assert scene.n == 1
     assert scene.mass.tolist() == [1000.0]
+
+
+def test_a_free_root_is_asked_for_behind_a_colon_wherever_a_scene_is_named(tmp_path: Path):
+    file = tmp_path / "arm.urdf"
+    arm(file).write_text(file.read_text().replace('<link name="base"/>', body("base")))
+    scene = scene_of(f"{file}:floating")
+    assert repr(scene) == repr(from_urdf(file, floating=True))
+    assert scene.coordinate_names[:3] == ("base_x", "base_y", "base_z")
+    assert scene.name != scene_of(str(file)).name  # what is kept by name is not that of the other
+    with pytest.raises(InputError, match=r"only the root of a robot in a \.urdf can be set free"):
+        scene_of("snake:floating")
+    with pytest.raises(InputError, match=r"expected .*arm.urdf or .*arm.urdf:floating"):
+        scene_of(f"{file}:fixed")

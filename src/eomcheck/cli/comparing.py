@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,13 +9,20 @@ import typer
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Json, Seed
+from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, listed
 
 
 @app.command()
 def compare(
-    robot: Annotated[Path, typer.Argument(help="Robot description: robot.urdf.")],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Its description: robot.urdf, robot.urdf:floating with a free base, robot.xml.",
+        ),
+    ],
     engine: Annotated[
         list[str] | None,
         typer.Option(
@@ -42,9 +48,14 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes import from_urdf
+    from eomcheck.scenes.named import scene_of
+    from eomcheck.scenes.robot_files import is_robot
 
-    scene = from_urdf(robot)
+    if not is_robot(robot):
+        raise InputError(
+            f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
+        )
+    scene = scene_of(robot)
     with progress("comparing", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:
@@ -52,5 +63,5 @@ def compare(
     print_comparison(found, pairs)
     if json is not None:
         print(f"written: {json}")
-    if found.failed:
+    if not found.agree:
         raise typer.Exit(1)

@@ -23,7 +23,10 @@ SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
 _SCENES = completing("scene", more=["all"])
-_ONE = "Scene: its key, ROBOT.urdf, your own, FILE.py:CLASS, or a snake: paper, coil, pattern."
+_ONE = (
+    "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
+    "or a snake: paper, coil, pattern."
+)
 
 Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
 ONE = "paper"

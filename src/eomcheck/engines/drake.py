@@ -79,6 +79,8 @@ class DrakeEngine(TreeEngine):
 
         Accelerations are linear in forces; λ is what makes a v̇ + gamma vanish.
         """
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
         self._move_to(q, v)
         free = self._under(Q)
         if a is None or gamma is None:

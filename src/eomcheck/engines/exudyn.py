@@ -106,6 +106,8 @@ class ExudynEngine(TreeEngine):
         Initial accelerations keep a v̇ = 0 whatever gamma is. So they are asked for beside some z
         with a z = -gamma, whose inertia forces are taken from Q.
         """
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
         z = np.zeros(self._n)
         if a is not None and gamma is not None:
             z = np.linalg.lstsq(a, -gamma, rcond=None)[0]

@@ -64,6 +64,7 @@ class MujocoEngine(TreeEngine):
         body.quat = self._quaternion(one.rotation)
         body.mass, body.ipos, body.inertia = one.body.mass, one.body.center, np.ones(3)
         body.explicitinertial = True
+        body.simple = 0  # of which nothing may be changed once it is compiled, as inertia is
         for joint in one.joints:
             kind = kinds.mjJNT_SLIDE if joint.slides else kinds.mjJNT_HINGE
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
@@ -114,6 +115,8 @@ class MujocoEngine(TreeEngine):
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ by MuJoCo's own solver, from our Q, a and gamma."""
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
         if a is not None and gamma is not None:
             self.model.wrap_prm[:] = a.ravel()
             self.model.eq_data[:, 0] = a @ q - gamma

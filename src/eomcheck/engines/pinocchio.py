@@ -57,6 +57,8 @@ class PinocchioEngine(TreeEngine):
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ by `pinocchio.forwardDynamics` with our a, gamma and Q."""
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
         state = (self.model, self.data, q, v, Q)
         if a is None or gamma is None:
             return EngineAcceleration(np.array(self._pin.aba(*state)), None)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eomcheck.engines.base import Engine, VelocityMap
+from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.walk import Link, links_of
 from eomcheck.errors import EngineError, required
 from eomcheck.mechanics.scene import Scene
@@ -21,7 +21,9 @@ TOUCHING = 1e-12
 class TreeEngine(Engine):
     """A tree of rigid bodies as a model of the library's own, in coordinates of its joints x = T q.
 
-    A subclass says what the library answers in these, in the order of the links (rule 4).
+    A subclass says what the library answers in these, in the order of the links (rule 4). Joints
+    that follow others move by themselves in the model: M, B and Q are taken along T, and v̇
+    is that of the library's M and B.
     """
 
     module: ClassVar[str]
@@ -39,10 +41,10 @@ class TreeEngine(Engine):
         if tree is None or not self.represents(scene):
             raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
         self.coordinates: Array = tree.coordinates
-        """T (n, n)."""
+        """T (m, n), x = T q + shift for the m joints of the tree."""
         self.shift: Array = tree.shift
-        """x where q = 0 (n,)."""
-        self._n = scene.n
+        """x where q = 0 (m,)."""
+        self._n = len(tree.joint)
         self._build(self._library(), self.links(tree))
 
     @classmethod
@@ -58,7 +60,7 @@ class TreeEngine(Engine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is described as a tree that the library can hold."""
         tree = scene.tree()
-        if tree is None or not own_coordinates(tree):
+        if tree is None or not all_move(tree):
             return False
         links = cls.links(tree)
         return cls.holds(links) and (cls.any_inertia or all(map(cls.takes, links)))
@@ -94,8 +96,29 @@ class TreeEngine(Engine):
         """Return (T q + shift, T, 0)."""
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
 
+    @property
+    def follow(self) -> bool:
+        """Whether some joints follow others."""
+        return self._n > self.scene.n
 
-def own_coordinates(tree: Tree) -> bool:
-    """Return whether every joint has a coordinate of its own, and none follows another's."""
-    joints, coordinates = tree.coordinates.shape
-    return joints == coordinates
+    def eliminated(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None, t: float
+    ) -> EngineAcceleration:
+        """Return ẍ (m,) and λ by the library's M and B, joints that follow eliminated.
+
+        All is handed in the coordinates of the joints, as to `acceleration`.
+        """
+        T = self.coordinates
+        M, F = T.T @ self.mass_matrix(q, t) @ T, T.T @ (Q - self.bias(q, v, t))
+        free = np.linalg.solve(M, F)
+        if a is None or gamma is None:
+            return EngineAcceleration(T @ free, None)
+        rows = a @ T
+        responses = np.linalg.solve(M, rows.T)
+        multipliers = np.linalg.solve(rows @ responses, -gamma - rows @ free)
+        return EngineAcceleration(T @ (free + responses @ multipliers), multipliers)
+
+
+def all_move(tree: Tree) -> bool:
+    """Return whether no coordinate is without a joint of its own: others may follow it."""
+    return bool(np.linalg.matrix_rank(tree.coordinates) == tree.coordinates.shape[1])

@@ -12,7 +12,10 @@ T = TypeVar("T")
 
 MOST_LINKS = 100_000
 
-SCENE_HELP = "Kind of scene, all of them, ROBOT.urdf, or your own: FILE.py:CLASS."
+SCENE_HELP = (
+    "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "
+    "FILE.py:CLASS."
+)
 SET_HELP = (
     "Parameter that is other than usual, NAME=VALUE, NAME=1,0.5 or NAME=none; repeat for more."
 )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 
 from eomcheck.engines.files.description import Description
+from eomcheck.engines.files.free import AXES, FREE, BaseVelocity, FreeBase
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.contract import Array
 
@@ -27,6 +28,8 @@ class Parting(NamedTuple):
         v: velocities (n,).
         ours: quantity -> value.
         theirs: quantity -> value.
+        free: how the frame moves that the library fixes to a free base, and by what velocity it
+            is taken to tell it; None where the base is held.
     """
 
     description: Description
@@ -34,6 +37,7 @@ class Parting(NamedTuple):
     v: Array
     ours: dict[str, Array]
     theirs: dict[str, Array]
+    free: tuple[FreeBase, BaseVelocity] | None = None
 
     def error(self, name: str) -> Array:
         """Return theirs - ours."""
@@ -147,6 +151,24 @@ def _axes(at: Parting) -> Iterator[Why]:
             if largest(theirs - np.outer(signs, signs) * ours) <= CLOSE * largest(ours):
                 yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
                 return
+
+
+@_reason
+def _base_frame(at: Parting) -> Iterator[Why]:
+    """Yield that the velocity of a free base is along other axes than it is taken for."""
+    if at.free is None or at.same("M"):
+        return
+    base, told = at.free
+    taken, _ = base.velocity(told, at.v[:FREE])
+    found = []
+    for other in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
+        T = np.eye(len(at.v))
+        T[:FREE, :FREE] = np.linalg.solve(base.velocity(other, at.v[:FREE])[0], taken)
+        M = T.T @ at.ours["M"] @ T
+        if other != told and largest(at.theirs["M"] - M) <= CLOSE * largest(at.ours["M"]):
+            found.append(other)
+    if len(found) == 1:  # while the base is not turned, all axes are the same
+        yield Why(f"has another velocity of the base: {found[0]}, not {told}")
 
 
 @_reason

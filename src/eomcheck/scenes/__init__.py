@@ -9,6 +9,7 @@ from eomcheck.scenes.bricard import Bricard
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.four_bar_chain import FourBarChain
+from eomcheck.scenes.mjcf import from_mjcf
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
@@ -44,5 +45,6 @@ __all__ = [
     "Sleigh",
     "Snake",
     "TurntableBall",
+    "from_mjcf",
     "from_urdf",
 ]

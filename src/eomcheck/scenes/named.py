@@ -13,8 +13,9 @@ from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.random import RANDOM
+from eomcheck.scenes.robot_files import is_robot, robot_named
 from eomcheck.scenes.snake import Snake
-from eomcheck.scenes.urdf import urdf_kind
+from eomcheck.scenes.urdf import FLOATING
 
 ALL = "all"
 
@@ -48,8 +49,8 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
     """Return the kinds of scenes that `name` stands for.
 
     Args:
-        name: "all" of the registry, a robot's file.urdf, or a name as `eomcheck.lookup.looked_up`
-            understands it.
+        name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
+            file.xml or file.mjcf, or a name as `eomcheck.lookup.looked_up` understands it.
 
     Those of `RANDOM` hang together in another way with every draw, and are not among all.
 
@@ -65,7 +66,11 @@ def kinds_of(name: str) -> tuple[type[Scene], ...]:
 
 def _looked_up(name: str) -> type[Scene]:
     """Return the kind of scene that a name stands for, whatever it is the name of."""
-    return urdf_kind(name) if name.lower().endswith(".urdf") else looked_up(SCENE, name)
+    if is_robot(name):
+        return robot_named(name)
+    if name.endswith(f":{FLOATING}"):
+        raise InputError(f"scene = {name!r}: only the root of a robot in a .urdf can be set free")
+    return looked_up(SCENE, name)
 
 
 def kind_of(name: str) -> type[Scene]:

@@ -18,6 +18,8 @@ from eomcheck.mechanics.scene import finite_array
 from eomcheck.scenes.urdf_robot import Robot, read_urdf
 from eomcheck.scenes.urdf_xml import Unreadable
 
+FLOATING = "floating"
+
 
 def from_urdf(
     path: str | os.PathLike[str],
@@ -54,27 +56,39 @@ def urdf_kind(
         file = Path(path)
     except TypeError:
         raise InputError(f"path = {path!r}, expected the path of a URDF file") from None
-    if gravity is not None:
-        x, y, z = finite_array("gravity", gravity, (3,)).tolist()
-        gravity = x, y, z
+    gravity = gravity_of(gravity)
     robot = read_urdf(file)
     options = (", floating=True" if floating else "") + (
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
     )
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
+    name = f"{robot.name}_{FLOATING}" if floating else robot.name
     try:
-        made = described(robot.name, links, joints, gravity=gravity)
+        made = described(name, links, joints, gravity=gravity)
         return made._replace(
             code=f"from_urdf({str(path)!r}{options})",
             imported="from eomcheck.scenes import from_urdf",
             left_out=robot.left_out,
             source=str(file),
+            format="urdf",
             floating=joints[0].name if floating else "",
         ).kind()
     except Unreadable:
         raise
     except InputError as error:
         raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
+def gravity_of(given: Triple | None) -> Triple | None:
+    """Return gravity as three numbers, or None.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if given is None:
+        return None
+    x, y, z = finite_array("gravity", given, (3,)).tolist()
+    return x, y, z
 
 
 def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

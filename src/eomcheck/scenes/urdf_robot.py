@@ -77,12 +77,23 @@ def read_urdf(path: Path) -> Robot:
         raise Unreadable(f"{where!r} has no joint")
     out = Counter(others(root, READ | OF_ROBOT, repr(where)))
     out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
-    name = re.sub(r"\W+", "_", root.get("name", "") or path.stem).strip("_") or "robot"
-    name = name if name.isidentifier() else f"robot_{name}"
+    name = identifier(root.get("name", "") or path.stem)
     read_links = tuple(_link(one, where, out) for one in links)
     read_joints = tuple(_joint(one, where, out) for one in joints)
-    said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in sorted(out.items()))
-    return Robot(name, read_links, read_joints, f"Left out: {said}." if said else "")
+    return Robot(name, read_links, read_joints, left_out(out))
+
+
+def identifier(name: str) -> str:
+    """Return what a robot of this name is called in Python."""
+    name = re.sub(r"\W+", "_", name).strip("_") or "robot"
+    return name if name.isidentifier() else f"robot_{name}"
+
+
+def left_out(counts: Counter[str]) -> str:
+    """Return in one sentence what of a file is left out, and how much of it; "" of nothing."""
+    some = sorted((tag, count) for tag, count in counts.items() if count)
+    said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
+    return f"Left out: {said}." if said else ""
 
 
 _PLURAL = {

@@ -1,10 +1,11 @@
-"""The XML of a URDF, read with care: of bounded size, nothing expanded, every number a number."""
+"""The XML of a robot, read with care: of bounded size, nothing expanded, every number a number."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
 
@@ -22,8 +23,21 @@ class Unreadable(InputError):
     """A robot description that is none, or not one that is understood."""
 
 
-def root_of(path: Path) -> Element:
-    """Return the element <robot> of a file.
+class Format(NamedTuple):
+    """What a file should hold."""
+
+    name: str
+    roots: tuple[str, ...]
+    """Tags that its root may have."""
+    deepest: int = DEEPEST
+    """Elements inside each other."""
+
+
+URDF = Format("URDF", ("robot",))
+
+
+def root_of(path: Path, expected: Format = URDF) -> Element:
+    """Return the root of a file, <robot> of a URDF.
 
     Raises:
         InputError: it cannot be read, is empty, too large or no XML, declares entities, or holds
@@ -40,18 +54,19 @@ def root_of(path: Path) -> Element:
     if not data.strip():
         raise Unreadable(f"{str(path)!r} is empty")
     try:
-        _look_through(data, str(path))
+        _look_through(data, str(path), expected.deepest)
         root = ElementTree.fromstring(data)
     except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise Unreadable(f"{str(path)!r} is no XML: {error}") from None
-    if root.tag != "robot":
-        raise Unreadable(f"{str(path)!r} holds <{root.tag}>, expected <robot>: no URDF")
+    if root.tag not in expected.roots:
+        wanted = f"expected <{expected.roots[0]}>: no {expected.name}"
+        raise Unreadable(f"{str(path)!r} holds <{root.tag}>, {wanted}")
     return root
 
 
-def _look_through(data: bytes, name: str) -> None:
+def _look_through(data: bytes, name: str, deepest: int) -> None:
     """Refuse what could grow while it is parsed, before it is."""
     parser, count, depth = expat.ParserCreate(), 0, 0
 
@@ -61,9 +76,9 @@ def _look_through(data: bytes, name: str) -> None:
     def opened(tag: str, attributes: dict[str, str]) -> None:
         nonlocal count, depth
         count, depth = count + 1, depth + 1
-        if count > MOST_ELEMENTS or depth > DEEPEST:
+        if count > MOST_ELEMENTS or depth > deepest:
             raise Unreadable(
-                f"{name!r} has more than {MOST_ELEMENTS} elements, or more than {DEEPEST} inside "
+                f"{name!r} has more than {MOST_ELEMENTS} elements, or more than {deepest} inside "
                 "each other"
             )
         if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from eomcheck.engines.files.base import FILE, FileEngine
 from eomcheck.engines.files.drake import DrakeFile
 from eomcheck.engines.files.idyntree import IdyntreeFile
+from eomcheck.engines.files.mjcf import MjcfFile
 from eomcheck.engines.files.mujoco import MujocoFile
 from eomcheck.engines.files.pinocchio import PinocchioFile
 from eomcheck.engines.files.pybullet import PybulletFile
@@ -13,6 +14,9 @@ READERS: dict[str, type[FileEngine]] = {
     engine.key.removesuffix(FILE): engine
     for engine in (PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile)
 }
-"""Key of the library -> class."""
+"""Key of the library -> class that reads a URDF."""
 
-__all__ = ["READERS", "FileEngine", "PinocchioFile"]
+BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
+"""Format of a file -> who reads it."""
+
+__all__ = ["BY_FORMAT", "READERS", "FileEngine", "MjcfFile", "PinocchioFile"]

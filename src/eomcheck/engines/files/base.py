@@ -12,6 +12,7 @@ import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
 from eomcheck.engines.files.description import Description, described, file_of, is_free
+from eomcheck.engines.files.free import FREE, BaseVelocity, FreeBase, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.errors import EngineError
@@ -21,22 +22,20 @@ from eomcheck.numbers.contract import Array
 FILE = "_file"
 """How the key of an engine ends that reads files."""
 
-FREE = 6
-"""Coordinates of a free base, which come first."""
-
 
 class FileEngine(TreeEngine):
     """A scene that is a robot description, as the library itself reads the file.
 
     Its coordinates are those of the library's joints, in the library's order: x = S q + shift, S
-    constant. A joint that follows another one is a coordinate of its own to most libraries.
+    constant. A joint that follows another one is a coordinate of its own to most libraries. Those
+    of a free base come before, and `pose` says what they are.
 
     Attributes:
         said: lines that the library wrote while it read the file.
     """
 
-    floats: ClassVar[bool] = False
-    """Whether it takes robots with a free base; if not, only those whose base is held."""
+    base_velocity: ClassVar[BaseVelocity]
+    """What it has for the velocity of a free base."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -85,20 +84,37 @@ class FileEngine(TreeEngine):
     @classmethod
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a file, with the parameters that stand there."""
-        return file_of(scene) is not None and (cls.floats or not is_free(scene))
+        return file_of(scene) is not None
 
     @abstractmethod
     def _read(self, library: Any, description: Description) -> None:
-        """Make the library's model by its own parser, the base held."""
+        """Make the library's model by its own parser, the base held unless `base` is not 0."""
 
     @abstractmethod
     def joints(self) -> list[str]:
-        """Return the names of its joints, one for each entry of its velocity."""
+        """Return the names of its joints, one for each entry of its velocity behind the base's."""
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (S q + shift, S, 0)."""
-        x = self.coordinates @ q + self.shift
-        return VelocityMap(x, self.coordinates.copy(), np.zeros(len(x)))
+        """Return (S q + shift, S, 0); of a free base its `pose`, and what S is there, in front."""
+        x, S = self.coordinates @ q + self.shift, self.coordinates.copy()
+        rest = np.zeros(len(x))
+        if self.base:
+            base = self.base_frame(q, v)
+            S[:FREE, :FREE], rest[:FREE] = base.velocity(self.base_velocity, v[:FREE])
+            x = np.concatenate([self.pose(base), x[FREE:]])
+        return VelocityMap(x, S, rest)
+
+    def base_frame(self, q: Array, v: Array) -> FreeBase:
+        """Return where the frame is that the library moves with a free base; q, v the scene's."""
+        return free_base(q[:FREE], v[:FREE])
+
+    def free_base(self, q: Array, v: Array) -> tuple[FreeBase, BaseVelocity] | None:
+        """Return that frame, and what its velocity is taken to be; None of a base that is held."""
+        return (self.base_frame(q, v), self.base_velocity) if self.base else None
+
+    def pose(self, base: FreeBase) -> Array:
+        """Return what it has for coordinates of a free base."""
+        return np.concatenate([base.place, base.quaternion])
 
     def acceleration(
         self,
@@ -109,16 +125,10 @@ class FileEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return ẍ under the library's own forces.
-
-        Where joints follow others, which most libraries leave to a constraint solver, of the
-        library's own M, B and Q.
-        """
-        S = self.coordinates
-        if len(S) == self.scene.n:  # no joint follows another
-            return EngineAcceleration(self.free_acceleration(q, v))
-        F = self.forces(q, v, t) - self.bias(q, v, t)
-        return EngineAcceleration(S @ np.linalg.solve(S.T @ self.mass_matrix(q, t) @ S, S.T @ F))
+        """Return ẍ under the library's own forces."""
+        if self.follow:  # which most libraries leave to a constraint solver
+            return self.eliminated(q, v, self.forces(q, v, t), None, None, t)
+        return EngineAcceleration(self.free_acceleration(q, v))
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẍ (m,); by M, B and Q unless the library has a way of its own."""

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from eomcheck.engines.files.free import FREE
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
@@ -39,10 +40,10 @@ class Description(NamedTuple):
 
 
 def file_of(scene: Scene) -> Path | None:
-    """Return the file of a robot that has the parameters of its file; None of any other scene."""
-    if not (isinstance(scene, Mechanism) and scene.made.source and scene.as_described):
+    """Return the URDF of a robot that has the parameters of its file; None of any other scene."""
+    if not (isinstance(scene, Mechanism) and scene.made.format == "urdf" and scene.as_described):
         return None
-    first = 6 if is_free(scene) else 0
+    first = FREE if is_free(scene) else 0
     # What has more coordinates has names of its own for them.
     named = {slot.name for slot in scene.plan.slots[:first]}
     return Path(scene.made.source) if set(scene.made.several) <= named else None

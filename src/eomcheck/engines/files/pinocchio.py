@@ -14,6 +14,7 @@ import numpy as np
 from eomcheck.engines.base import VelocityMap
 from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
+from eomcheck.engines.files.free import BaseVelocity, FreeBase
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.numbers.contract import Array
 
@@ -22,7 +23,7 @@ class PinocchioFile(FileEngine, PinocchioEngine):
     """A URDF by `pinocchio.buildModelFromXML`."""
 
     key = "pinocchio_file"
-    floats = True
+    base_velocity = BaseVelocity("base", "base")
 
     def _read(self, library: Any, description: Description) -> None:
         self._pin = library
@@ -37,42 +38,31 @@ class PinocchioFile(FileEngine, PinocchioEngine):
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v), x with cosine and sine of joints without limits."""
-        turned, S, rest = super().velocity_map(q, v)
-        parts: list[float] = []
-        if self.base:
-            parts += self._free(q, v, S, rest)
+        x, S, rest = super().velocity_map(q, v)
         joints = list(self.model.joints)[2 if self.base else 1 :]
-        for joint, angle in zip(joints, turned[self.base :], strict=True):
+        pose, moved = np.split(x, [len(x) - len(joints)])
+        parts = pose.tolist()
+        for joint, angle in zip(joints, moved, strict=True):
             parts += [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
         return VelocityMap(np.array(parts), S, rest)
 
-    def _free(self, q: Array, v: Array, S: Array, rest: Array) -> list[float]:
-        """Fill in the free base, moved along x, y, z and turned about z, y, x; return its place."""
-        axes, pin = np.eye(3), self._pin
-        yaw, pitch, roll = (
-            np.array(pin.AngleAxis(float(angle), axis).matrix())
-            for angle, axis in zip(q[3:6], (axes[2], axes[1], axes[0]), strict=True)
-        )
-        R = yaw @ pitch @ roll
-        S[:3, :3] = R.T
-        S[3:6, 3:6] = np.column_stack([roll.T @ pitch.T @ axes[2], roll.T @ axes[1], axes[0]])
-        turned = S[3:6, 3:6] * v[3:6]
-        omega = turned.sum(axis=1)
-        rest[:3] = -np.cross(omega, R.T @ v[:3])
-        rest[3:6] = -np.cross(turned[:, 2], turned[:, 0] + turned[:, 1])
-        rest[3:6] -= np.cross(turned[:, 1], turned[:, 0])
-        return [*q[:3], *pin.Quaternion(R).coeffs()]
+    def pose(self, base: FreeBase) -> Array:
+        """Return place and orientation, as x, y, z, w."""
+        return np.concatenate([base.place, np.roll(base.quaternion, -1)])
+
+    def _under_gravity(self, algorithm: Any, *arguments: Array) -> Array:
+        """Return what one of its algorithms gives for the model under gravity."""
+        self.model.gravity.linear = self._gravity
+        try:
+            return np.array(algorithm(self.model, self.data, *arguments))
+        finally:
+            self.model.gravity.linear = np.zeros(3)
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity and of the dampers that it reads."""
-        self.model.gravity.linear = self._gravity
-        found = self._pin.computeGeneralizedGravity(self.model, self.data, q)
-        self.model.gravity.linear = np.zeros(3)
-        return -np.array(found) - self.model.damping * v
+        gravity = self._under_gravity(self._pin.computeGeneralizedGravity, q)
+        return -gravity - self.model.damping * v
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẇ (m,) by articulated bodies."""
-        self.model.gravity.linear = self._gravity
-        found = self._pin.aba(self.model, self.data, q, v, np.zeros(len(v)))
-        self.model.gravity.linear = np.zeros(3)
-        return np.array(found)
+        return self._under_gravity(self._pin.aba, q, v, np.zeros(len(v)))

@@ -20,8 +20,11 @@ def library_sheet(found: Comparison) -> Sheet:
     """Return the table of libraries: how far from us they are, where, and why."""
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
-        verdict = Cell(found.verdict(key), "failed" if found.of(key) else "passed")
-        apart = [_cell(table[0, i + 1]) for table in found.apart.values()]
+        verdict = Cell(found.verdict(key), "failed" if found.differs(key) else "passed")
+        apart = [
+            Cell("fault", "failed") if (key, name) in found.faults else _cell(table[0, i + 1])
+            for name, table in found.apart.items()
+        ]
         rows.append([Cell(version, "name"), *apart, verdict])
     nothing = [*"-" * len(found.apart), Cell("no answer", "open")]
     rows += [[Cell(key, "name"), *nothing] for key in found.refused]
@@ -45,8 +48,8 @@ def pair_sheets(found: Comparison) -> Iterator[Sheet]:
 def sentences(found: Comparison) -> Iterator[str]:
     """Yield what is to be said of each library that differs or gave no answer."""
     for key, version in found.versions.items():
-        if failed := found.of(key):
-            where = "; ".join(one.detail for one in failed)
+        if found.differs(key):
+            where = "; ".join(one.detail for one in found.of(key)) or "where it answers, it agrees"
             why = "; ".join(one.sentence for one in found.why[key]) or "no reason known"
             yield f"{version} differs: {where}. Why: {why}."
             if found.said[key]:
@@ -66,7 +69,7 @@ def print_comparison(found: Comparison, pairs: bool = False) -> None:
     print_sheets([library_sheet(found), *(pair_sheets(found) if pairs else ())])
     for said in sentences(found):
         say(said)
-    if not found.failed:
+    if found.agree:
         console.print("all that answered agree to rounding")
 
 
@@ -83,6 +86,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
             name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
             for name, table in found.apart.items()
         },
+        "faults": [[*where, what] for where, what in found.faults.items()],
         "findings": [one.as_dict() for one in found.findings.values()],
         "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
         "said": found.said,

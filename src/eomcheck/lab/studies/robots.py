@@ -13,12 +13,13 @@ from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.comparing import FIXED_ONLY, QUANTITIES, compare
+from eomcheck.lab.comparing import QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.records import Record, Settings, rows_of
 from eomcheck.lab.study import Study, unfinished
-from eomcheck.scenes.urdf import from_urdf
+from eomcheck.scenes.robot_files import robot_named
+from eomcheck.scenes.urdf import FLOATING
 
 ROBOTS = {
     "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
@@ -34,6 +35,11 @@ ROBOTS = {
     "icub": ("example-robot-data", "icub_description/robots/icub_reduced.urdf"),
     "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
     "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+    "half-cheetah": ("gymnasium", "mujoco/assets/half_cheetah.xml"),
+    "ant": ("gymnasium", "mujoco/assets/ant.xml"),
+    "humanoid": ("gymnasium", "mujoco/assets/humanoid.xml"),
+    "fish": ("dm_control", "dm_control/suite/fish.xml"),
+    "jaco": ("dm_control", "third_party/kinova/jaco_arm.xml"),
 }
 """Name -> package on PyPI that its description comes with, and how the path there ends."""
 
@@ -102,7 +108,8 @@ def _look(settings: Settings) -> Record:
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
     called = _called(settings)
     try:
-        scene = from_urdf(located(name), floating=settings["free"])
+        file = str(located(name))
+        scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     start = time.perf_counter()
@@ -125,8 +132,7 @@ def _look(settings: Settings) -> Record:
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
         rows.append(Read(called, version, found.verdict(key), apart, why))
-    refused = {key: why for key, why in found.refused.items() if why != FIXED_ONLY}
-    rows += [Read(called, key, "no answer", {}, why) for key, why in refused.items()]
+    rows += [Read(called, key, "no answer", {}, why) for key, why in found.refused.items()]
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 

@@ -64,6 +64,8 @@ class Made(NamedTuple):
     """What of its source is not in it, in one sentence."""
     source: str = ""
     """The file that it was read from."""
+    format: str = ""
+    """Of that file: "urdf" or "mjcf"."""
     floating: str = ""
     """Name of the link of the file that is free to move because that was asked for."""
     base: Any = None

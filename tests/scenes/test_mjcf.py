@@ -1,0 +1,289 @@
+"""Robots from MJCF files: against MuJoCo's own model of them, and what is refused."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eomcheck.claims.proof import prove
+from eomcheck.claims.run import validate
+from eomcheck.cli import app
+from eomcheck.engines.files import MjcfFile
+from eomcheck.errors import EngineError, InputError
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.lab.comparing import compare
+from eomcheck.scenes import from_mjcf, mjcf_file
+from eomcheck.scenes.named import scene_of
+
+mujoco = pytest.importorskip("mujoco")
+
+LIMB = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <default><joint damping="0.3"/><default class="tilted"><geom euler="0.3 0.2 -0.4"/></default></default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="trunk" pos="0.1 0.2 1.3" euler="0.2 -0.4 0.3">
+      FREE
+      <geom type="box" size="0.3 0.2 0.1" pos="0.05 -0.02 0.1"/>
+      <body name="thigh" pos="0.3 0.1 -0.2" quat="1 0.2 -0.3 0.1" childclass="tilted">
+        <joint name="abduct" axis="1 0 0.2" pos="0.05 0 0.1" ref="0.4" stiffness="2" springref="0.1"/>
+        <joint name="flex" axis="0 1 0" pos="0 0.03 0.1" armature="0.02" range="-1 1"/>
+        <joint name="stretch" type="slide" axis="0.3 0 1" ref="-0.2" frictionloss="0.1"/>
+        <geom type="capsule" size="0.05 0.2" pos="0 0 -0.2"/>
+        <body name="pack" pos="0 0.2 0.1" euler="0 0.5 0"><geom size="0.08"/></body>
+        <body pos="0 0 -0.5" name="shin">
+          <inertial pos="0 0.01 -0.2" mass="1.2" fullinertia="0.03 0.04 0.02 0.002 -0.003 0.001"/>
+          BALL
+          <geom type="mesh" mesh="no-such-file"/>
+          <body pos="0.02 0 -0.4"><joint axis="0 1 0" name="toe"/><geom size="0.1 0.04 0.02" type="box"/></body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <asset><mesh name="no-such-file" file="nowhere.stl"/></asset>
+  <actuator><motor joint="flex" gear="3"/></actuator>
+  <sensor><jointpos joint="flex"/></sensor>
+</mujoco>
+"""  # noqa: E501
+
+
+def limb(path: Path, free: bool = True, ball: bool = True) -> Path:
+    """Write the limb, free or on a hinge, its knee a ball or a hinge; return `path`."""
+    base = '<freejoint name="root"/>' if free else '<joint name="root" axis="0 0 1"/>'
+    knee = f'<joint name="knee" {"type" if ball else "class"}="{"ball" if ball else "main"}"'
+    knee += ' damping="0" pos="0 0 0.02"/>'
+    path.write_text(LIMB.replace("FREE", base).replace("BALL", knee), encoding="utf-8")
+    return path
+
+
+# ---- What is read --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("ball", [False, True])
+def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free, ball):
+    scene = from_mjcf(limb(tmp_path / "limb.xml", free, ball))
+    assert scene.n == (6 if free else 1) + 3 + (3 if ball else 1) + 1
+    claims = "mass-matrix", "bias", "generalized-forces", "engine-acceleration"
+    found = validate(scene, examples=15, engines=[MjcfFile], formulations=["gw"], claims=claims)
+    assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
+    found = compare(scene, states=5)
+    assert found.verdict("mujoco") == "agrees"
+    assert all(table.max() < 1e-12 for table in found.apart.values())
+
+
+def test_it_starts_where_the_file_draws_it(tmp_path: Path):
+    scene = from_mjcf(limb(tmp_path / "limb.xml"))
+    q, v = scene.initial_state()
+    model = mjcf_file.compiled(tmp_path / "limb.xml")[0]
+    assert MjcfFile(scene).velocity_map(q, v).x == pytest.approx(model.qpos0, abs=1e-15)
+    assert not v.any()
+
+
+def test_what_is_left_out_is_said_in_one_sentence(tmp_path: Path):
+    scene = from_mjcf(limb(tmp_path / "limb.xml"))
+    assert scene.made.left_out == (
+        "Left out: actuators (1), friction of joints (1), limits of joints (1), sensors (1), "
+        "shapes to collide (6)."
+    )
+    assert "no-such-file" in (tmp_path / "limb.xml").read_text()  # a mesh that is not looked for
+
+
+def test_every_identity_is_proved(tmp_path: Path):
+    found = prove(from_mjcf(limb(tmp_path / "limb.xml", ball=False)), points=1)
+    assert {one.verdict for one in found} == {"passed"}
+
+
+def test_gravity_is_that_of_the_file_unless_another_is_asked_for(tmp_path: Path):
+    path = limb(tmp_path / "limb.xml")
+    assert from_mjcf(path).gravity.tolist() == [0, 0, -9.81]  # type: ignore[attr-defined]
+    assert from_mjcf(path, gravity=None).gravity is None  # type: ignore[attr-defined]
+    own = from_mjcf(path, gravity=(1, 2, 3))
+    assert own.gravity.tolist() == [1, 2, 3]  # type: ignore[attr-defined]
+    assert repr(own) == f"from_mjcf({str(path)!r}, gravity=(1.0, 2.0, 3.0))"
+    path.write_text(path.read_text().replace("<worldbody>", FLAGS + "<worldbody>", 1))
+    off = from_mjcf(path)
+    assert (off.gravity, getattr(off, "damping", None)) == (None, None)  # type: ignore[attr-defined]
+
+
+FLAGS = '<option><flag gravity="disable" damper="disable"/></option>'
+
+
+# ---- Equalities ----------------------------------------------------------------------------------
+
+LOOP = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="a" pos="0.1 0 0">
+      <joint name="a1" axis="0 1 0.1" pos="0 0.02 0"/><joint name="a2" axis="1 0 0" ref="0.2"/>
+      <geom size="0.1 0.05 0.2" type="box" pos="0.1 0 0"/><site name="s" pos="0.2 0.1 0" euler="0.1 0 0.3"/>
+      <body name="b" pos="0.4 0 0.1" euler="0.2 0.3 0.1">
+        <joint name="b1" axis="0 1 0" pos="0 0 0.05"/><joint name="b2" axis="0 0 1"/>
+        <joint name="b3" axis="1 0 0"/><geom size="0.1"/>
+      </body>
+    </body>
+    <body name="c" pos="0.5 0.3 0.2" euler="0.3 0.1 0.2"><freejoint name="c"/><geom size="0.1 0.2 0.1" type="box"/>
+      <site name="t" pos="0.1 0 0.2" euler="0 0.4 0"/>
+    </body>
+  </worldbody>
+  <equality>EQUALITY</equality>
+</mujoco>
+"""  # noqa: E501
+
+EQUALITIES = {
+    "connect": ('<connect body1="b" body2="c" anchor="0.1 0.05 0.02"/>', 3),
+    "connect-ground": ('<connect body1="c" anchor="0.1 0.05 0.02"/>', 3),
+    "connect-sites": ('<connect site1="s" site2="t"/>', 3),
+    "weld": ('<weld body1="b" body2="c" anchor="0.1 0.05 0.02"/>', 6),
+    "weld-elsewhere": ('<weld body1="b" body2="c" relpose="0.2 0.1 0.1 1 0.2 0.1 0"/>', 6),
+    "weld-sites": ('<weld site1="s" site2="t"/>', 6),
+    "joint": ('<joint joint1="a2" joint2="b1" polycoef="0.3 -1.5 0 0 0"/>', 1),
+    "joint-alone": ('<joint joint1="a2" polycoef="0.3 0 0 0 0"/>', 1),
+}
+
+
+@pytest.mark.parametrize("name", EQUALITIES)
+def test_an_equality_is_held_where_mujoco_s_is_and_frees_the_same_velocities(tmp_path, name):
+    text, rows = EQUALITIES[name]
+    (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))
+    scene = from_mjcf(tmp_path / "loop.xml")
+    assert scene.r == rows
+    q, _ = scene.initial_state()
+    a = Evaluation(scene, q, np.zeros(scene.n)).terms.a
+    x, S, _ = MjcfFile(scene).velocity_map(q, np.zeros(scene.n))
+    model = mjcf_file.compiled(tmp_path / "loop.xml")[0]
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    data = mujoco.MjData(model)
+    data.qpos[:] = x
+    mujoco.mj_forward(model, data)
+    theirs = data.efc_J.reshape(data.nefc, model.nv)[:rows] @ S
+    assert np.abs(data.efc_pos[:rows]).max() < 1e-9
+    assert np.linalg.matrix_rank(a, 1e-9) == rows
+    assert np.linalg.matrix_rank(np.vstack([a, theirs]), 1e-9) == rows
+
+
+def test_what_is_held_is_compared_as_it_is_held():
+    scene = from_mjcf(Path("docs/guides/rocker.xml"))
+    assert scene.coordinate_names == ("rocker", "travel", "crank", "knee")  # what the gear turns
+    found = compare(scene, states=5)
+    assert found.verdict("mujoco") == "agrees"
+    assert list(found.versions.values()) == [f"mujoco {mujoco.__version__}"]
+    assert all(table.max() < 1e-12 for table in found.apart.values())
+    assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+
+
+def test_an_equality_that_is_not_active_is_none(tmp_path: Path):
+    text = EQUALITIES["joint"][0].replace("<joint ", '<joint active="false" ')
+    (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))
+    assert from_mjcf(tmp_path / "loop.xml").r == 0
+
+
+# ---- What is refused -----------------------------------------------------------------------------
+
+BODY = '<body><joint name="j"/><geom size="1"/></body>'
+ENTITIES = '<!DOCTYPE x [<!ENTITY a "b">]><mujoco>&a;</mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("<mujoco>", "is no XML"),
+        ("<robot/>", "holds <robot>, expected <mujoco>: no MJCF"),
+        (ENTITIES, "declares a document type: entities are not expanded here"),
+        ("<mujoco/>", "no joint"),
+        (
+            f"<mujoco><worldbody>{BODY * 5001}</worldbody></mujoco>",
+            "5001 elements <body>, expected",
+        ),
+        ("<mujoco>" + "<body>" * 501 + "</body>" * 501 + "</mujoco>", "more than 500 inside each"),
+        ('<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>', "holds <replicate>"),
+        ('<mujoco><extension><plugin plugin="x"/></extension></mujoco>', "holds <extension>"),
+        (
+            '<mujoco><asset><hfield nrow="60000" ncol="9" name="h"/></asset></mujoco>',
+            "nrow of <hfield> is 60000, expected at most 2000",
+        ),
+        (
+            '<mujoco><size nuser_geom="1e9"/></mujoco>',
+            "nuser_geom of <size> is 1e9, expected at most 2000",
+        ),
+        ('<mujoco><include file="m.xml"/></mujoco>', "includes 'm.xml' twice"),
+        ('<mujoco><include file="none.xml"/></mujoco>', "none.xml' cannot be read"),
+        ("<mujoco><unknown/></mujoco>", "is refused by MuJoCo"),
+        (
+            "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>",
+            "is refused by MuJoCo: Error: mass and inertia of moving bodies must be larger",
+        ),
+        (
+            '<mujoco><worldbody><body><joint type="free" damping="1" name="f"/><geom size="1"/>'
+            "</body></worldbody></mujoco>",
+            "joint 'f' is free or a ball, with damping, stiffness or armature",
+        ),
+        (
+            f"<mujoco><worldbody>{BODY}</worldbody><tendon><fixed name='t'><joint joint='j' "
+            "coef='1'/></fixed></tendon><equality><tendon name='e' tendon1='t'/></equality>"
+            "</mujoco>",
+            "equality 'e' is of the kind tendon, expected connect, weld, joint",
+        ),
+    ],
+)
+def test_a_file_that_is_not_understood_is_refused_in_one_sentence(tmp_path, text: str, said: str):
+    path, start = tmp_path / "m.xml", time.perf_counter()
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        from_mjcf(path)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert time.perf_counter() - start < 10.0
+    ran = CliRunner().invoke(app, ["validate", "--scene", str(path)])
+    assert isinstance(ran.exception, InputError)
+
+
+def test_an_equality_that_is_not_linear_is_refused(tmp_path: Path):
+    text = EQUALITIES["joint"][0].replace("-1.5 0", "-1.5 1")
+    (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))
+    with pytest.raises(InputError, match="equality 'equality0' is not linear"):
+        from_mjcf(tmp_path / "loop.xml")
+
+
+def test_what_would_be_huge_in_memory_and_no_body_is_taken_out(tmp_path: Path):
+    path, start = limb(tmp_path / "limb.xml"), time.perf_counter()
+    huge = (
+        '<size memory="900G" nuserdata="100000000"/><asset><texture name="t" type="2d" '
+        'builtin="flat" width="60000" height="60000"/><material name="m" texture="t"/></asset>'
+    )
+    path.write_text(path.read_text().replace("<worldbody>", huge + "<worldbody>", 1))
+    assert from_mjcf(path).n == 13
+    assert time.perf_counter() - start < 5.0
+
+
+def test_files_that_are_included_are_looked_through_as_well(tmp_path: Path):
+    path, other = limb(tmp_path / "limb.xml"), tmp_path / "part.xml"
+    other.write_text("<mujocoinclude><option gravity='0 0 -1'/></mujocoinclude>")
+    path.write_text(
+        path.read_text().replace("<worldbody>", '<include file="part.xml"/><worldbody>')
+    )
+    assert from_mjcf(path).gravity.tolist() == [0, 0, -1]  # type: ignore[attr-defined]
+    other.write_text(ENTITIES)
+    with pytest.raises(InputError, match=r"part\.xml' declares a document type"):
+        from_mjcf(path)
+
+
+def test_a_missing_library_is_one_sentence(tmp_path: Path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(EngineError, match="it comes with the extra `mujoco`"):
+        from_mjcf(limb(tmp_path / "limb.xml"))
+
+
+def test_a_scene_is_named_by_its_file_and_says_itself_what_is_free(tmp_path: Path):
+    path = limb(tmp_path / "limb.mjcf")
+    assert repr(scene_of(str(path))) == f"from_mjcf({str(path)!r})"
+    with pytest.raises(InputError, match=r"limb\.mjcf says itself what is free"):
+        scene_of(f"{path}:floating")
+    assert not MjcfFile.represents(scene_of(str(path), given={"gravity": None}))
