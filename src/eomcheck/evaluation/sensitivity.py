@@ -14,7 +14,13 @@ import numpy as np
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.perturbed import Perturbed, perturbed_copies
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, conditioned, largest
+from eomcheck.evaluation.tolerance import (
+    INCONCLUSIVE,
+    UNDERFLOW,
+    allowed_error,
+    conditioned,
+    largest,
+)
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
 
