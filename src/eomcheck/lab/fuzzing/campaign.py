@@ -20,7 +20,7 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import Stratum
-from eomcheck.lab.fuzzing.finds import Find, cause_of, find_of, parameters_of, shrunk
+from eomcheck.lab.fuzzing.finds import Find, alike, cause_of, find_of, parameters_of, shrunk
 from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Population, Result, Round, run_round
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.store.records import Record, Records
@@ -29,6 +29,9 @@ from eomcheck.mechanics.records import State
 
 STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
 """Names that Records are read by."""
+
+MOST_TRIED = 3
+"""Finds at which a failure of something else is looked for, before it is made small itself."""
 
 MOST_SHRUNK = 3
 """Failures of one claim and subject that are made small; more of them tell nothing new."""
@@ -106,7 +109,7 @@ class Campaign:
             # With a number of states to reach, no worker begins a round that is not needed.
             left = None if states is None else -(-(states - self.states) // (2 * self.plan.batch))
             for result in self._results(self._generation()[:left], executor, over):
-                self._take(result)
+                self._take(result, over)
                 told(self)
                 if over():
                     break
@@ -136,13 +139,13 @@ class Campaign:
 
     # ---- What rounds found -----------------------------------------------------------------------
 
-    def _take(self, result: Result) -> None:
+    def _take(self, result: Result, over: Callable[[], bool]) -> None:
         self._done.add(result.number)
         self._populations[result.stratum] = result.population
         self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
         self.lost |= result.lost
-        new = [find for one in result.failed if (find := self._found(one)) is not None]
+        new = [find for one in result.failed if (find := self._found(one, over)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
 
@@ -158,20 +161,31 @@ class Campaign:
             if key not in self.worst or best[0].height > self.worst[key].height:
                 self.worst[key] = best[0]
 
-    def _found(self, failed: Finding) -> Find | None:
-        """Return the find that a failure is, made small; None if one of this cause is known."""
+    def _found(self, failed: Finding, over: Callable[[], bool]) -> Find | None:
+        """Return the find that a failure is, made small; None if one of this cause is known.
+
+        When the time is up it is kept as it is: of a wrong scene everything fails.
+        """
         key = failed.claim, " ".join(cause_of(failed))
         self.failures[key] += 1
         if self.failures[key] > MOST_SHRUNK:
             return None
-        small = failed
-        with suppress(EomcheckError, np.linalg.LinAlgError):
-            small = shrunk(failed, self.plan.formulations, self.plan.seed)
-        find = find_of(small, self.name)
+        find = find_of(failed, self.name)
+        if find.key not in self.finds and not over():
+            find = find_of(self._small(failed), self.name)
         if find.key in self.finds:
             return None
         self.finds[find.key] = find
         return find
+
+    def _small(self, failed: Finding) -> Finding:
+        """Return a failure made small: at a find, if that fails alike, which is small already."""
+        with suppress(EomcheckError, np.linalg.LinAlgError):
+            for known in list(self.finds.values())[:MOST_TRIED]:
+                for one in alike(failed, known.case, self.plan.formulations):
+                    return one
+            return shrunk(failed, self.plan.formulations, self.plan.seed)
+        return failed
 
     # ---- In a file -------------------------------------------------------------------------------
 

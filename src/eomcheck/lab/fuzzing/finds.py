@@ -149,6 +149,14 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
     return finding
 
 
+def alike(failed: Finding, case: Case, formulations: Sequence[str]) -> list[Finding]:
+    """Return the failures at another case of the same claim, and of the same cause."""
+    if CLAIMS[failed.claim].asks:
+        return []
+    found = failures(case, [failed.claim], formulations)
+    return [one for one in found if cause_of(one) == cause_of(failed)]
+
+
 def _rounded(finding: Finding, formulations: Sequence[str]) -> Finding:
     tries = 0
     for digits in (0, 1, 2, 4, 8):
