@@ -175,7 +175,7 @@ def test_rounds_go_through_all_structures_before_any_comes_again():
     campaign = Campaign(here, "snake", strata_of(Snake, (1, 2)))
     campaign.run(states=1)
     assert campaign.rounds == 1
-    campaign.run(states=campaign.states + 4 * 8)
+    campaign.run(states=campaign.states + 3 * 8 + 1)
     assert len(campaign.by_stratum) == campaign.rounds == 5
 
 

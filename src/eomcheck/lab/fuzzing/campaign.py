@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.errors import EomcheckError
+from eomcheck.errors import EomcheckError, InputError
 from eomcheck.lab.fuzzing.draws import Stratum
 from eomcheck.lab.fuzzing.finds import Find, alike, cause_of, find_of, parameters_of, shrunk
 from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Population, Result, Round, run_round
@@ -98,6 +98,9 @@ class Campaign:
             executor: where rounds are run, see `eomcheck.lab.store.workers.executor`; None is this
                 process.
             told: called after each round.
+
+        Raises:
+            InputError: in a whole generation of rounds no state could be drawn.
         """
         start = time.perf_counter()
 
@@ -113,6 +116,12 @@ class Campaign:
                 told(self)
                 if over():
                     break
+            if self.rounds and not self.states:
+                raise InputError(
+                    f"scene = {self.name}: no state could be drawn in {self.rounds} rounds: no "
+                    "position near those drawn is closed, or no velocity there keeps the "
+                    "constraints; the constraints and their Jacobian may not belong together"
+                )
 
     def _results(
         self, rounds: list[Round], executor: str | None, over: Callable[[], bool]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.strata import ABSENT, value_of, ways_of
+from eomcheck.claims.strata import ABSENT, ATTEMPTS, value_of, ways_of
 from eomcheck.errors import EomcheckError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closed_position, consistent_velocity
@@ -174,7 +174,10 @@ def drawn(
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[Case], list[str]]:
-    """Return up to `count` cases of a structure and the family of each, evenly of all families."""
+    """Return up to `count` cases of a structure and the family of each, evenly of all families.
+
+    None where none of the first `ATTEMPTS` could be closed.
+    """
     scenes, states, of = [], [], []
     components = []
     for i in range(count):
@@ -183,6 +186,8 @@ def drawn(
             scene = drawn_scene(kind, stratum, family, random)
             q, c, t = drawn_position(scene, family, random)
         except EomcheckError:
+            if not scenes and i >= ATTEMPTS:
+                break
             continue  # no such scene, or no such position
         scenes.append(scene)
         states.append(State(q, np.zeros(scene.n), t))

@@ -83,8 +83,9 @@ def changed_entries(x: Array, other: Array, random: np.random.Generator) -> Arra
             x = np.where(random.random(x.size) < 0.5, x, other)
         case 6:
             x[i] = -x[i]
-        case 7:  # all of them next to one
-            x = x[i] + random.integers(0, 2, x.size) * random.normal(size=x.size) * size
+        case 7:  # all of them next to one, on either side
+            one = random.choice([x[i], 0.0, ACROSS]) * random.choice((1.0, 1.0, -1.0), x.size)
+            x = one + random.integers(0, 2, x.size) * random.normal(size=x.size) * size
         case 8:  # what is between them, or what they are, to a smaller scale
             x = x[i] * random.integers(0, 2) + (x - x[i]) * size
         case _:

@@ -26,8 +26,16 @@ KEPT = 6
 BATCH = 512
 """States side by side."""
 
+STEPS = 4
+"""Steps of a climb in a round, each from what the one before has reached: what was found high is
+climbed on from at once, and not when its structure comes again."""
+
+AMONG = 3
+"""Claims and formulations, drawn at random, of which the highest is climbed from."""
+
 MOST_JUDGED = 24
-"""Suspects of a batch that are judged, the highest first: of one cause there may be many."""
+"""Suspects of a batch that are judged, the highest first, and so many of a climb: of one cause
+there may be many."""
 
 PIVOTED = {"null-space-embedding"}
 """Claims that look at pivoted partitions too, which differ from lane to lane."""
@@ -129,31 +137,39 @@ def run_round(plan: Plan, given: Round) -> Result:
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
-        _look(plan, result, cases, ordinary)
-        if plan.climbing and population:
-            climbed = _climbed(population, plan.batch, random)
+        _look(plan, result, cases, ordinary, MOST_JUDGED)
+        steps = min(STEPS, plan.batch) if plan.climbing else 0
+        for _ in range(steps if population else 0):
+            climbed = _climbed(population, plan.batch // steps, random)
             result.counts["climbed"] += len(climbed)
-            _look(plan, result, climbed, set())
+            _look(plan, result, climbed, set(), -(-MOST_JUDGED // steps))
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
 
 
 def _climbed(population: Population, count: int, random: np.random.Generator) -> list[Case]:
-    """Return cases near the highest: a claim and formulation at random, then one of its cases."""
+    """Return cases near the highest: a claim and formulation, higher ones more often, and a case.
+
+    What others are good at is taken over from any of them.
+    """
     keys = sorted(population)
     pairs = []
     for _ in range(count):
-        best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
+        drawn = [keys[i] for i in random.integers(len(keys), size=AMONG)]
+        best = population[max(drawn, key=lambda key: population[key][0].height)]
+        others = population[drawn[0]]
         place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
         pairs.append((best[place].case, others[random.integers(len(others))].case))
     return mutated(pairs, random)[0]
 
 
-def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
+def _look(
+    plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int], most: int
+) -> None:
     """Screen cases, judge what is suspect and what the ration says, and keep the highest.
 
-    Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
+    Of suspects so many are judged at `most`. Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
     """
     if not cases:
         return
@@ -168,10 +184,10 @@ def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int])
     worst = found.worst
     suspects = sorted(found.suspects, key=lambda i: (-worst[i], i))
     result.counts["suspect"] += len(suspects)
-    for i in suspects[:MOST_JUDGED]:
+    for i in suspects[:most]:
         claims = found.suspects[i] & set(plan.claims)
         _judge(plan, result, found, cases[i], i, claims, "suspects judged")
-    for i in suspects[MOST_JUDGED:]:
+    for i in suspects[most:]:
         _settle(found, i, {})  # nobody knows how high it is
     _ration(plan, result, found, cases, first, ordinary)
     _keep(result.population, found, cases)
