@@ -121,7 +121,10 @@ def found_again(package: Path, seed: int) -> bool:
 
 def table(name: str, found: Sequence[Search]) -> str:
     """Return the highest of each seed, and the medians, in Markdown."""
-    lines = [f"| seed, {name} | drawn at random | climbed to | times |", "| --- | --- | --- | --- |"]
+    lines = [
+        f"| seed, {name} | drawn at random | climbed to | times |",
+        "| --- | --- | --- | --- |",
+    ]
     ends = {(one.seed, one.climbing): one.best[-1] for one in found}
     rows = [(ends[seed, False], ends[seed, True]) for seed in sorted({one.seed for one in found})]
     for seed, (drawn, climbed) in enumerate(rows):

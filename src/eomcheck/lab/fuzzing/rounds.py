@@ -164,12 +164,11 @@ def _climbed(population: Population, count: int, random: np.random.Generator) ->
     return mutated(pairs, random)[0]
 
 
-def _look(
-    plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int], most: int
-) -> None:
+def _look(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int], most: int) -> None:
     """Screen cases, judge what is suspect and what the ration says, and keep the highest.
 
-    Of suspects so many are judged at `most`. Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
+    Of suspects so many are judged at `most`. Engines are asked at `ordinary` ones only: what they
+    lose near singular states is not known.
     """
     if not cases:
         return
