@@ -55,7 +55,7 @@ class Search:
 class Campaigned(Campaign):
     """A campaign that makes no find small: only heights matter here."""
 
-    def _found(self, failed, over):
+    def _found(self, failed, late):
         return None
 
 

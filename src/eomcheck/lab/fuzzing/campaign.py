@@ -104,15 +104,17 @@ class Campaign:
         """
         start = time.perf_counter()
 
+        def late() -> bool:
+            return seconds is not None and time.perf_counter() - start >= seconds
+
         def over() -> bool:
-            late = seconds is not None and time.perf_counter() - start >= seconds
-            return late or (states is not None and self.states >= states)
+            return late() or (states is not None and self.states >= states)
 
         while not over():
             # With a number of states to reach, no worker begins a round that is not needed.
             left = None if states is None else -(-(states - self.states) // (2 * self.plan.batch))
             for result in self._results(self._generation()[:left], executor, over):
-                self._take(result, over)
+                self._take(result, late)
                 told(self)
                 if over():
                     break
@@ -148,13 +150,13 @@ class Campaign:
 
     # ---- What rounds found -----------------------------------------------------------------------
 
-    def _take(self, result: Result, over: Callable[[], bool]) -> None:
+    def _take(self, result: Result, late: Callable[[], bool]) -> None:
         self._done.add(result.number)
         self._populations[result.stratum] = result.population
         self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
         self.lost |= result.lost
-        new = [find for one in result.failed if (find := self._found(one, over)) is not None]
+        new = [find for one in result.failed if (find := self._found(one, late)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
 
@@ -170,7 +172,7 @@ class Campaign:
             if key not in self.worst or best[0].height > self.worst[key].height:
                 self.worst[key] = best[0]
 
-    def _found(self, failed: Finding, over: Callable[[], bool]) -> Find | None:
+    def _found(self, failed: Finding, late: Callable[[], bool]) -> Find | None:
         """Return the find that a failure is, made small; None if one of this cause is known.
 
         When the time is up it is kept as it is: of a wrong scene everything fails.
@@ -180,7 +182,7 @@ class Campaign:
         if self.failures[key] > MOST_SHRUNK:
             return None
         find = find_of(failed, self.name)
-        if find.key not in self.finds and not over():
+        if find.key not in self.finds and not late():
             find = find_of(self._small(failed), self.name)
         if find.key in self.finds:
             return None
