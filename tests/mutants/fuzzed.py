@@ -52,7 +52,8 @@ def attempt(fault: Fault, seconds: str, seed: int) -> Told:
         code, said = run([sys.executable, "-c", start_it, "fuzz", *given.split()], package, LONGEST)
         finds = read_finds(kept)
     claims = tuple(dict.fromkeys(find.claim for find in finds))
-    outcome = "error" if code not in (0, 1) else outcome_of(fault, finds)
+    broken = code not in (0, 1) or "Traceback" in said
+    outcome = "error" if broken else outcome_of(fault, finds)
     if code == 2 and "no state could be drawn" in said:
         outcome = "refused"
     return Told(fault, outcome, claims, time.perf_counter() - start, said)
