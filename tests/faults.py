@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
 from pathlib import Path
 
+import eomcheck
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import (
+    SCENES,
     Andrews,
     Bicycle,
     Bricard,
@@ -525,3 +528,24 @@ FAULTS = [
     ),
     Fault(COMPOSED, "return T / 2", "return T", "mass-matrix", "[casadi]"),
 ]
+
+
+PACKAGE = Path(eomcheck.__file__).parent
+
+
+def changed(fault: Fault, package: Path = PACKAGE) -> str:
+    """Return the source with the fault; the place must exist, or the fault would test nothing."""
+    source = (package / fault.file).read_text(encoding="utf-8")
+    head, *rest = source.split(fault.old)
+    assert rest, f"{fault.old!r} is no longer in {fault.file}"
+    return head + fault.new + fault.old.join(rest)
+
+
+def scene_of(fault: Fault) -> type[Scene]:
+    """Return the kind of scene that shows a fault; one of a formulation shows in a snake."""
+    shared = SHARED | PARTS
+    files = {
+        Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind
+        for kind in SCENES.values()
+    }
+    return fault.scene or shared.get(fault.file) or files.get(fault.file, Snake)

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import COMPOSED, DESCRIBED, FAULTS, PARTS, SHARED, Fault
+from tests.faults import COMPOSED, DESCRIBED, FAULTS, PARTS, SHARED, Fault, changed
 from tests.samples import random_scene, random_state
 
 import eomcheck
@@ -68,14 +68,6 @@ def anew(package: str) -> Iterator[None]:
         leave()
         sys.modules.update(real)
         vars(holder).update({name.removeprefix(f"{package}."): x for name, x in real.items()})
-
-
-def changed(fault: Fault) -> str:
-    """Return the source with the fault; the place must exist, or the fault would test nothing."""
-    source = (PACKAGE / fault.file).read_text(encoding="utf-8")
-    head, *rest = source.split(fault.old)
-    assert rest, f"{fault.old!r} is no longer in {fault.file}"
-    return head + fault.new + fault.old.join(rest)
 
 
 def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:

@@ -104,7 +104,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     assert {x.subject for x in failed} == {"em"}
     first = failed[0]
     assert "singular" in first.detail and 0.2 < first.crossed < 0.35
-    find = plan(Sleigh).find(first, "sleigh")
+    find = plan(Sleigh).find(first, "sleigh", [])
     assert find.whose == judging.SILENT and find.t_end < 5.0
     assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
     file = tmp_path / "found.json"

@@ -223,7 +223,7 @@ def test_what_is_ordinary_is_told_from_what_is_hostile():
     told = {f: [is_ordinary(c) for c, g in zip(cases, families, strict=True) if g == f]
             for f in FAMILIES}  # fmt: skip
     assert np.mean(told[ORDINARY]) > 0.9
-    assert np.mean(told["wide"]) < 0.1 and np.mean(told["fast"]) < 0.3
+    assert np.mean(told["wide"]) < 0.1 and np.mean(told["fast"]) < 0.4
     scene, state = next(
         c for c, f in zip(cases, families, strict=True) if f == ORDINARY and is_ordinary(c)
     )

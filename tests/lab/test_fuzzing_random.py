@@ -121,7 +121,7 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
             Round(0, stratum, {})
         )
         assert {"bias-symbols", "power-balance", "kane-ml-force"} & {x.claim for x in result.failed}
-        find = plan(TREES).find(result.failed[0], TREES.key)
+        find = plan(TREES).find(result.failed[0], TREES.key, [])
         assert find.whose == SCENE and "description" in find.parameters
     finally:
         for one in caches:

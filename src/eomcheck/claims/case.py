@@ -19,7 +19,11 @@ from eomcheck.claims.registry import CLAIMS, Claim, Names, Sides, names_of_term,
 from eomcheck.engines import Answers, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.sensitivity import (
+    acceleration_sensitivity,
+    sensitivity_of,
+    speeds_told,
+)
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition
 from eomcheck.mechanics.records import State
@@ -101,6 +105,12 @@ class Case(AtDoubles):
         with suppress(RefusedError):
             return self.at.speeds is not None
         return False
+
+    @cached_property
+    def speeds_told(self) -> bool:
+        """Whether generalized speeds by a partition are more than rounding."""
+        self.at.speeds  # noqa: B018  (what was solved for them is needed)
+        return speeds_told(self.at)
 
     @property
     def directions(self) -> Array:

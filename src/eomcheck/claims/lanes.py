@@ -25,6 +25,7 @@ from eomcheck.evaluation.lanes import (
     acceleration_sensitivity_in_lanes,
     largest_in,
     sensitivity_in_lanes,
+    speeds_told_in_lanes,
 )
 from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
@@ -85,6 +86,11 @@ class LaneCase(AtDoubles):
     has_speeds: bool
     lost: dict[str, str] = field(default_factory=dict)
     _asked: bool = field(default=False, repr=False)
+
+    @cached_property
+    def speeds_told(self) -> LaneArray:
+        """Where generalized speeds by a partition are more than rounding."""
+        return LaneArray(speeds_told_in_lanes(self.at))
 
     @property
     def directions(self) -> Array:

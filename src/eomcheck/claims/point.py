@@ -38,6 +38,7 @@ class Point(Quantities):
 
     exact: ClassVar[bool] = True
     has_speeds: ClassVar[bool] = True
+    speeds_told: ClassVar[bool] = True
 
     def __init__(
         self,

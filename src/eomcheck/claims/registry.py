@@ -87,6 +87,7 @@ class Look(Protocol):
     Attributes:
         exact: whether nothing is rounded, v follows from u, and every variable is free.
         has_speeds: whether generalized speeds exist here.
+        speeds_told: whether these, by a partition, are more than rounding; in lanes, of each.
         free: the same point with a velocity that need not satisfy the constraints, if there is any.
         directions: virtual displacements (n,) that together stand for all.
         direction_names: their names.
@@ -99,6 +100,7 @@ class Look(Protocol):
 
     exact: bool
     has_speeds: bool
+    speeds_told: Any
     free: Quantities
     directions: Sequence[Array]
     direction_names: tuple[str, ...]

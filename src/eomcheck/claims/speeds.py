@@ -16,6 +16,7 @@ from eomcheck.claims.registry import (
     Skipped,
     check,
     claim,
+    measured_where,
     numbered,
     size,
     speed_names,
@@ -123,8 +124,9 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
             still, rates = (map_record(doubles, of) for of in (still, rates))
         here = at.parameters, still, rates, at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
-        # Where nothing moves both are 0, and rightly so.
-        yield Sides("rest", rest, expected, (at.scene.coordinate_names,), may_vanish=True)
+        # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
+        told, names = measured_where(look.speeds_told), (at.scene.coordinate_names,)
+        yield Sides("rest", rest, expected, names, sensitivity=told, may_vanish=True)
     if a is not None:
         names, terms = (at.scene.constraint_names,), size(a, rest) + size(gamma)
         sides = vanishing("ml, kane", a @ rest + gamma, names, terms)

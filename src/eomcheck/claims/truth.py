@@ -12,8 +12,13 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.own import not_rational
 from eomcheck.claims.registry import check, pairs
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.certified import TRUE_DIGITS, certify, true_state
-from eomcheck.evaluation.enclosure import Enclosure, enclosure
+from eomcheck.evaluation.certified import (
+    TRUE_DIGITS,
+    TRUTH_WITHOUT_SPEEDS,
+    certify,
+    true_state,
+)
+from eomcheck.evaluation.enclosure import Enclosure, enclose, enclosure
 from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation
 
@@ -69,13 +74,17 @@ def enclosures(case: Case) -> Iterator[Finding]:
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
     here = case.at
-    if not case.has_speeds or not np.isfinite(here.u).all():
+    if case.has_speeds and not np.isfinite(here.u).all():
         return
     if why := not_rational(here.scene):
         yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
         return
     try:
-        truth, at = true_state(here.scene, here.q, here.u, here.t)
+        if case.has_speeds:
+            truth, at = true_state(here.scene, here.q, here.u, here.t)
+        else:
+            how = {"t": here.t, "digits": TRUE_DIGITS, "v": here.v}
+            truth, at = enclose(here.scene, TRUTH_WITHOUT_SPEEDS, here.q, **how), here
     except (RefusedError, TypeError) as error:
         yield _without_truth(case, "all", error)
         return

@@ -21,6 +21,9 @@ from eomcheck.numbers.pivots import EPS
 TRUTH = "kane"
 """The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
 
+TRUTH_WITHOUT_SPEEDS = "au"
+"""And where there are no generalized speeds; of v as it is, which bounds allow for."""
+
 TRUE_DIGITS = 30
 """Digits of the truth; twice those of doubles would do."""
 

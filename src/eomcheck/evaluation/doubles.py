@@ -64,6 +64,10 @@ class Evaluation(Quantities):
         v: velocities (n,).
         t: time, s.
 
+    Attributes:
+        speeds_rcond: reciprocal condition number of each matrix that generalized speeds by a
+            partition solve, by name; empty until they are asked for.
+
     Raises:
         InputError: q, v or t has the wrong shape or is not finite.
     """
@@ -78,7 +82,7 @@ class Evaluation(Quantities):
 
     def _begin(self, scene: Scene, q: Array, t: float) -> None:
         super().__init__(scene, FLOAT64, q, t)
-        self._speeds_rcond: dict[str, float] = {}
+        self.speeds_rcond: dict[str, float] = {}
         self._solutions_in: dict[tuple[str, bytes], Acceleration] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self._kept: dict[Callable[[Evaluation], Any], Any] = {}
@@ -127,7 +131,7 @@ class Evaluation(Quantities):
 
     def speeds_solved(self, watch: Watch) -> None:
         """Note what was solved for generalized speeds by a partition."""
-        self._speeds_rcond = watch.rcond
+        self.speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
 
     def refuse_speeds(self) -> None:
@@ -202,7 +206,7 @@ class Evaluation(Quantities):
         self.check_finite(vdot, multipliers, formulation)
         rcond = watch.rcond
         if formulation.state == "q, u":
-            rcond = self._speeds_rcond | rcond
+            rcond = self.speeds_rcond | rcond
         self.solves[key] = {solve.name: solve for solve in watch.solves}
         return Acceleration(vdot, multipliers, rcond, float("inf"))
 

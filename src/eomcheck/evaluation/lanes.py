@@ -17,7 +17,7 @@ from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation,
 from eomcheck.evaluation.perturbed import SLIP, Moved, allowed_violation
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, largest
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -123,7 +123,7 @@ class LaneEvaluation(Evaluation):
         self.solves[key] = {solve.name: solve for solve in watch.solves}
         rcond = watch.rcond
         if formulation.state == "q, u":
-            rcond = self._speeds_rcond | rcond
+            rcond = self.speeds_rcond | rcond
         for x in found:
             if x is not None:
                 x.data[..., self.refused[key]] = np.nan
@@ -244,6 +244,16 @@ def sensitivity_in_lanes(
         return amplified(largest_in(here, at.lanes), np.array(changes), solved)
 
 
+def speeds_told_in_lanes(at: LaneEvaluation) -> Array:
+    """Return where W of generalized speeds is more than rounding (L,), see `speeds_told`."""
+    at.speeds  # noqa: B018  (what was solved for them is needed)
+    rcond = at.speeds_rcond
+    if not rcond:
+        return np.ones(at.lanes, bool)
+    of_W = sensitivity_in_lanes(at, lambda e: e.speeds.W, solved=True)
+    return conditioned(rcond) & np.isfinite(of_W)
+
+
 def largest_in(x: Any, lanes: int) -> Array:
     """Return the largest magnitude (L,) of lanes, or of an array that is the same in all."""
     return np.broadcast_to(np.asarray(getattr(largest(x), "data", largest(x))), (lanes,))
@@ -272,7 +282,7 @@ def acceleration_sensitivity_in_lanes(
     with np.errstate(all="ignore"):
         unsure = np.zeros(at.lanes, bool)
         if rcond:
-            unsure = allowed_error(1.0) / np.min(list(rcond.values()), axis=0) > INCONCLUSIVE
+            unsure = ~conditioned(rcond)
         here = at.solves[formulation.key, False]
         for copy in at.perturbed(coordinates)[:samples]:
             copy.acceleration(formulation)

@@ -64,6 +64,11 @@ class Moved(Evaluation):
         """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
         return watching(self.noise, self._original.solves.get(key) if key else None)
 
+    def speeds_solved(self, watch: Watch) -> None:
+        """Note what was solved for generalized speeds; of moved matrices no condition is known."""
+        super().speeds_solved(watch)
+        self.speeds_rcond = {}
+
     @quantity
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""

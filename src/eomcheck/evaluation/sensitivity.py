@@ -14,7 +14,13 @@ import numpy as np
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.perturbed import Perturbed, perturbed_copies
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.evaluation.tolerance import (
+    INCONCLUSIVE,
+    UNDERFLOW,
+    allowed_error,
+    conditioned,
+    largest,
+)
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
 
@@ -93,7 +99,7 @@ def acceleration_sensitivity(
         RefusedError: as `Evaluation.acceleration`.
     """
     rcond = at.acceleration(formulation, pivoted).rcond
-    if rcond and allowed_error(1.0 / min(rcond.values())) > INCONCLUSIVE:
+    if rcond and not conditioned(rcond):
         return float("inf")
     found = sensitivity_of(
         at,
@@ -104,6 +110,18 @@ def acceleration_sensitivity(
     if np.isinf(found) or _determined(at, formulation, coordinates, pivoted):
         return found
     return float("inf")
+
+
+def speeds_told(at: Evaluation) -> bool:
+    """Return whether W of generalized speeds by a partition is more than rounding.
+
+    Where a_1 is singular but for rounding, ẇ′ found in two ways is two different numbers, and
+    copies, perturbed by more than rounding, are nearer to each other than these.
+    """
+    rcond = at.speeds_rcond
+    return not rcond or bool(
+        conditioned(rcond) and np.isfinite(sensitivity_of(at, lambda e: e.speeds.W, solved=True))
+    )
 
 
 def _determined(at: Evaluation, formulation: Formulation, coordinates: bool, pivoted: bool) -> bool:

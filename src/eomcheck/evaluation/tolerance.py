@@ -10,6 +10,7 @@ not show. ε is the spacing of doubles at 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,16 @@ UNDERFLOW = 2.0**-900
 def allowed_error(sensitivity: float) -> float:
     """Return C · ε · sensitivity, where sensitivity = κ · scale."""
     return C * EPS * sensitivity
+
+
+def conditioned(rcond: Mapping[str, Any]) -> Any:
+    """Return whether C κ ε stays below `INCONCLUSIVE` for matrices solved; in lanes (L,).
+
+    Args:
+        rcond: their reciprocal condition numbers by name, one at least.
+    """
+    with np.errstate(all="ignore"):
+        return allowed_error(1.0) / np.min(list(rcond.values()), axis=0) <= INCONCLUSIVE
 
 
 def can_overflow(*inputs: Array) -> bool:

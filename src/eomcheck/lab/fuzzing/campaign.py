@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.errors import InputError
 from eomcheck.lab.fuzzing.draws import Stratum
 from eomcheck.lab.fuzzing.finds import Find, case_of, cause_of, parameters_of
 from eomcheck.lab.fuzzing.rounds import Candidate, Population, Result, Round, Work
@@ -92,21 +93,32 @@ class Campaign:
             executor: where rounds are run, see `eomcheck.lab.store.workers.executor`; None is this
                 process.
             told: called after each round.
+
+        Raises:
+            InputError: in a whole generation of rounds no state could be drawn.
         """
         start = time.perf_counter()
 
+        def late() -> bool:
+            return seconds is not None and time.perf_counter() - start >= seconds
+
         def over() -> bool:
-            late = seconds is not None and time.perf_counter() - start >= seconds
-            return late or (states is not None and self.states >= states)
+            return late() or (states is not None and self.states >= states)
 
         while not over():
             # With a number of states to reach, no worker begins a round that is not needed.
             left = None if states is None else -(-(states - self.states) // self.plan.most)
             for result in self._results(self._generation()[:left], executor, over):
-                self._take(result)
+                self._take(result, late)
                 told(self)
                 if over():
                     break
+            if self.rounds and not self.states:
+                raise InputError(
+                    f"scene = {self.name}: no state could be drawn in {self.rounds} rounds: no "
+                    "position near those drawn is closed, or no velocity there keeps the "
+                    "constraints; the constraints and their Jacobian may not belong together"
+                )
 
     def _results(
         self, rounds: list[Round], executor: str | None, over: Callable[[], bool]
@@ -133,13 +145,13 @@ class Campaign:
 
     # ---- What rounds found -----------------------------------------------------------------------
 
-    def _take(self, result: Result) -> None:
+    def _take(self, result: Result, late: Callable[[], bool]) -> None:
         self._done.add(result.number)
         self._populations[result.stratum] = result.population
         self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
         self.lost |= result.lost
-        new = [find for one in result.failed if (find := self._found(one)) is not None]
+        new = [find for one in result.failed if (find := self._found(one, late)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
 
@@ -155,13 +167,18 @@ class Campaign:
             if key not in self.worst or best[0].height > self.worst[key].height:
                 self.worst[key] = best[0]
 
-    def _found(self, failed: Finding) -> Find | None:
-        """Return the find that a failure is, made small; None if one of this cause is known."""
+    def _found(self, failed: Finding, late: Callable[[], bool]) -> Find | None:
+        """Return the find that a failure is, made small; None if one of this cause is known.
+
+        When the time is up it is kept as it is: of a wrong scene everything fails.
+        """
         key = failed.claim, " ".join(cause_of(failed))
         self.failures[key] += 1
         if self.failures[key] > MOST_SHRUNK:
             return None
         find = self.plan.find(failed, self.name)
+        if find.key not in self.finds and not late():
+            find = self.plan.find(failed, self.name, [*self.finds.values()])
         if find.key in self.finds:
             return None
         self.finds[find.key] = find

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.strata import ABSENT, value_of, ways_of
+from eomcheck.claims.strata import ABSENT, ATTEMPTS, value_of, ways_of
 from eomcheck.errors import EomcheckError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closed_position, consistent_velocity
@@ -99,13 +99,17 @@ def _parameter(
     value = value_of(one, str(random.choice(ways)), random)
     if value is None or np.size(value) == 0 or family in (ORDINARY, FAST):
         return value
-    if family == WIDE and one.low >= 0:
+    if one.low >= 0 and (family == WIDE or (family == SPECIAL and random.random() < 0.5)):
         wide = 10.0 ** random.uniform(-DECADES, DECADES, one.shape)
         zero = (random.random(one.shape) < 1 / 8) & (one.low == 0)
         value = np.where(zero, 0.0, wide)
     elif family == SPECIAL and one.low < 0 < one.high:
-        value = np.array([special_number(random, value) for _ in range(np.size(value))])
-        value = value.reshape(one.shape)
+        if random.random() < 0.5:
+            value = np.array([special_number(random, value) for _ in range(np.size(value))])
+            value = value.reshape(one.shape)
+        else:
+            signs = random.choice((1.0, 1.0, -1.0), one.shape)
+            value = random.choice(_among(random, value)) * signs + _near(random, one.shape)
     elif family == SPECIAL and one.shape and random.random() < 0.5:
         value = np.full(one.shape, value.ravel()[0])
     return value if one.shape else float(value)
@@ -114,8 +118,21 @@ def _parameter(
 def special_number(random: np.random.Generator, others: Any) -> float:
     """Return a number at or next to 0, ±π/2 or one of `others`, or an angle."""
     near = 10.0 ** random.uniform(-16, -1) * random.choice((0.0, 1.0, -1.0))
-    among = (0.0, ACROSS, -ACROSS, float(np.ravel(others)[0]), random.uniform(-math.pi, math.pi))
-    return float(among[random.integers(len(among))] + near)
+    return float(random.choice(_among(random, others)) + near)
+
+
+def _among(random: np.random.Generator, others: Any) -> tuple[float, ...]:
+    """Return what special angles are next to."""
+    return 0.0, ACROSS, -ACROSS, float(np.ravel(others)[0]), random.uniform(-math.pi, math.pi)
+
+
+def _near(random: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Return distances of one scale, some of them 0.
+
+    What needs several angles to be next to one another is rare if each is so for itself.
+    """
+    scale, shares = 10.0 ** random.uniform(-17, -1), 10.0 ** random.uniform(-3, 0, shape)
+    return scale * shares * random.choice((0.0, 1.0, -1.0), shape)
 
 
 # ---- Positions -----------------------------------------------------------------------------------
@@ -137,7 +154,9 @@ def drawn_position(
         q = q + (CURVATURE * np.cumsum(flags) + turn) * flags
         if family == SPECIAL and flags.any():
             near = 10.0 ** random.uniform(-16, -1, q.shape) * random.integers(0, 2, q.shape)
-            q = np.where(flags, turn + near, q)
+            near = near if random.random() < 0.5 else _near(random, q.shape)
+            # About 0 there is room for differences that are far below rounding of other angles.
+            q = np.where(flags, random.choice((0.0, turn)) + near, q)
         if family == FAST and random.random() < 0.5:
             q = random.uniform(-FAR, FAR, q.shape)
     c = random.uniform(components.low, components.high, components.shape)
@@ -168,7 +187,10 @@ def drawn_of(
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[Case], list[str]]:
-    """Return cases as `drawn` does, of scenes that `make` makes of the name of a family."""
+    """Return cases as `drawn` does, of scenes that `make` makes of the name of a family.
+
+    None where none of the first `ATTEMPTS` could be closed.
+    """
     scenes, states, of = [], [], []
     components = []
     for i in range(count):
@@ -177,6 +199,8 @@ def drawn_of(
             scene = make(family)
             q, c, t = drawn_position(scene, family, random)
         except EomcheckError:
+            if not scenes and i >= ATTEMPTS:
+                break
             continue  # no such scene, or no such position
         scenes.append(scene)
         states.append(State(q, np.zeros(scene.n), t))

@@ -214,6 +214,14 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
     return finding
 
 
+def alike(failed: Finding, case: Case, formulations: Sequence[str]) -> list[Finding]:
+    """Return the failures at another case of the same claim, and of the same cause."""
+    if CLAIMS[failed.claim].asks:
+        return []
+    found = failures(case, [failed.claim], formulations)
+    return [one for one in found if cause_of(one) == cause_of(failed)]
+
+
 F = TypeVar("F", bound=Finding)
 
 

@@ -107,8 +107,8 @@ class FunctionsPlan(NamedTuple):
         cases: list[Any] = [(functions, state) for state in states]
         raise_population(result.population, heights, cases)
 
-    def find(self, failed: Finding, name: str) -> Find:
-        """Return a failure with rounder numbers, ready to be kept."""
+    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+        """Return a failure ready to be kept, with rounder numbers unless `known` is None."""
         functions, same = self.kind, (failed.claim, failed.subject)
         bounds = limits(functions)
 
@@ -119,7 +119,8 @@ class FunctionsPlan(NamedTuple):
             found = functions_at(functions, case[1], [failed.claim])
             return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
 
-        return find_of(rounded(failed, look), name, Fault(FUNCTIONS, failed.evidence))
+        small = failed if known is None else rounded(failed, look)
+        return find_of(small, name, Fault(FUNCTIONS, failed.evidence))
 
 
 @lru_cache(8)

@@ -89,11 +89,11 @@ def fault_of(finding: Finding) -> Fault:
                 silent.append(f"{said}{', noticeable' if error > NOTICEABLE * size else ''}")
     if silent:
         return Fault(SILENT, f"enclosed: {'; '.join(silent)}")
-    if claim.asks:
-        tried = finding.engine is not None and is_on_trial(finding.engine)
+    tried = finding.engine is not None and is_on_trial(finding.engine)
+    wrong = frozenset() if tried else unproved(scene)
+    if claim.asks and not wrong:
         why = "; ".join(told[:2]) or "no formulation answers"
         return Fault(ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}")
-    wrong = unproved(scene)
     if wrong is None:
         return Fault(UNKNOWN, "the scene's functions are not rational: nothing is proved")
     if wrong:

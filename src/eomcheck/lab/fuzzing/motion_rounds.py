@@ -137,12 +137,13 @@ class MotionPlan(NamedTuple):
             result.failed += [one for one in findings if one.verdict == "failed"]
         raise_population(result.population, heights, cases)
 
-    def find(self, failed: Finding, name: str) -> Find:
-        """Return a failure made small, ready to be kept."""
+    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+        """Return a failure ready to be kept, made small unless `known` is None."""
         assert isinstance(failed, MotionFinding)
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
-            small = shrunk_motion(failed, self.formulations)
+            if known is not None:
+                small = shrunk_motion(failed, self.formulations)
         return find_of(small, name, fault_of_motion(small, self.formulations))
 
 

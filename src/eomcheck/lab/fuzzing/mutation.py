@@ -75,7 +75,7 @@ def changed_entries(x: Array, other: Array, random: np.random.Generator) -> Arra
     other = np.ravel(other)
     i, j = random.integers(x.size, size=2)
     size = 10.0 ** random.uniform(-16, 0)
-    match random.integers(8):
+    match random.integers(10):
         case 0:
             x[i] *= 10.0 ** random.normal(0, 2)
         case 1:
@@ -90,6 +90,11 @@ def changed_entries(x: Array, other: Array, random: np.random.Generator) -> Arra
             x = np.where(random.random(x.size) < 0.5, x, other)
         case 6:
             x[i] = -x[i]
+        case 7:  # all of them next to one, on either side
+            one = random.choice([x[i], 0.0, ACROSS]) * random.choice((1.0, 1.0, -1.0), x.size)
+            x = one + random.integers(0, 2, x.size) * random.normal(size=x.size) * size
+        case 8:  # what is between them, or what they are, to a smaller scale
+            x = x[i] * random.integers(0, 2) + (x - x[i]) * size
         case _:
             x *= 10.0 ** random.normal(0, 2)
     return x.reshape(shape)

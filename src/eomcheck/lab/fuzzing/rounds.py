@@ -17,7 +17,7 @@ from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, Stratum, drawn
-from eomcheck.lab.fuzzing.finds import Find, find_of, shrunk
+from eomcheck.lab.fuzzing.finds import Find, alike, find_of, shrunk
 from eomcheck.lab.fuzzing.judging import checked
 from eomcheck.lab.fuzzing.mutation import Changed, mutated
 from eomcheck.lab.fuzzing.on_trial import (
@@ -37,8 +37,19 @@ KEPT = 6
 BATCH = 512
 """States side by side."""
 
+STEPS = 4
+"""Steps of a climb in a round, each from what the one before has reached: what was found high is
+climbed on from at once, and not when its structure comes again."""
+
+AMONG = 3
+"""Claims and formulations, drawn at random, of which the highest is climbed from."""
+
+MOST_TRIED = 3
+"""Finds at which a failure of something else is looked for, before it is made small itself."""
+
 MOST_JUDGED = 24
-"""Suspects of a batch that are judged, the highest first: of one cause there may be many."""
+"""Suspects of a batch that are judged, the highest first, and so many of a climb: of one cause
+there may be many."""
 
 PIVOTED = {"null-space-embedding"}
 """Claims that look at pivoted partitions too, which differ from lane to lane."""
@@ -82,8 +93,14 @@ class Work(Protocol):
         """Return what a round comes to, the same wherever it is run."""
         ...
 
-    def find(self, failed: Finding, name: str) -> Find:
-        """Return a failure made small, ready to be kept; `name` is that of what is looked at."""
+    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+        """Return a failure ready to be kept.
+
+        Args:
+            failed: the failure.
+            name: of what is looked at.
+            known: finds, at which it is looked for before it is made small; as it is with None.
+        """
         ...
 
 
@@ -140,12 +157,19 @@ class Plan(NamedTuple):
         """Return what a round comes to."""
         return run_round(self, given)
 
-    def find(self, failed: Finding, name: str) -> Find:
-        """Return a failure made small, ready to be kept."""
+    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+        """Return a failure ready to be kept, see `Work`: a known find is small already."""
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
-            small = shrunk(failed, self.formulations, self.seed)
+            if known is not None:
+                small = self._small(failed, known[:MOST_TRIED])
         return find_of(small, name)
+
+    def _small(self, failed: Finding, known: Sequence[Find]) -> Finding:
+        for find in known:
+            for one in alike(failed, find.case, self.formulations):
+                return one
+        return shrunk(failed, self.formulations, self.seed)
 
 
 class Candidate(NamedTuple):
@@ -214,14 +238,7 @@ def run_round(plan: Plan, given: Round) -> Result:
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
         look_at(plan, result, cases, ordinary)
         if plan.climbing and population:
-            tried = {kind.key for kind in on_trial(plan.engines)}
-            of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
-            higher = climbed(of_lanes or population, plan.batch, random)
-            result.counts["climbed"] += len(higher)
-            look_at(plan, result, higher, set())
-            of_engines = {key: best for key, best in population.items() if key[1] in tried}
-            if of_engines:
-                _climb_on_trial(plan, result, of_engines, random)
+            _climb(plan, result, random)
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
@@ -232,17 +249,37 @@ def generator(plan: Work, given: Round) -> np.random.Generator:
     return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
 
 
+def _climb(plan: Plan, result: Result, random: np.random.Generator) -> None:
+    """Look near the highest, in lanes step by step, then at engines on trial."""
+    population = result.population
+    tried = {kind.key for kind in on_trial(plan.engines)}
+    steps = min(STEPS, plan.batch)
+    for _ in range(steps):
+        of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
+        higher = climbed(of_lanes or population, plan.batch // steps, random)
+        result.counts["climbed"] += len(higher)
+        look_at(plan, result, higher, set(), -(-MOST_JUDGED // steps))
+    of_engines = {key: best for key, best in population.items() if key[1] in tried}
+    if of_engines:
+        _climb_on_trial(plan, result, of_engines, random)
+
+
 def climbed(
     population: Population,
     count: int,
     random: np.random.Generator,
     tamed: Callable[[Changed], Changed] = lambda one: one,
 ) -> list[Case]:
-    """Return cases near the highest: a claim and formulation at random, then one of its cases."""
+    """Return cases near the highest: a claim and formulation, higher ones more often, and a case.
+
+    What others are good at is taken over from any of them.
+    """
     keys = sorted(population)
     pairs = []
     for _ in range(count):
-        best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
+        drawn = [keys[i] for i in random.integers(len(keys), size=AMONG)]
+        best = population[max(drawn, key=lambda key: population[key][0].height)]
+        others = population[drawn[0]]
         place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
         pairs.append((best[place].case, others[random.integers(len(others))].case))
     return mutated(pairs, random, tamed)[0]
@@ -266,10 +303,17 @@ def _climb_on_trial(
     raise_population(result.population, heights, cases)
 
 
-def look_at(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int]) -> None:
+def look_at(
+    plan: Plan,
+    result: Result,
+    cases: Sequence[Case],
+    ordinary: set[int],
+    most: int | None = None,
+) -> None:
     """Screen cases, judge what is suspect and what the ration says, and keep the highest.
 
-    Engines are asked at `ordinary` ones only: what they lose near singular states is not known.
+    Of suspects `most` are judged, by default `MOST_JUDGED`. Engines are asked at `ordinary` ones
+    only: what they lose near singular states is not known.
     """
     if not cases:
         return
@@ -284,10 +328,11 @@ def look_at(plan: Plan, result: Result, cases: Sequence[Case], ordinary: set[int
     worst = found.worst
     suspects = sorted(found.suspects, key=lambda i: (-worst[i], i))
     result.counts["suspect"] += len(suspects)
-    for i in suspects[:MOST_JUDGED]:
+    most = MOST_JUDGED if most is None else most
+    for i in suspects[:most]:
         claims = found.suspects[i] & set(plan.claims)
         _judge(plan, result, found, cases[i], i, claims, "suspects judged")
-    for i in suspects[MOST_JUDGED:]:
+    for i in suspects[most:]:
         _settle(found, i, {})  # nobody knows how high it is
     _ration(plan, result, found, cases, first, ordinary)
     raise_population(result.population, found.heights, cases)

@@ -13,7 +13,8 @@ import numpy as np
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
 from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.certified import TRUE_DIGITS, true_error
+from eomcheck.evaluation.certified import TRUE_DIGITS, TRUTH_WITHOUT_SPEEDS, true_error
+from eomcheck.evaluation.certified import TRUTH as KEY_OF_TRUTH
 from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
@@ -152,7 +153,7 @@ def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: 
 def truth_of(case: LaneCase, lane: int) -> Enclosure | None:
     """Return the true acceleration in one lane, None where there is none."""
     at = case.at.alone(lane)
-    key = "kane" if case.has_speeds else "au"
+    key = KEY_OF_TRUTH if case.has_speeds else TRUTH_WITHOUT_SPEEDS
     with suppress(EomcheckError, TypeError):
         return enclose(at.scene, key, at.q, t=at.t, digits=TRUE_DIGITS, v=at.v)
     return None

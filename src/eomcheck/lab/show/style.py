@@ -56,6 +56,8 @@ STYLES = {
 STYLES |= {
     "one sign flipped": Style(WRONG, "x", "x-thin-open"),
     "allowed by rounding": Style(PALETTE[-1], "_", "line-ew-open"),
+    "drawn at random": Style(PALETTE[1], "s", "square"),
+    "climbed to": Style(PALETTE[6], "o", "circle"),
     "links": Style("#404040", "o", "circle", width=3.0),
     "wheels": Style(PALETTE[6], "", "", width=6.0),
 }
