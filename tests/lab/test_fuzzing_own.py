@@ -11,18 +11,20 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.claims import CLAIMS
+from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import functions as fuzzed
+from eomcheck.lab.fuzzing import judging
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, SPECIAL, Stratum, drawn
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, read_finds, replayed, write_finds
 from eomcheck.lab.fuzzing.functions import FunctionsPlan, climbed_states, drawn_state, limits
 from eomcheck.lab.fuzzing.on_trial import is_ordinary
 from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Round, run_round
-from eomcheck.lab.fuzzing.screening import Ration
+from eomcheck.lab.fuzzing.screening import Ration, runs_in_lanes
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import Snake
+from eomcheck.scenes import Snake, snake_terms
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
@@ -229,3 +231,55 @@ def test_what_is_ordinary_is_told_from_what_is_hostile():
     )
     assert not is_ordinary((scene, State(state.q, 1e3 * np.ones(scene.n), 0.0)))
     assert not is_ordinary((scene, State(state.q + 1e3, state.v, 0.0)))
+
+
+# ---- Scenes that no lanes can run ----------------------------------------------------------------
+
+
+class Rough(Snake, functions=()):
+    """A snake whose terms go through numpy, which only doubles do."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        found = snake_terms.terms(parameters, prepared, q, v)
+        return found._replace(B=found.B * float(np.cos(0.0 * np.float64(q[0]))))
+
+
+class RoughAndWrong(Rough, functions=()):
+    """And whose bias has the wrong sign."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        found = Rough.terms(parameters, prepared, q, v)
+        return found._replace(B=-found.B)
+
+
+class NoNumbers(Snake, functions=()):
+    """A snake whose constraint Jacobian is no number."""
+
+    @staticmethod
+    def terms(*here):
+        found = snake_terms.terms(*here)
+        return found._replace(a=found.a * np.nan)
+
+
+def campaign_of(kind, claims=("power-balance", "equivalence")) -> Campaign:
+    here = Plan(kind, 3, claims, ("kane", "au"), families=(ORDINARY,), batch=8)
+    return Campaign(here, kind.__name__, (Stratum(2, ()),))
+
+
+def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
+    assert runs_in_lanes(Snake) and not runs_in_lanes(Rough)
+    right, wrong = campaign_of(Rough), campaign_of(RoughAndWrong)
+    right.run(states=16)
+    assert right.counts["states"] >= 16 and not right.finds
+    assert right.counts["passed in lanes"] > 0 and right.counts["climbed"] > 0
+    assert {claim for claim, _ in right.worst} == {"power-balance", "equivalence"}
+    wrong.run(states=1)
+    assert "power-balance" in {find.claim for find in wrong.finds.values()}
+    assert {find.whose for find in wrong.finds.values()} == {judging.UNKNOWN}
+
+
+def test_terms_that_are_no_numbers_end_a_campaign_with_a_sentence():
+    with pytest.raises(InputError, match="no state could be drawn"):
+        campaign_of(NoNumbers).run(states=1)

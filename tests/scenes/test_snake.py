@@ -235,6 +235,13 @@ def assert_same(snake: Snake, other: Snake):
         assert mine is None or np.array_equal(mine, its), field.name
 
 
+def test_the_representation_of_a_class_of_ones_own_names_it():
+    class Longer(Snake):
+        pass
+
+    assert repr(Longer([1.0], [2.0], [0.0], None, [0.0])).startswith("Longer(mass=[1.0]")
+
+
 @snakes
 def test_the_representation_of_a_snake_evaluates_to_the_same_snake(snake: Snake):
     assert_same(eval(repr(snake), {"Snake": Snake}), snake)

@@ -210,7 +210,7 @@ def _plan(
 ) -> Plan:
     from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
     from eomcheck.lab.fuzzing.rounds import Plan
-    from eomcheck.lab.fuzzing.screening import Ration
+    from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
     from eomcheck.scenes.random.kinds import Random
 
     families = _families(family)
@@ -218,7 +218,9 @@ def _plan(
     formulations = tuple(f.key for f in selection.formulations)
     counts = Ration() if ration is None else Ration(*_rations(ration))
     what = kind, seed, claims, formulations, selection.engines, families, climb, counts
-    return RandomPlan(*what, batch=LANES) if issubclass(kind, Random) else Plan(*what)
+    if issubclass(kind, Random):
+        return RandomPlan(*what, batch=LANES)
+    return Plan(*what) if runs_in_lanes(kind) else Plan(*what, batch=ALONE)
 
 
 def _functions(

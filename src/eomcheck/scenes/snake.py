@@ -146,7 +146,7 @@ class Snake(OfLinks, functions=PARTS):
         if self.damping is None:
             del values["damping"]
         listed = (f"{k}={None if v is None else v.tolist()}" for k, v in values.items())
-        return f"Snake({', '.join(listed)})"
+        return f"{type(self).__name__}({', '.join(listed)})"
 
     @property
     def n(self) -> int:

@@ -117,7 +117,8 @@ class Campaign:
                 raise InputError(
                     f"scene = {self.name}: no state could be drawn in {self.rounds} rounds: no "
                     "position near those drawn is closed, or no velocity there keeps the "
-                    "constraints; the constraints and their Jacobian may not belong together"
+                    "constraints; the constraints and their Jacobian may not belong together, or "
+                    "not be numbers: see eomcheck validate"
                 )
 
     def _results(

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from itertools import product
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -236,7 +238,7 @@ def consistent(
     """
     if not scenes:
         return [], []
-    at = LaneEvaluation(scenes, states)
+    at = _terms_of(scenes, states)
     with np.errstate(all="ignore"):
         finite = np.isfinite(at.q.data).all(axis=0)  # type: ignore[attr-defined]
         for term in (at.terms.a, at.terms.b):
@@ -267,6 +269,43 @@ def consistent(
         cases.append((scene, State(state.q, here, state.t)))
         places.append(i)
     return cases, places
+
+
+class _Stacked(NamedTuple):
+    """What of lanes velocities follow from, where terms were found state by state."""
+
+    q: Any
+    lanes: int
+    terms: Any
+
+
+def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
+    """Return the evaluation in lanes, or of functions that no lanes can run what stands for it."""
+    at = LaneEvaluation(scenes, states)
+    try:
+        at.terms  # noqa: B018
+    except TypeError:
+        return _Stacked(at.q, at.lanes, _stacked_terms(scenes, states))
+    return at
+
+
+def _stacked_terms(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
+    """Return a and b in lanes, found state by state: NaN where a function of the scene raises."""
+    found: list[Any] = []
+    for scene, state in zip(scenes, states, strict=True):
+        terms = None
+        with suppress(Exception):  # somebody's functions; `check` tells which
+            terms = Evaluation(scene, *state).terms
+        found.append(terms)
+    whole = next((terms for terms in found if terms is not None), None)
+    parts: dict[str, Any] = {"a": None, "b": None}
+    for name in parts:
+        like = None if whole is None else getattr(whole, name)
+        if like is not None:
+            lost = np.full(like.shape, np.nan)
+            each = [lost if terms is None else getattr(terms, name) for terms in found]
+            parts[name] = LaneArray(np.stack(each, axis=-1))
+    return SimpleNamespace(**parts)
 
 
 def _residual(at: LaneEvaluation, v: LaneArray) -> LaneArray:

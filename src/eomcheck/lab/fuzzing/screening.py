@@ -16,10 +16,17 @@ from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.certified import TRUE_DIGITS, TRUTH_WITHOUT_SPEEDS, true_error
 from eomcheck.evaluation.certified import TRUTH as KEY_OF_TRUTH
 from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.judging import checked
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
+
+ALONE = 32
+"""States of a batch where they are looked at one by one."""
 
 Key = tuple[str, str]
 """A claim, and the formulation that it is about there, "" if it is about none."""
@@ -91,8 +98,13 @@ def screened(
     """
     found, ids = Screened(len(cases)), liftable(claims)
     for places, case in lane_cases(cases, formulations):
+        try:
+            terms = case.at.terms
+        except TypeError:  # functions that no lanes can run
+            _look_alone(found, places, [cases[i] for i in places], case.formulations, ids)
+            continue
         finite = np.ones(case.at.lanes, bool)
-        for term in case.at.terms:
+        for term in terms:
             if term is not None:
                 finite &= np.isfinite(term.data).reshape(-1, case.at.lanes).all(axis=0)
         if not finite.all():
@@ -115,14 +127,51 @@ def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) ->
             (INCONCLUSIVE_, "inconclusive"),
         ):
             found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
-        ratio = one.ratio
-        words = one.subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
-        for key in [word for word in words if word in keys] or [""]:
+        for key in _about(one.subject, keys):
             heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
-            heights[places] = np.maximum(heights[places], ratio)
+            heights[places] = np.maximum(heights[places], one.ratio)
         for i in places[one.verdict == FAILED]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
     found.lost |= case.lost
+
+
+def _about(subject: str, keys: set[str]) -> list[str]:
+    """Return the formulations that a subject is about, "" if it is about none."""
+    words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
+    return [word for word in words if word in keys] or [""]
+
+
+def _look_alone(
+    found: Screened,
+    places: Array,
+    cases: Sequence[Case],
+    formulations: Sequence[Formulation],
+    ids: Sequence[str],
+) -> None:
+    """Look at cases one by one, as `eomcheck.check` does: lanes take rational functions only."""
+    keys = {f.key for f in formulations}
+    for place, case in zip(places.tolist(), cases, strict=True):
+        told = [one for one in checked(case, ["finite-terms"], []) if one.verdict == "failed"]
+        if told:
+            found.unseen.append(place)
+            continue
+        for one in checked(case, ids, sorted(keys)):
+            found.verdicts[one.verdict] += 1
+            if one.verdict == "failed":
+                found.suspects.setdefault(place, set()).add(one.claim)
+            if one.verdict in ("passed", "failed"):
+                for key in _about(one.subject, keys):
+                    heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
+                    heights[place] = max(heights[place], one.ratio)
+
+
+def runs_in_lanes(kind: type[Scene]) -> bool:
+    """Return whether a kind's functions are rational, and so can be looked at side by side."""
+    scene = kind.example()
+    with suppress(Exception):  # somebody's functions; `check` tells which
+        LaneEvaluation([scene], [State(*scene.initial_state(), 0.0)]).terms  # noqa: B018
+        return True
+    return False
 
 
 def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: int) -> None:
