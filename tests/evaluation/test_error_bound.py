@@ -19,7 +19,13 @@ from eomcheck.evaluation.certified import true_error, true_state
 from eomcheck.evaluation.doubles import Evaluation, violation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.evaluation.tolerance import (
+    INCONCLUSIVE,
+    UNDERFLOW,
+    allowed_error,
+    conditioned,
+    largest,
+)
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers import factors, linear
 from eomcheck.scenes import Snake
@@ -185,14 +191,15 @@ def test_a_condition_number_that_leaves_three_digits_of_none_leaves_no_bound():
     rcond = min(at.acceleration(FORMULATIONS["el"]).rcond.values())
     assert allowed_error(1 / rcond) > INCONCLUSIVE
     assert bound(at, "el") == np.inf
-    determined = sensitivity._determined
+    assert bound(at, "el", patch.object(sensitivity, "conditioned", lambda *_: True)) < UNDERFLOW
 
-    def as_it_is(*arguments) -> bool:
-        with patch.object(sensitivity, "INCONCLUSIVE", INCONCLUSIVE):
-            return determined(*arguments)
 
-    with patch.object(sensitivity, "_determined", as_it_is):
-        assert bound(at, "el", patch.object(sensitivity, "INCONCLUSIVE", np.inf)) < UNDERFLOW
+def test_of_several_matrices_the_worst_conditioned_decides():
+    worst = 1.0 / (INCONCLUSIVE / allowed_error(1.0))
+    assert conditioned({"M": 1.0, "a_1": 2.0 * worst})
+    assert not conditioned({"M": 1.0, "a_1": 0.5 * worst})
+    lanes = {"M": np.ones(2), "a_1": worst * np.array([0.5, 2.0])}
+    assert conditioned(lanes).tolist() == [False, True]
 
 
 # ---- Which of several pivots ---------------------------------------------------------------------

@@ -105,7 +105,7 @@ def test_what_is_looked_at_is_the_matrix_that_is_solved(kind, key):
         return
     at = Evaluation(scene, q, v, t)
     at.acceleration(formulation)
-    solved = {"a_1", "a'T"} & (at.solves[key, False].keys() | at._speeds_rcond.keys())
+    solved = {"a_1", "a'T"} & (at.solves[key, False].keys() | at.speeds_rcond.keys())
     assert solves_partition(scene, formulation) == bool(solved)
     if solved:
         size, y = scene.r**2, state_of(at, formulation)

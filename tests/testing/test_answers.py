@@ -292,9 +292,9 @@ def test_every_quantity_is_compared_with_a_scene_or_an_engine(how: str):
 
 
 def test_an_engine_that_does_not_represent_the_scene_is_refused():
-    scene = eomcheck.SCENES["bicycle"].example()
+    scene = eomcheck.SCENES["rolling-disk"].example()
     own = testing.from_scene(scene)
-    with pytest.raises(InputError, match="pinocchio, which does not represent bicycle"):
+    with pytest.raises(InputError, match="pinocchio, which does not represent rolling-disk"):
         check_functions(own.n, M=own.M, against=("pinocchio", scene))
 
 

@@ -131,9 +131,13 @@ class LaneEvaluation(Evaluation):
 
     def alone(self, lane: int) -> Evaluation:
         """Return the evaluation at the state of one lane."""
+        return Evaluation(self.scenes[lane], *self.state_of(lane))
+
+    def state_of(self, lane: int) -> State:
+        """Return (q, v, t) of one lane."""
         t = self.t.data[lane] if isinstance(self.t, LaneArray) else self.t
         q, v = self.q.data[:, lane], self.v.data[:, lane]  # type: ignore[attr-defined]
-        return Evaluation(self.scenes[lane], q, v, float(t))
+        return State(q, v, float(t))
 
     def perturbed(self, coordinates: bool = False) -> tuple[LaneCopy, ...]:
         """Return copies with every number perturbed, see `perturbed_copies`."""

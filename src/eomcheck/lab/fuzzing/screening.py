@@ -13,8 +13,12 @@ import numpy as np
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
 from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.certified import TRUE_DIGITS, TRUTH_WITHOUT_SPEEDS, true_error
-from eomcheck.evaluation.certified import TRUTH as KEY_OF_TRUTH
+from eomcheck.evaluation.certified import (
+    TRUE_DIGITS,
+    TRUTH_WITHOUT_SPEEDS,
+    true_error,
+    true_state,
+)
 from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
@@ -23,7 +27,9 @@ from eomcheck.lab.fuzzing.draws import Case
 from eomcheck.lab.fuzzing.judging import checked
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.ball import as_doubles
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.lanes import LaneArray
 
 ALONE = 32
 """States of a batch where they are looked at one by one."""
@@ -180,29 +186,51 @@ def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: 
         return
     worst = found.worst
     chosen = (worst[places] > ENCLOSED_ABOVE) | ((first + places) % every == 0)
+    truths = {}
     for lane in np.flatnonzero(chosen).tolist():
-        truth = truth_of(case, lane)
-        if truth is None:
-            continue
-        found.enclosed += 1
-        for f, x in case.solutions:
-            if case.refused(f.key)[lane]:
-                continue
-            allowed = allowed_error(float(case.vdot_sensitivity(f).data[lane]))
-            vdot: Any = x.vdot
-            error = largest(true_error(vdot.data[:, lane], truth))
-            if not np.isfinite(allowed):
-                continue
+        with suppress(EomcheckError, TypeError):
+            truths[lane] = _truth(case, lane)
+    if not truths:
+        return
+    found.enclosed += len(truths)
+    lanes = list(truths)
+    there = LaneCase(_at_truth(case, truths), case.formulations, case.has_speeds)
+    for f, x in there.solutions:
+        vdot: Any = x.vdot
+        allowed = allowed_error(1.0) * there.vdot_sensitivity(f).data
+        told = np.isfinite(allowed) & ~there.refused(f.key)
+        for i in np.flatnonzero(told).tolist():
+            error = largest(true_error(vdot.data[:, i], truths[lanes[i]]))
             heights = found.heights.setdefault((TRUTH, f.key), np.zeros(found.count))
-            heights[places[lane]] = height = error / max(allowed, UNDERFLOW)
+            place = int(places[lanes[i]])
+            heights[place] = height = error / max(float(allowed[i]), UNDERFLOW)
             if height > 1.0:
-                found.suspects.setdefault(int(places[lane]), set()).add("true-error")
+                found.suspects.setdefault(place, set()).add("true-error")
 
 
-def truth_of(case: LaneCase, lane: int) -> Enclosure | None:
-    """Return the true acceleration in one lane, None where there is none."""
+def _truth(case: LaneCase, lane: int) -> Enclosure:
+    """Return the true acceleration in one lane: of its generalized speeds, if there are any.
+
+    Raises:
+        EomcheckError: there is none.
+        TypeError: functions that balls cannot run.
+    """
     at = case.at.alone(lane)
-    key = KEY_OF_TRUTH if case.has_speeds else TRUTH_WITHOUT_SPEEDS
-    with suppress(EomcheckError, TypeError):
-        return enclose(at.scene, key, at.q, t=at.t, digits=TRUE_DIGITS, v=at.v)
-    return None
+    if case.has_speeds:
+        u: Any = case.at.u
+        return true_state(at.scene, at.q, u.data[:, lane], at.t)[0]
+    return enclose(at.scene, TRUTH_WITHOUT_SPEEDS, at.q, t=at.t, digits=TRUE_DIGITS, v=at.v)
+
+
+def _at_truth(case: LaneCase, truths: dict[int, Enclosure]) -> LaneEvaluation:
+    """Return the lanes of which the truth is known, at its velocities, see `true_state`."""
+    lanes = list(truths)
+    states = []
+    for lane, truth in truths.items():
+        q, v, t = case.at.state_of(lane)
+        states.append(State(q, as_doubles(truth.v) if case.has_speeds else v, t))
+    there = LaneEvaluation([case.at.scenes[lane] for lane in lanes], states)
+    if case.has_speeds:
+        u: Any = case.at.u
+        there.u = LaneArray(u.data[:, lanes].copy())  # type: ignore[assignment]
+    return there
