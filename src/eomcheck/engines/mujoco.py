@@ -7,6 +7,7 @@ solver as stiffly as its settings allow.
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,9 @@ class MujocoEngine(TreeEngine):
             placed.append(self._add_body(placed[one.parent + 1], one))
         for row in range(self.scene.r):
             self._add_constraint(spec, f"row_{row}", links)
-        self.model = model = spec.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of bodies that have no inertia yet
+            self.model = model = spec.compile()
         model.opt.gravity[:] = 0.0
         model.opt.tolerance = 0.0
         for one in carried:

@@ -46,7 +46,8 @@ class PybulletEngine(TreeEngine):
         weakref.finalize(self, library.disconnect, self._client)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "tree.urdf")
-            write_text(path, _urdf(links))
+            self._unit = _unit_of_mass(links)
+            write_text(path, _urdf(links, self._unit))
             # Otherwise moments of inertia are guessed from the shape, and there is none.
             flags = library.URDF_USE_INERTIA_FROM_FILE
             self._body = library.loadURDF(
@@ -69,7 +70,7 @@ class PybulletEngine(TreeEngine):
         found = self._bullet.calculateMassMatrix(
             self._body, self._ordered(q), physicsClientId=self._client
         )
-        return np.array(found)[np.ix_(self._place, self._place)]
+        return self._unit * np.array(found)[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; a new world has no gravity."""
@@ -77,15 +78,25 @@ class PybulletEngine(TreeEngine):
         found = self._bullet.calculateInverseDynamics(
             self._body, *state, physicsClientId=self._client
         )
-        return np.array(found)[self._place]
+        return self._unit * np.array(found)[self._place]
 
 
-def _urdf(links: list[Link]) -> str:
-    """Return the links as a URDF, every number with all its digits."""
+def _unit_of_mass(links: list[Link]) -> float:
+    """Return a power of two, kg, in which the largest moment of inertia is below 1.
+
+    Bullet turns inertias, and refuses what is not symmetric to 1e-15, however large it is.
+    """
+    largest = max(max(link.principal[0]) for link in links)
+    return 2.0 ** np.ceil(np.log2(largest)) if largest > 0 else 1.0
+
+
+def _urdf(links: list[Link], unit: float) -> str:
+    """Return the links as a URDF, every number with all its digits; masses in a unit, kg."""
     robot = ElementTree.Element("robot", name="tree")
     _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros(3), np.eye(3))
     for link in links:
-        _add_body(robot, link.name, link.mass, link.center, *link.principal)
+        moments, axes = link.principal
+        _add_body(robot, link.name, link.mass / unit, link.center, moments / unit, axes)
         parent = "ground" if link.parent < 0 else links[link.parent].name
         kind = "prismatic" if link.slides else "continuous"
         joint = ElementTree.SubElement(robot, "joint", name=f"joint_of_{link.name}", type=kind)
