@@ -23,8 +23,8 @@ from validation.harness import holds
         "invariance",
     ],
 )
-def test_every_acceleration_is_the_one(claim: str, links, examples):
-    holds(claim, links, examples)
+def test_every_acceleration_is_the_one(claim: str, links, few):
+    holds(claim, links, few)
 
 
 @pytest.mark.parametrize("claim", ["equivalence", "true-error"])

@@ -243,7 +243,7 @@ def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> Non
         assert {np.sign(x) for x in (low, high) if x} <= set(np.sign(entry)), name
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_a_thousand_scenes_of_every_kind_are_varied(kind):
     scenes = drawn(strategies.scenes(kind, 3, 3), MANY)

@@ -76,6 +76,7 @@ def check(text: str, width: int) -> None:
     assert not re.search("[│┃] ?[│┃]", text), "a column without any room"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, monkeypatch, capsys):
     assert run(*COMMANDS[command].split(), monkeypatch=monkeypatch) in (0, 1)
@@ -114,6 +115,7 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
     assert rows and all(row.count(",") >= head.count(",") for row in rows), "CSV is not folded"
 
 
+@pytest.mark.sampled(3)
 def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
     monkeypatch.setattr(rounds, "BATCH", 8)
     assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
@@ -128,6 +130,7 @@ def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
     check(capsys.readouterr().out, width)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("of", HELP, ids=" ".join)
 def test_help_fits_and_says_whole_sentences(of, width, monkeypatch, capsys):
     assert run(*of, "--help", monkeypatch=monkeypatch) == 0
