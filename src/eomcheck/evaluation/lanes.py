@@ -199,9 +199,20 @@ def _change_of_velocity(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
     with np.errstate(all="ignore"):
         usable: Any = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
         R = np.where(usable[:, None, None], R, np.eye(R.shape[-1]))
-        slip = (Q @ np.linalg.solve(R.swapaxes(-1, -2), residual.T[..., None]))[..., 0]
+        slip = (Q @ substituted(R, residual.T)[..., None])[..., 0]
         usable &= np.isfinite(slip).all(axis=1)
     return change + LaneArray(np.where(usable[:, None], slip, 0.0).T)
+
+
+def substituted(R: Array, x: Array) -> Array:
+    """Return y (L, k) of Rᵀ y = x, for upper triangles R (L, k, k).
+
+    Pivots could only harm: they are 0 where entries are far apart, and then all lanes are lost.
+    """
+    y = np.zeros_like(x)
+    for i in range(x.shape[1]):
+        y[:, i] = (x[:, i] - (R[:, :i, i] * y[:, :i]).sum(axis=1)) / R[:, i, i]
+    return y
 
 
 def _allowed_violation(at: Any) -> LaneArray:
