@@ -133,9 +133,10 @@ def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) ->
             (INCONCLUSIVE_, "inconclusive"),
         ):
             found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
+        ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
         for key in _about(one.subject, keys):
             heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
-            heights[places] = np.maximum(heights[places], one.ratio)
+            heights[places] = np.maximum(heights[places], ratio)
         for i in places[one.verdict == FAILED]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
     found.lost |= case.lost
