@@ -11,7 +11,7 @@ import pytest
 from eomcheck import cli
 from eomcheck.cli.fuzzing import seconds_of
 from eomcheck.lab.fuzzing import motion_rounds, rounds
-from eomcheck.lab.fuzzing.rounds import Result
+from eomcheck.lab.fuzzing.work import Result
 
 FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
 

@@ -31,8 +31,9 @@ from eomcheck.lab.fuzzing.finds import (
 )
 from eomcheck.lab.fuzzing.judging import checked, failures, fault_of
 from eomcheck.lab.fuzzing.mutation import mutated
-from eomcheck.lab.fuzzing.rounds import Plan, Round, run_round
+from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
+from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake_terms

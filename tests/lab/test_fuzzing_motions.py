@@ -24,7 +24,7 @@ from eomcheck.lab.fuzzing.motions import (
     judged_motions,
 )
 from eomcheck.lab.fuzzing.poses import branchings, crossings
-from eomcheck.lab.fuzzing.rounds import Round
+from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.motion import many

@@ -20,8 +20,9 @@ from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, SPECIAL, Stratum, dra
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, read_finds, replayed, write_finds
 from eomcheck.lab.fuzzing.functions import FunctionsPlan, climbed_states, drawn_state, limits
 from eomcheck.lab.fuzzing.on_trial import is_ordinary
-from eomcheck.lab.fuzzing.rounds import Candidate, Plan, Round, run_round
+from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import Ration, runs_in_lanes
+from eomcheck.lab.fuzzing.work import Candidate, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake, snake_terms

@@ -19,7 +19,7 @@ from eomcheck.lab.fuzzing.finds import case_of, find_of, parameters_of, read_fin
 from eomcheck.lab.fuzzing.judging import SCENE, Fault, failures
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, started
 from eomcheck.lab.fuzzing.random_rounds import STRUCTURES, RandomPlan
-from eomcheck.lab.fuzzing.rounds import Plan, Round
+from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import Ration
 from eomcheck.lab.fuzzing.structures import (
     Topology,
@@ -27,6 +27,7 @@ from eomcheck.lab.fuzzing.structures import (
     structure_drawn,
     varied,
 )
+from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes.random import RANDOM

@@ -19,8 +19,8 @@ from eomcheck.claims import Finding
 from eomcheck.errors import InputError
 from eomcheck.lab.fuzzing.draws import Stratum
 from eomcheck.lab.fuzzing.finds import Find, case_of, cause_of, parameters_of
-from eomcheck.lab.fuzzing.rounds import Candidate, Population, Result, Round, Work
 from eomcheck.lab.fuzzing.screening import Key
+from eomcheck.lab.fuzzing.work import Candidate, Population, Result, Round, Work
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.records import State

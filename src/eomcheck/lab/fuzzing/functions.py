@@ -18,7 +18,7 @@ from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL, Case, special_number
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of, functions_named, rounded
 from eomcheck.lab.fuzzing.judging import Fault
 from eomcheck.lab.fuzzing.mutation import MOST_CHANGES, changed_entries
-from eomcheck.lab.fuzzing.rounds import Population, Result, Round, generator, raise_population
+from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.run import functions_at

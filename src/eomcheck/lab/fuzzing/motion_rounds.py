@@ -34,8 +34,9 @@ from eomcheck.lab.fuzzing.motions import (
     judged_motions,
     moved,
 )
-from eomcheck.lab.fuzzing.rounds import Result, Round, climbed, generator, raise_population
+from eomcheck.lab.fuzzing.rounds import climbed
 from eomcheck.lab.fuzzing.structures import Topology, structure_drawn
+from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array

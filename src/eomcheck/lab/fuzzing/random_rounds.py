@@ -12,17 +12,9 @@ import numpy as np
 
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import ORDINARY, Case, drawn_of
-from eomcheck.lab.fuzzing.rounds import (
-    KEPT,
-    Plan,
-    Population,
-    Result,
-    Round,
-    climbed,
-    generator,
-    look_at,
-)
+from eomcheck.lab.fuzzing.rounds import Plan, climbed, look_at
 from eomcheck.lab.fuzzing.structures import structure_drawn, varied
+from eomcheck.lab.fuzzing.work import KEPT, Population, Result, Round, generator
 
 STRUCTURES = 4
 """Structures of a round."""

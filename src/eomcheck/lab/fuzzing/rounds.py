@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from eomcheck.claims.lanes import liftable
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, Stratum, drawn
+from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, drawn
 from eomcheck.lab.fuzzing.finds import Find, alike, find_of, shrunk
 from eomcheck.lab.fuzzing.judging import checked
 from eomcheck.lab.fuzzing.mutation import Changed, mutated
@@ -28,11 +26,9 @@ from eomcheck.lab.fuzzing.on_trial import (
     tamed,
 )
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
+from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
-
-KEPT = 6
-"""Cases kept of each claim and formulation, to climb from."""
 
 BATCH = 512
 """States side by side."""
@@ -59,49 +55,6 @@ BALLS = {"enclosures"}
 
 ENCLOSED = {"true-error"}
 """Claims that lanes look at by enclosures."""
-
-
-class Work(Protocol):
-    """What all rounds of a campaign have in common, whatever they look at."""
-
-    @property
-    def noun(self) -> str:
-        """What is looked at, as reports count it: "states"."""
-        ...
-
-    @property
-    def kind(self) -> Any:
-        """The kind of scene."""
-        ...
-
-    @property
-    def seed(self) -> int:
-        """Seed of all draws."""
-        ...
-
-    @property
-    def most(self) -> int:
-        """States that a round looks at, at most."""
-        ...
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """What decides what rounds come to, plain."""
-        ...
-
-    def run(self, given: Round) -> Result:
-        """Return what a round comes to, the same wherever it is run."""
-        ...
-
-    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
-        """Return a failure ready to be kept.
-
-        Args:
-            failed: the failure.
-            name: of what is looked at.
-            known: finds, at which it is looked for before it is made small; as it is with None.
-        """
-        ...
 
 
 class Plan(NamedTuple):
@@ -172,60 +125,6 @@ class Plan(NamedTuple):
         return shrunk(failed, self.formulations, self.seed)
 
 
-class Candidate(NamedTuple):
-    """A case to climb from, and how high it is."""
-
-    height: float
-    case: Case
-
-
-Population = dict[Key, list[Candidate]]
-"""By claim and formulation, the highest cases, highest first."""
-
-
-class Round(NamedTuple):
-    """What is to be done: a number, which with the seed decides all draws, and where to start."""
-
-    number: int
-    stratum: Stratum
-    population: Population
-
-    @property
-    def structure(self) -> str:
-        """What messages call it."""
-        return f"round {self.number}: {self.stratum.name}"
-
-
-@dataclass
-class Result:
-    """What a round came to.
-
-    Attributes:
-        number: of the round.
-        stratum: its structure.
-        population: where to climb from next.
-        counts: states by family, and by how they were looked at; verdicts in lanes.
-        failed: findings that failed, by `eomcheck.check`.
-        lost: claims that lanes could not look at, and why.
-        seconds: how long it took.
-        cpu_seconds: CPU time of it, less where it had to share its core.
-    """
-
-    number: int
-    stratum: Stratum
-    population: Population
-    counts: Counter[str] = field(default_factory=Counter)
-    failed: list[Finding] = field(default_factory=list)
-    lost: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
-
-    @property
-    def states(self) -> int:
-        """Number of states looked at."""
-        return self.counts["states"]
-
-
 def run_round(plan: Plan, given: Round) -> Result:
     """Return what a round comes to: the same for the same plan and round, wherever it is run."""
     start, cpu = time.perf_counter(), time.process_time()
@@ -242,11 +141,6 @@ def run_round(plan: Plan, given: Round) -> Result:
     result.seconds = time.perf_counter() - start
     result.cpu_seconds = time.process_time() - cpu
     return result
-
-
-def generator(plan: Work, given: Round) -> np.random.Generator:
-    """Return what a round draws from."""
-    return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
 
 
 def _climb(plan: Plan, result: Result, random: np.random.Generator) -> None:
@@ -390,18 +284,3 @@ def _settle(found: Screened, i: int, heights: dict[str, float]) -> None:
         said = "true-error" if claim == TRUTH else claim
         if said in found.suspects[i] and all_heights[i] > 1.0:
             all_heights[i] = heights.get(said, 0.0)
-
-
-def raise_population(
-    population: Population, heights_of: dict[Key, Array], cases: Sequence[Any]
-) -> None:
-    """Take the highest cases into a population, by their heights (L,); of a key `KEPT` are left."""
-    for key, heights in heights_of.items():
-        best = population.setdefault(key, [])
-        for i in np.argsort(-heights, kind="stable")[:KEPT]:
-            if heights[i] > 0:
-                best.append(Candidate(float(heights[i]), cases[i]))
-        best.sort(key=lambda one: -one.height)
-        del best[KEPT:]
-        if not best:
-            del population[key]
