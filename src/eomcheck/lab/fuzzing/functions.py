@@ -6,7 +6,6 @@ is judged as `eomcheck.testing.check_functions` judges it. All states are within
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL, Case, special_number
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of, functions_named, rounded
 from eomcheck.lab.fuzzing.judging import Fault
 from eomcheck.lab.fuzzing.mutation import MOST_CHANGES, changed_entries
-from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population
+from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.run import functions_at
@@ -77,19 +76,16 @@ class FunctionsPlan(NamedTuple):
 
     def run(self, given: Round) -> Result:
         """Return what a round comes to."""
-        start, cpu = time.perf_counter(), time.process_time()
         random, functions = generator(self, given), self.kind
         population = {key: list(best) for key, best in given.population.items()}
-        result = Result(given.number, given.stratum, population)
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
-        result.counts.update(families)
-        self._look(result, [drawn_state(functions, family, random) for family in families])
-        if self.climbing and population:
-            higher = climbed_states(functions, population, self.batch, random)
-            result.counts["climbed"] += len(higher)
-            self._look(result, higher)
-        result.seconds = time.perf_counter() - start
-        result.cpu_seconds = time.process_time() - cpu
+        with timed(Result(given.number, given.stratum, population)) as result:
+            result.counts.update(families)
+            self._look(result, [drawn_state(functions, family, random) for family in families])
+            if self.climbing and population:
+                higher = climbed_states(functions, population, self.batch, random)
+                result.counts["climbed"] += len(higher)
+                self._look(result, higher)
         return result
 
     def _look(self, result: Result, states: Sequence[State]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import NamedTuple
@@ -103,8 +103,13 @@ def fault_of(finding: Finding) -> Fault:
 
 def about(finding: Finding) -> tuple[str, ...]:
     """Return the formulations that a finding is about."""
-    words = finding.subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
-    return tuple(word for word in words if word in FORMULATIONS)
+    return named_in(finding.subject, FORMULATIONS)
+
+
+def named_in(subject: str, keys: Container[str]) -> tuple[str, ...]:
+    """Return those of `keys` that a subject names."""
+    words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
+    return tuple(word for word in words if word in keys)
 
 
 def unproved(scene: Scene) -> frozenset[str] | None:

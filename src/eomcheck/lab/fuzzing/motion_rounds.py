@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -36,7 +35,7 @@ from eomcheck.lab.fuzzing.motions import (
 )
 from eomcheck.lab.fuzzing.rounds import climbed
 from eomcheck.lab.fuzzing.structures import Topology, structure_drawn
-from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population
+from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -101,11 +100,10 @@ class MotionPlan(NamedTuple):
 
     def run(self, given: Round) -> Result:
         """Return what a round comes to."""
-        start, cpu = time.perf_counter(), time.process_time()
         random = generator(self, given)
         population = {key: list(best) for key, best in given.population.items()}
         result = Result(given.number, given.stratum, population)
-        with np.errstate(all="ignore"):
+        with timed(result), np.errstate(all="ignore"):
             cases, families = started(self, given.stratum, random)
             result.counts.update(families)
             self._look(result, cases, random)
@@ -114,8 +112,6 @@ class MotionPlan(NamedTuple):
                 higher = at_start(climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)
-        result.seconds = time.perf_counter() - start
-        result.cpu_seconds = time.process_time() - cpu
         return result
 
     def _look(self, result: Result, cases: list[Case], random: np.random.Generator) -> None:

@@ -6,15 +6,13 @@ among those of the structure that came highest in earlier ones.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import ORDINARY, Case, drawn_of
 from eomcheck.lab.fuzzing.rounds import Plan, climbed, look_at
 from eomcheck.lab.fuzzing.structures import structure_drawn, varied
-from eomcheck.lab.fuzzing.work import KEPT, Population, Result, Round, generator
+from eomcheck.lab.fuzzing.work import KEPT, Population, Result, Round, generator, timed
 
 STRUCTURES = 4
 """Structures of a round."""
@@ -36,11 +34,10 @@ class RandomPlan(Plan):
 
     def run(self, given: Round) -> Result:
         """Return what a round comes to."""
-        start, cpu = time.perf_counter(), time.process_time()
         random = generator(self, given)
         result = Result(given.number, given.stratum, {})
         best = {key: list(one) for key, one in given.population.items()}
-        with np.errstate(all="ignore"):
+        with timed(result), np.errstate(all="ignore"):
             for _ in range(STRUCTURES):
                 _look_at_one(self, result, random)
                 _merge(best, result.population)
@@ -49,8 +46,6 @@ class RandomPlan(Plan):
                 _climb(self, result, random)
                 _merge(best, result.population)
         result.population = best
-        result.seconds = time.perf_counter() - start
-        result.cpu_seconds = time.process_time() - cpu
         return result
 
 

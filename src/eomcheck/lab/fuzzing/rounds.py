@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -26,7 +25,7 @@ from eomcheck.lab.fuzzing.on_trial import (
     tamed,
 )
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
-from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population
+from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 
@@ -127,19 +126,16 @@ class Plan(NamedTuple):
 
 def run_round(plan: Plan, given: Round) -> Result:
     """Return what a round comes to: the same for the same plan and round, wherever it is run."""
-    start, cpu = time.perf_counter(), time.process_time()
     random = generator(plan, given)
     population = {key: list(best) for key, best in given.population.items()}
     result = Result(given.number, given.stratum, population)
-    with np.errstate(all="ignore"):
+    with timed(result), np.errstate(all="ignore"):
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
         ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
         look_at(plan, result, cases, ordinary)
         if plan.climbing and population:
             _climb(plan, result, random)
-    result.seconds = time.perf_counter() - start
-    result.cpu_seconds = time.process_time() - cpu
     return result
 
 
@@ -269,7 +265,7 @@ def _judge(
     judged = checked(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
     for key, height in heights_of(judged).items():
-        found.heights.setdefault(key, np.zeros(found.count))[i] = height
+        found.height(key)[i] = height
     if how == "suspects judged":
         heights: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:

@@ -24,7 +24,7 @@ from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.lab.fuzzing.draws import Case
-from eomcheck.lab.fuzzing.judging import checked
+from eomcheck.lab.fuzzing.judging import checked, named_in
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import as_doubles
@@ -80,6 +80,10 @@ class Screened:
     enclosed: int = 0
     unseen: list[int] = field(default_factory=list)
 
+    def height(self, key: Key) -> Array:
+        """Return the heights (L,) by a claim and formulation, 0 until they are told."""
+        return self.heights.setdefault(key, np.zeros(self.count))
+
     @property
     def worst(self) -> Array:
         """The largest height of each case (L,)."""
@@ -134,18 +138,12 @@ def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) ->
         ):
             found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
         ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
-        for key in _about(one.subject, keys):
-            heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
+        for key in named_in(one.subject, keys) or ("",):
+            heights = found.height((one.claim, key))
             heights[places] = np.maximum(heights[places], ratio)
         for i in places[one.verdict == FAILED]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
     found.lost |= case.lost
-
-
-def _about(subject: str, keys: set[str]) -> list[str]:
-    """Return the formulations that a subject is about, "" if it is about none."""
-    words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
-    return [word for word in words if word in keys] or [""]
 
 
 def _look_alone(
@@ -167,8 +165,8 @@ def _look_alone(
             if one.verdict == "failed":
                 found.suspects.setdefault(place, set()).add(one.claim)
             if one.verdict in ("passed", "failed"):
-                for key in _about(one.subject, keys):
-                    heights = found.heights.setdefault((one.claim, key), np.zeros(found.count))
+                for key in named_in(one.subject, keys) or ("",):
+                    heights = found.height((one.claim, key))
                     heights[place] = max(heights[place], one.ratio)
 
 
@@ -202,7 +200,7 @@ def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: 
         told = np.isfinite(allowed) & ~there.refused(f.key)
         for i in np.flatnonzero(told).tolist():
             error = largest(true_error(vdot.data[:, i], truths[lanes[i]]))
-            heights = found.heights.setdefault((TRUTH, f.key), np.zeros(found.count))
+            heights = found.height((TRUTH, f.key))
             place = int(places[lanes[i]])
             heights[place] = height = error / max(float(allowed[i]), UNDERFLOW)
             if height > 1.0:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -114,6 +116,15 @@ class Result:
     def states(self) -> int:
         """Number of states looked at."""
         return self.counts["states"]
+
+
+@contextmanager
+def timed(result: Result) -> Iterator[Result]:
+    """Note how long a round takes."""
+    start, cpu = time.perf_counter(), time.process_time()
+    yield result
+    result.seconds = time.perf_counter() - start
+    result.cpu_seconds = time.process_time() - cpu
 
 
 def generator(plan: Work, given: Round) -> np.random.Generator:
