@@ -91,10 +91,10 @@ def test_links_motion_springs_dampers_and_wheels_are_strata_of_snakes():
 # ---- Cases, measured on what was drawn -----------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @every_kind
-def test_default_draws_have_every_pair_of_strata_and_hardly_rest(kind):
-    for seed in range(3 if kind is Snake else 1):
+def test_default_draws_have_every_pair_of_strata_and_hardly_rest(kind, sized):
+    for seed in range(sized(3, 1) if kind is Snake else 1):
         cases = list(scene_cases(kind, (LEAST, MOST), EXAMPLES, seed))
         found = [strata_of(scene, state) for scene, state in cases]
         assert set().union(*map(pairs_in, found)) == pairs(choices(kind))
@@ -176,11 +176,11 @@ def assert_whole_range(values, one: Range, name: str) -> None:
         assert signs <= set(np.sign(entry)), name
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @every_kind
-def test_no_number_of_a_case_is_constant(kind):
+def test_no_number_of_a_case_is_constant(kind, sized):
     # Closed positions take long to find.
-    count = 1000 if kind.position_residual is None else 150
+    count = sized(1000, 400) if kind.position_residual is None else 150
     cases = list(scene_cases(kind, (2, 2), count, 5))
     for name, one in kind.ranges(2 if kind.has_links else None).items():
         present = [x for s, _ in cases if (x := getattr(s, name)) is not None]

@@ -231,7 +231,10 @@ def test_scene_states_draws_the_states_of_the_scene_drawn():
 
 # ---- Variety -------------------------------------------------------------------------------------
 
-MANY = 1000
+
+@pytest.fixture(scope="module")
+def many(sized) -> int:
+    return sized(1000, 500)
 
 
 def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> None:
@@ -245,16 +248,16 @@ def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> Non
 
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
-def test_a_thousand_scenes_of_every_kind_are_varied(kind):
-    scenes = drawn(strategies.scenes(kind, 3, 3), MANY)
+def test_many_scenes_of_every_kind_are_varied(kind, many):
+    scenes = drawn(strategies.scenes(kind, 3, 3), many)
     for name, one in kind.ranges(3 if kind.has_links else None).items():
         there = [x for scene in scenes if (x := getattr(scene, name)) is not None]
         assert (len(there) < len(scenes)) == one.optional, name
         assert_varied(np.array(there), one.low, one.high, name)
 
 
-def test_in_a_thousand_snakes_all_links_differ():
-    snakes = drawn(strategies.snakes(4, 4), MANY)
+def test_in_many_snakes_all_links_differ(many):
+    snakes = drawn(strategies.snakes(4, 4), many)
     for name in ("mass", "length", "inertia", "stiffness", "damping", "wheel_angle"):
         there = np.array([x for snake in snakes if (x := getattr(snake, name)) is not None])
         for i in range(there.shape[1]):
@@ -263,12 +266,12 @@ def test_in_a_thousand_snakes_all_links_differ():
                 assert share > 0.5, f"{name} of links {i} and {j} differ in {share:.0%}"
 
 
-def test_a_thousand_snakes_have_every_number_of_links():
-    assert {snake.links for snake in drawn(strategies.snakes(1, 8), MANY)} == set(range(1, 9))
+def test_many_snakes_have_every_number_of_links(many):
+    assert {snake.links for snake in drawn(strategies.snakes(1, 8), many)} == set(range(1, 9))
 
 
 def test_a_thousand_states_are_varied_and_seldom_at_rest():
-    states = drawn(strategies.states(Snake.coil(3)), MANY)
+    states = drawn(strategies.states(Snake.coil(3)), 1000)
     q, v = (np.array([getattr(state, name) for state in states]) for name in ("q", "v"))
     assert_varied(q[:, :2], -10.0, 10.0, "position")
     assert_varied(q[:, 2:], -math.pi, math.pi, "angle")
@@ -289,14 +292,14 @@ def test_symmetries_move_most_of_what_is_drawn():
         assert np.mean(each) > 0.75, name
 
 
-def test_a_thousand_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds():
-    snakes = drawn(strategies.hostile_snakes(2, 2), MANY)
+def test_many_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds(many):
+    snakes = drawn(strategies.hostile_snakes(2, 2), many)
     for name in ("mass", "length"):
         decades = np.log10([getattr(snake, name) for snake in snakes])
         assert_varied(decades, -8.0, 8.0, name)
     for name, high in (("inertia", 8.0), ("stiffness", 12.0), ("damping", 12.0)):
         there = [x for snake in snakes if (x := getattr(snake, name)) is not None]
-        assert (len(there) < MANY) == (name != "inertia")
+        assert (len(there) < many) == (name != "inertia")
         entries = np.array(there).ravel()
         assert (entries == 0).any()
         assert_varied(np.log10(entries[entries > 0]), -8.0, high, name)
@@ -310,8 +313,8 @@ def test_a_thousand_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds
         assert (from_across[side] > 0.5).any()
 
 
-def test_a_thousand_hostile_states_are_straight_and_bent_slow_and_fast():
-    states = drawn(strategies.hostile_states(Snake.coil(3)), MANY)
+def test_many_hostile_states_are_straight_and_bent_slow_and_fast(many):
+    states = drawn(strategies.hostile_states(Snake.coil(3)), many)
     straight = np.array([np.ptp(state.q[2:]) == 0 for state in states])
     assert 0.1 < straight.mean() < 0.9
     assert_varied(np.array([s.q[2] for s in states])[straight], -math.pi, math.pi, "angle")
@@ -334,6 +337,7 @@ def test_hostile_snakes_are_valid_and_within_the_bounds(snake):
 hostile = strategies.scene_states(strategies.hostile_snakes(), strategies.hostile_states)
 
 
+@pytest.mark.sampled(3)
 @every_formulation
 @given(hostile)
 def test_hostile_states_are_solved_or_refused_and_never_answered_with_nan(key, case):
@@ -348,6 +352,7 @@ def test_hostile_states_are_solved_or_refused_and_never_answered_with_nan(key, c
     assert all(np.isfinite(rcond) for rcond in result.rcond.values())
 
 
+@pytest.mark.sampled(3)
 @every_formulation
 @given(strategies.scene_states(strategies.snakes(max_links=3), strategies.hostile_states))
 def test_hostile_states_of_ordinary_snakes_are_solved_or_refused(key, case):

@@ -76,7 +76,7 @@ def check(text: str, width: int) -> None:
     assert not re.search("[│┃] ?[│┃]", text), "a column without any room"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, monkeypatch, capsys):
     assert run(*COMMANDS[command].split(), monkeypatch=monkeypatch) in (0, 1)

@@ -26,6 +26,7 @@ def test_an_open_chain_from_which_no_direction_leads_on_is_not_returned_as_close
         closed_position(FourBarChain.rods(1), [np.pi, 0.0, 0.0])
 
 
+@pytest.mark.sampled(2)
 @holonomic
 @pytest.mark.parametrize("far", [0.01, 0.3, 2.0, 50.0])
 def test_what_is_returned_is_closed_wherever_the_search_starts(kind, far):

@@ -105,6 +105,7 @@ def rate(snake: Snake, key: str, q: Array, v: Array) -> tuple[Array, Array]:
 # ---- What the public path says -------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", FORMULATIONS)
 @snakes
 def test_machine_code_gives_the_acceleration_of_the_public_path(snake, key):
@@ -410,7 +411,7 @@ def compiled(
     return kernel, lambda t, y: kernel(block, t, y)["rates"]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("width", [1, 4])
 @every_formulation
 def test_code_with_loops_has_the_bits_of_straight_code(key, width):
@@ -485,7 +486,7 @@ def assert_lanes_are_single_runs(scene: Scene, key: str, at: Evaluation, width: 
         assert np.isfinite(alone).all() == (width == 2 or lane < width - 1)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("links", range(1, 13))
 @every_formulation
 def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):
@@ -494,7 +495,7 @@ def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):
     assert_lanes_are_single_runs(scene, key, Evaluation(scene, *state(scene)), width)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_lanes_of_every_scene_have_the_bits_of_single_runs(kind):
     scene, (q, v, t) = ordinary(kind)
@@ -526,6 +527,7 @@ class Guarded:
             assert (guard == GUARD).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("width", [1, 4])
 @pytest.mark.parametrize("links", [1, 3, 12])
 @every_formulation

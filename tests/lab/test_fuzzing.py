@@ -326,7 +326,7 @@ def test_all_that_was_found_holds_now():
     assert small and replayed(small, KEYS) == []
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=lambda kind: kind.key)
 def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges(kind):
     stratum, links = strata_of(kind, (3,))[0], 3 if kind.has_links else None

@@ -123,7 +123,7 @@ def test_the_bicycle_is_drawn_rolling_on_the_ground_at_its_speed():
 # ---- How it is drawn -----------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("dark", [False, True])
 @each_kind
 def test_labels_cover_no_other_label_and_stay_on_the_page(kind, dark):

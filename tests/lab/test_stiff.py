@@ -53,6 +53,7 @@ def assert_approached(motion: Motion, y: np.ndarray, exact: np.ndarray, t: float
     assert np.abs(exact - found).max() < 1e-8 * max(np.abs(exact).max(), 1.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("damping", [None, np.arange(1.0, 7.0)])
 @pytest.mark.parametrize("stiffness", [None, 5e3 * np.ones(6)])
 def test_the_exact_jacobian_is_what_differences_approach(damping, stiffness):
@@ -61,6 +62,7 @@ def test_the_exact_jacobian_is_what_differences_approach(damping, stiffness):
     assert_approached(motion, motion.y0, exact_jacobian(scene, KANE)(0.0, motion.y0))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", FORMULATIONS)
 @pytest.mark.parametrize("links", [2, 3])
 def test_every_formulation_has_an_exact_jacobian(key, links):
@@ -88,6 +90,7 @@ def test_every_scene_is_differentiated_on_the_tape_by_every_formulation(kind, si
         assert_approached(motion, y, exact, t)
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("key", ["sleigh", "rolling-disk", "turntable-ball", "flyball-governor"])
 def test_jacobians_in_machine_code_are_those_on_the_tape(key):
     scene, (q, v, t) = ordinary(SCENES[key])

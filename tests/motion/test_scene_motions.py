@@ -44,7 +44,7 @@ def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple
     assert np.abs(found - expected.vdot).max() <= allowed
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_formulations_move_a_scene_alike(kind: type[Scene], sized):
     scene, (q, v, _) = ordinary(kind, 1)

@@ -212,6 +212,7 @@ def test_powers_of_two_as_units_of_rows_change_no_bit_of_a_band_solve(size):
         assert np.array_equal(solve(bands * units[:, None], b * units), solve(bands, b))
 
 
+@pytest.mark.sampled(3)
 @sizes
 @pytest.mark.parametrize("width", [2, 4, 8])
 def test_each_lane_of_a_band_solve_has_the_bits_of_a_single_one(size, width):

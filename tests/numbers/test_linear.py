@@ -469,6 +469,7 @@ def test_hostile_units_of_rows_and_unknowns_leave_machine_code_as_exact_as_pytho
         assert np.isfinite(large).all()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("width", [2, 4])
 @machine_sizes
 @columns

@@ -86,7 +86,7 @@ def slopes(key: str, speed: float) -> np.ndarray:
     return (4.0 * differences(1e-3) - differences(2e-3)) / 3.0
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @every_formulation
 @pytest.mark.parametrize("speed", EIGENVALUES)
 def test_every_formulation_leans_and_steers_as_the_linear_benchmark_says(key: str, speed: float):

@@ -38,6 +38,7 @@ def test_one_link_swings_with_the_period_of_the_elliptic_integral(amplitude: flo
     assert np.abs(turned - amplitude * np.array([0.0, -1.0, 1.0])).max() < 1e-11
 
 
+@pytest.mark.sampled(3)
 def test_every_formulation_keeps_the_energy_of_a_long_chain(mover: str):
     scene = ChainPendulum.rods(5)
     motion = simulate(scene, mover, 2.0, rtol=1e-11, atol=1e-11)

@@ -112,7 +112,7 @@ def test_the_reduced_motion_does_not_depend_on_the_integrator():
     assert np.abs(reduced_motion("Radau") - reduced_motion("DOP853")).max() < 1e-8
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("integrator", ["Radau", "DOP853"])
 def test_every_formulation_follows_the_reduced_motion_implicit_or_explicit(
     mover: str, integrator: str

@@ -435,7 +435,7 @@ def test_there_are_twenty_faults_in_each_file_of_the_guide(own: str):
     assert sum(fault.own == own for fault in FAULTS.values()) >= 20
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_named_by_the_claim_that_is_closest(name: str):
     fault = FAULTS[name]

@@ -7,7 +7,7 @@ NaN there, and `refused` tells. All scenes have generalized speeds at their stat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, largest
 from eomcheck.formulations import Formulation
+from eomcheck.kernels.preparing import preparation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -169,9 +170,19 @@ class LaneCopy(Moved, LaneEvaluation):
         """The scenes' parameters."""
         return self.keep(self._original.parameters)
 
+    def prepare(self) -> tuple[Any, Sequence[Any]]:
+        """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
+        t = self.t if isinstance(self.t, LaneArray) else np.full(1, self.t)
+        with suppress(TypeError):
+            prepared, made = self.call(
+                preparation(self.scene.prepare), self.parameters, self.q, t.reshape(1)
+            )
+            return map_record(self.noise.array, prepared), made
+        return super().prepare()
+
     @property
     def preparing(self) -> Any:
-        """What prepares: cosines, sines and roots are perturbed as well."""
+        """What prepares where not all is rational besides: cosines, sines and roots are moved."""
         lanes: Any = IN_LANES
         return Noisy(lanes, self.noise)
 

@@ -20,6 +20,7 @@ from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key, vi
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
+from eomcheck.kernels.preparing import preparation
 from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.entries import map_record
@@ -151,9 +152,14 @@ class Perturbed(_Copies):
             return _called(self.noise, function, *arguments)
         return super().call(function, *arguments)
 
+    def prepare(self) -> tuple[Any, Sequence[Any]]:
+        """Return what is prepared, and the angles and roots made for it; see `Quantities`."""
+        found = self.together.listed
+        return super().prepare() if found is None else self.together.part(self.place, found)
+
     @property
     def preparing(self) -> Arithmetic:
-        """What prepares: cosines, sines and roots are perturbed as well."""
+        """What prepares where not all is rational besides: cosines, sines and roots are moved."""
         return Noisy(FLOAT64, self.noise)
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
@@ -232,9 +238,22 @@ class Together(_Copies):
         front, still = self.noise.shape, self._original.parameters
         return self.keep(map_record(lambda x: np.broadcast_to(x, front + np.shape(x)), still))
 
+    @cached_property
+    def listed(self) -> tuple[Any, Sequence[Any]] | None:
+        """What is prepared, and how, with every operation perturbed; None if not all is told."""
+        t = np.full((*self.noise.shape, 1), self.t)
+        with suppress(TypeError), self.computing("prepared"):
+            prepared, made = _called(
+                self.noise, preparation(self.scene.prepare), self.parameters, self.q, t
+            )
+            return map_record(self.noise.array, prepared), made
+        return None
+
     @quantity
     def prepared(self) -> Any:
-        """What is not rational in q and t: in Python, of each copy for itself."""
+        """What is not rational in q and t: of each copy for itself if need be."""
+        if self.listed is not None:
+            return self.listed[0]
         return self._stacked([copy.prepared for copy in self._copies])
 
     @quantity

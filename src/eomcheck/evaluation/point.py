@@ -7,7 +7,7 @@ field, bounds and counters all pass through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property, wraps
 from typing import Any, NamedTuple, TypeVar
@@ -125,12 +125,13 @@ class Quantities:
     @quantity
     def prepared(self) -> Any:
         """What is not rational in q and t."""
-        prepare, parameters = self.scene.prepare, self.parameters
-        return self.in_numbers(prepare(self._recorder, parameters, self.q, self.t))
+        found, self._made = self.prepare()
+        return self.in_numbers(found)
 
-    @quantity
-    def _recorder(self) -> Recorder:
-        return Recorder(self.preparing)
+    def prepare(self) -> tuple[Any, Sequence[Any]]:
+        """Return what is not rational in q and t, and the angles and roots made on the way."""
+        recorder = Recorder(self.preparing)
+        return self.scene.prepare(recorder, self.parameters, self.q, self.t), recorder.made
 
     @property
     def preparing(self) -> Arithmetic:
@@ -146,7 +147,7 @@ class Quantities:
         """
         self.prepared  # noqa: B018  (what it is made of is needed)
         q, t = duals(self.q, qdot), Dual(self.t, int(clock))
-        replay = Replay(self._recorder.made)
+        replay = Replay(self._made)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
     @quantity

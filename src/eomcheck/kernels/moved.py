@@ -290,8 +290,15 @@ class _Number:
     __rmul__ = __mul__
 
 
+def list_of(*arrays: Array) -> _List | None:
+    """Return the list to which entries of arrays belong, None if none does to any."""
+    return next((x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _Number), None)
+
+
 def _list_of(*arrays: Array) -> _List:
-    return next(x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _Number)
+    found = list_of(*arrays)
+    assert found is not None, "no entry is of a list"
+    return found
 
 
 def _listed(solver: Callable) -> Callable:

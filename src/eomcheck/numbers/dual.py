@@ -6,6 +6,7 @@ derivative.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -183,7 +184,7 @@ class Recorder:
 class Replay:
     """An arithmetic that makes the same angles and roots again, in order, while they change."""
 
-    def __init__(self, made: list[Any]):
+    def __init__(self, made: Sequence[Any]):
         self._made = iter(made)
 
     def numbers(self, x: Array) -> Array:
