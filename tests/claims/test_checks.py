@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
+from eomcheck.claims import accelerations
 from eomcheck.claims.finding import diagnose, judge, worst_entry
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
@@ -169,3 +170,18 @@ def test_a_finding_is_plain_data_and_python_code():
     exec(finding.as_python(), scope)
     assert repr(scope["scene"]) == repr(SNAKE)
     assert scope["q"] == Q.tolist()
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_machine_code_without_a_number_fails_where_digits_are_left(told, monkeypatch):
+    monkeypatch.setattr(
+        accelerations,
+        "acceleration_in_machine_code",
+        lambda at, formulation, y: np.full(at.scene.n, np.nan),
+    )
+    inertia = 0.1 if told else 0.0
+    scene = Snake([1.134958547696148], [0.9995432422242448], [inertia], None, [0.0])
+    q = np.full(3, -2.7465461956438726)
+    found = eomcheck.check(scene, q, np.zeros(3), engines=[], claims=["machine-code"])
+    verdicts = {f.subject: f.verdict for f in found}
+    assert verdicts["ml"] == ("failed" if told else "inconclusive")

@@ -21,6 +21,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
 
 NAMES = {ABSENT: "absent", PASSED: "passed", FAILED: "failed", INCONCLUSIVE_: "inconclusive"}
+RESIDUAL = "constraint-acceleration"
 ALL = tuple(FORMULATIONS.values())
 UNLIFTED = {"redundant-rows"}
 """Claims by sides that lanes cannot tell: which rows depend on others differs from lane to lane."""
@@ -98,22 +99,29 @@ def test_what_is_allowed_in_lanes_is_what_is_allowed_alone(sized):
     assert min(ratios) > 0.25 and max(ratios) < 4.0
 
 
-def test_on_hostile_snakes_lanes_differ_only_below_what_underflows():
+def test_on_hostile_snakes_lanes_differ_only_where_nothing_can_be_told(sized):
     strategy = strategies.scene_states(strategies.hostile_snakes(1, 4), strategies.hostile_states)
     cases = [
         (scene, state)
-        for scene, state in draw(strategy, 60, 3)
+        for scene, state in draw(strategy, sized(90, 30), 4)
         if all(np.isfinite(x).all() for x in Evaluation(scene, *state).terms if x is not None)
     ]
-    assert len(cases) > 30
-    for key, (verdict, _, allowed), (there, _, _) in differences(cases):
+    assert len(cases) > sized(45, 15)
+    found = differences(cases)
+    # Rows of nothing but rounding are refused as in machine code; Python scales them first.
+    no_digit = {
+        (i, f) for (i, claim, f), (_, _, x), _ in found if claim == RESIDUAL and x == np.inf
+    }
+    for key, (verdict, _, allowed), (there, _, _) in found:
         # Where the scene as it was moved is refused, or noise is lost, lanes do not ask.
         looked_at_again = key[1] == "invariance" and verdict != "failed"
         tiny = verdict == "passed" and there == "inconclusive" and allowed <= UNDERFLOW
         # Whether a rank is clear is told by the single path.
         of_rank = "uk" in key[2].replace(":", " ").split() and verdict == "absent"
         of_rank |= key[1:] == ("refused", "uk")
-        assert looked_at_again or tiny or of_rank, (key, verdict, there, allowed)
+        named = key[2].replace(":", " ").split()
+        hopeless = any((key[0], f) in no_digit for f in named) and verdict != "failed"
+        assert looked_at_again or tiny or of_rank or hopeless, (key, verdict, there, allowed)
 
 
 def test_a_wrong_bias_fails_in_lanes(monkeypatch):

@@ -12,10 +12,13 @@ from hypothesis import strategies as st
 
 import eomcheck
 from eomcheck import RefusedError, acceleration, independent_constraints, with_constraints
+from eomcheck.claims.case import Case
+from eomcheck.claims.refusals import independent_rcond, judged
 from eomcheck.errors import InputError
 from eomcheck.evaluation import rank as rank_module
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
+from eomcheck.evaluation.redundant import CONTRADICTION
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
 from eomcheck.scenes import Bricard, FourBarChain, Snake
 
@@ -369,8 +372,23 @@ def test_constraints_that_contradict_each_other_are_refused_by_name():
         return FourBarChain.drift(parameters, angles, q, v) + np.array([0, 0, 0, 0, 1])
 
     scene = changed(CHAIN, drift=drift)
-    with pytest.raises(RefusedError, match="the constraint of repeated contradicts the others"):
-        acceleration(scene, "uk", *CHAIN.initial_state())
+    q, v = CHAIN.initial_state()
+    with pytest.raises(
+        RefusedError, match=r"of repeated contradicts the others.* allowed [-\de.]+$"
+    ):
+        acceleration(scene, "uk", q, v)
+    with pytest.raises(RefusedError, match="contradicts"):
+        eomcheck.accuracy(scene, "uk", q, v=v)
+    found = [f for f in eomcheck.check(scene, q, v, engines=[]) if "uk" in f.subject]
+    assert {f.claim for f in found} == {"refusals"}
+    assert [f.verdict for f in found] == ["passed"]
+
+
+def test_a_contradiction_that_there_is_not_is_refused_in_vain():
+    refusal = RefusedError(CONTRADICTION, 1e-3, 1.0, "refused")
+    for scene, q, v in STATES.values():
+        rcond = independent_rcond(UK, refusal, Case(Evaluation(scene, q, v), (UK,), ()))
+        assert judged(refusal, rcond)[0] == "failed"
 
 
 def test_more_constraints_than_coordinates_are_solved_or_refused():

@@ -19,6 +19,7 @@ from eomcheck.claims.registry import CLAIMS, Claim, Names, Sides, names_of_term,
 from eomcheck.engines import Answers, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Acceleration, Evaluation
+from eomcheck.evaluation.redundant import solution_of
 from eomcheck.evaluation.sensitivity import (
     acceleration_sensitivity,
     sensitivity_of,
@@ -94,8 +95,15 @@ class Case(AtDoubles):
 
     def result(self, formulation: Formulation) -> Acceleration | None:
         """Return the acceleration, or None where it is refused."""
-        with suppress(RefusedError):
-            return self.at.acceleration(formulation)
+        if formulation.key not in self._results:
+            self._results[formulation.key] = None
+            with suppress(RefusedError):
+                self._results[formulation.key] = solution_of(self.at, formulation)
+        return self._results[formulation.key]
+
+    @cached_property
+    def _results(self) -> dict[str, Acceleration | None]:
+        return {}
 
     # ---- How doubles are looked at, see `Look` ---------------------------------------------------
 

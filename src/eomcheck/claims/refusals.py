@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +16,7 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.redundant import explained
+from eomcheck.evaluation.redundant import CONTRADICTION, explained, solution_of
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.gw import MOBILITY
@@ -41,6 +42,8 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         with suppress(RefusedError):  # the rank itself may be what is refused
             kept = at.independent_partition.kept
             a = a if kept is None else a[kept]
+    if refusal.what == CONTRADICTION:
+        return _agreement(at)
     overflows = np.isnan(refusal.rcond)
     if overflows and can_overflow(at.v, at.F, M):
         return 0.0
@@ -68,6 +71,21 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     if overflows:
         return 0.0 if min(rcond) < at.scene.n * EPS else 1.0
     return min(rcond)
+
+
+def _agreement(at: Evaluation) -> float:
+    """Return what rounding explains over how far no v̇ satisfies all constraints, by least squares.
+
+    Of directions in which only rounding tells rows apart v̇ has nothing.
+    """
+    M, _, _, a, gamma, _ = at.terms
+    scale = _row_scale(a)
+    rows, rest = _by_energy(M, a) * scale[:, None], gamma * scale
+    U, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = at.scene.r if (kept := at.independent_partition.kept) is None else len(kept)
+    left = largest(rest - U[:, :rank] @ (U[:, :rank].T @ rest))
+    explained = allowed_error(largest(rest) * sizes[0] / sizes[rank - 1])
+    return explained / left if left > 0 else math.inf
 
 
 def _by_energy(M: Array, a: Array) -> Array:
@@ -159,7 +177,7 @@ def refusals(case: Case) -> Iterator[Finding]:
     """Every refusal is justified by a reciprocal condition number computed independently."""
     for formulation in case.formulations:
         try:
-            case.at.acceleration(formulation)
+            solution_of(case.at, formulation)
         except RefusedError as refusal:
             rcond = independent_rcond(formulation, refusal, case)
             verdict, why = judged(refusal, rcond)

@@ -10,6 +10,7 @@ import numpy as np
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import representable
 from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.redundant import solution_of
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
@@ -172,7 +173,7 @@ def certify(
         InputError: `pivoted`, and the formulation has no partition.
         RefusedError: the formulation refuses the state in doubles.
     """
-    result = at.acceleration(formulation, pivoted)
+    result = solution_of(at, formulation, pivoted)
     if sensitivity is None:
         sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     exact, error = truth.doubles(), true_error(result.vdot, truth)

@@ -15,7 +15,7 @@ from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.closing import newton, position_residual
 from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
 from eomcheck.evaluation.perturbed import allowed_violation, perturbed_copies
-from eomcheck.evaluation.redundant import check_no_contradiction, explained
+from eomcheck.evaluation.redundant import explained, solution_of
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import formulation_for
@@ -63,11 +63,9 @@ def acceleration(
     if consistent:
         check_consistent(at, LETS_PASS)
     try:
-        result = at.acceleration(formulation, pivoted)
+        result = solution_of(at, formulation, pivoted)
     except RefusedError as refusal:
         raise explained(at, refusal) from None
-    if formulation.redundant and at.independent_partition.redundant is not None:
-        check_no_contradiction(at, formulation, result)
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # What underflows on the way is below what any change of the inputs can show.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))

@@ -15,6 +15,9 @@ from eomcheck.formulations import Formulation
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
 
+CONTRADICTION = "gamma"
+"""What refusals call it."""
+
 
 class Dependence(NamedTuple):
     """Names of constraints.
@@ -57,7 +60,7 @@ def explained(at: Evaluation, refusal: RefusedError) -> RefusedError:
         at: where a formulation refused.
         refusal: what it said.
     """
-    if at.terms.a is None or refusal.what == RANK:
+    if at.terms.a is None or refusal.what in (RANK, CONTRADICTION):
         return refusal
     try:
         redundant = at.independent_partition.redundant
@@ -75,6 +78,18 @@ def explained(at: Evaluation, refusal: RefusedError) -> RefusedError:
 
 def _saying(refusal: RefusedError, why: str) -> RefusedError:
     return RefusedError(refusal.what, refusal.rcond, refusal.threshold, why, refusal.matrix)
+
+
+def solution_of(at: Evaluation, formulation: Formulation, pivoted: bool = False) -> Acceleration:
+    """Return the result of a formulation, for which no redundant constraint is violated.
+
+    Raises:
+        RefusedError: as `Evaluation.acceleration`, or constraints contradict each other.
+    """
+    found = at.acceleration(formulation, pivoted)
+    if formulation.redundant and at.independent_partition.redundant is not None:
+        check_no_contradiction(at, formulation, found)
+    return found
 
 
 def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acceleration) -> None:
@@ -99,7 +114,7 @@ def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acce
     worst = int(np.argmax(left))
     if left[worst] > allowed:
         raise RefusedError(
-            "gamma",
+            CONTRADICTION,
             allowed / float(left[worst]),
             1.0,
             f"the constraint of {at.scene.constraint_names[worst]} contradicts the others: "
