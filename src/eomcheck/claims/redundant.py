@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eomcheck.claims.registry import Look, Sides, Skipped, claim, size
+from eomcheck.claims.registry import Look, Sides, Skipped, claim, measured_where, size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
 
@@ -38,8 +38,13 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
             yield Skipped(f.key, str(refusal))
             continue
         names, force = (at.scene.coordinate_names,), a.T @ x.multipliers
-        yield Sides(f"{f.key}, q̈", vdot, x.vdot, names, may_vanish=True)
+        told = measured_where(np.isfinite(look.vdot_sensitivity(f)))
+        yield Sides(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
         scale = size(rows.T, lambda_)
-        yield Sides(f"{f.key}, aᵀλ", rows.T @ lambda_, force, names, scale, may_vanish=True)
-        sides = lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)
-        yield Sides(f"{f.key}, |λ|", *sides, (("the new row",),), size(lambda_), may_vanish=True)
+        forces = rows.T @ lambda_, force
+        yield Sides(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
+        sides, row = (
+            (lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)),
+            ("the new row",),
+        )
+        yield Sides(f"{f.key}, |λ|", *sides, (row,), size(lambda_), told, may_vanish=True)

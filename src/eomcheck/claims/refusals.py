@@ -74,9 +74,10 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
 
 
 def _agreement(at: Evaluation) -> float:
-    """Return what rounding explains over how far no v̇ satisfies all constraints, by least squares.
+    """Return what rounding explains over how far constraints that imply each other contradict.
 
-    Of directions in which only rounding tells rows apart v̇ has nothing.
+    By least squares, where v̇ has nothing of directions in which only rounding tells rows apart; or
+    over how far rows are from implying each other, if they do only for who rounds coordinates.
     """
     M, _, _, a, gamma, _ = at.terms
     scale = _row_scale(a)
@@ -85,7 +86,9 @@ def _agreement(at: Evaluation) -> float:
     rank = at.scene.r if (kept := at.independent_partition.kept) is None else len(kept)
     left = largest(rest - U[:, :rank] @ (U[:, :rank].T @ rest))
     explained = allowed_error(largest(rest) * sizes[0] / sizes[rank - 1])
-    return explained / left if left > 0 else math.inf
+    apart = min(_rcond(_balanced(rows)), sizes[-1] / sizes[0])
+    shares = explained / left if left > 0 else math.inf, allowed_error(1.0) / max(apart, EPS**2)
+    return min(shares)
 
 
 def _by_energy(M: Array, a: Array) -> Array:

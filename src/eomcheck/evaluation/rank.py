@@ -4,7 +4,8 @@ Rows of a are taken one by one by pivoted QR, the largest first that is left. Ea
 known up to what rounding explains, which is measured by moving coordinates and parameters; so is
 then how far a row is from the span of those taken before. A row farther from it than
 `1 / INCONCLUSIVE` times that is independent, one within it depends on them, and anything between is
-refused: the rank is not clear.
+refused: the rank is not clear. Nor is it where a row is within it only because other entries are
+larger: an entry may be small and known to all of its digits, and then tells rows apart.
 
 Redundant constraints depend on each other in all positions nearby that they allow. Where rows do so
 in one position alone, that is a singular one: what they say there does not tell the acceleration.
@@ -66,7 +67,8 @@ def rank_of(at: Evaluation) -> Rank:
 def _rank(at: Evaluation) -> Rank | RefusedError:
     a, names = at.terms.a, at.scene.constraint_names
     r = len(a)
-    a, unsure = _in_common_units(at)
+    a, unsure, own = _in_common_units(at)
+    rows = a
     if not (np.isfinite(a).all() and np.isfinite(unsure).all()):
         return RefusedError(RANK, float("nan"), 0.0, "the rank of a: doubles cannot hold it")
     factors: Any = qr(a.T, mode="r", pivoting=True, check_finite=False)
@@ -90,45 +92,76 @@ def _rank(at: Evaluation) -> Rank | RefusedError:
                 f"{distance[k]:.2g} of its size away from what the others say, rounding explains "
                 f"{allowed[k]:.2g}, and it is independent above {least:.2g}",
             )
+        if _told_apart(R, rows[order], own[order], rank, k):
+            return RefusedError(
+                RANK,
+                float(distance[k]),
+                float(allowed[k] / INCONCLUSIVE),
+                f"the rank of a is not clear: the constraint of {names[order[k]]} is within what "
+                "rounding explains of what the others say, but for a small entry that is certain",
+            )
     back = np.argsort(order)
     return Rank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
 
 
-def _in_common_units(at: Evaluation) -> tuple[Array, Array]:
+def _in_common_units(at: Evaluation) -> tuple[Array, Array, Array]:
     """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
+
+    Twice: with angles that are known as if they were 1 rad, and with the digits that they have.
 
     Velocities are measured by the energy in them, and so have no units of their own; each row by
     its size. Of rows that would do as well as each other, the first is the larger by a little.
     """
     a = at.terms.a
     with np.errstate(all="ignore"):
-        moved = np.max([np.abs(_moved(at, Noise(k)) - a) for k in range(SAMPLES)], axis=0)
-        unsure = allowed_error(1.0) * (np.abs(a) + moved / STEP)
+        moved, own = (
+            np.max([np.abs(_moved(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0)
+            for least in (1.0, 0.0)
+        )
+        unsure, own = (allowed_error(1.0) * (np.abs(a) + x / STEP) for x in (moved, own))
         columns = scale_of(np.sqrt(np.abs(np.diagonal(at.terms.M))))
-        a, unsure = a * columns, unsure * columns
+        a, unsure, own = a * columns, unsure * columns, own * columns
         rows = scale_of(np.abs(a).max(axis=1))
         size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + FIRST * np.arange(len(a)))
         rows /= np.where(size > 0, size, 1.0)
-    return a * rows[:, None], unsure * rows[:, None]
+    return a * rows[:, None], unsure * rows[:, None], own * rows[:, None]
 
 
-def _moved(at: Evaluation, noise: Noise) -> Array:
-    """Return a of moved coordinates and parameters, an angle at least as if it were 1 rad."""
+def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
+    """Return a of moved coordinates and parameters, an angle as if it were `least` at least."""
     with noise.stream("rank"):
         floor = np.zeros(at.scene.n)
-        floor[at.scene.angle_coordinates] = 1.0
+        floor[at.scene.angle_coordinates] = least
         size = np.maximum(np.abs(at.q), floor)
         near = at.elsewhere(at.q + size * noise.changes(size.shape))
         near.parameters = noise.record(at.parameters)
     return near.terms.a
 
 
+def _shares(R: Array, rank: int, k: int) -> Array:
+    """Return what row k has of the first `rank` rows (rank,)."""
+    if not rank:
+        return R[:0, k]
+    return solve_triangular(R[:rank, :rank], R[:rank, k], check_finite=False)
+
+
 def _rounding(R: Array, unsure: Array, rank: int, k: int) -> float:
     """Return how far rounding alone moves row k from the span of the first `rank` rows."""
-    shares = (
-        solve_triangular(R[:rank, :rank], R[:rank, k], check_finite=False) if rank else R[:0, k]
-    )
-    return float(np.linalg.norm(unsure[k] + np.abs(shares) @ unsure[:rank]))
+    return float(np.linalg.norm(unsure[k] + np.abs(_shares(R, rank, k)) @ unsure[:rank]))
+
+
+def _told_apart(R: Array, a: Array, own: Array, rank: int, k: int) -> bool:
+    """Return whether an entry tells row k from the span of the first `rank` rows.
+
+    All in the order of R. It does where it is further away than what rounding makes of it alone,
+    and of what the row has of the others: it may be small beside entries that say nothing.
+    """
+    shares = _shares(R, rank, k)
+    inverse = solve_triangular(R[:rank, :rank], np.eye(rank), check_finite=False)
+    lost = allowed_error(1.0) * np.abs(inverse).sum(axis=1)
+    apart = np.abs(a[k] - shares @ a[:rank])
+    explained = own[k] + np.abs(shares) @ own[:rank] + lost @ np.abs(a[:rank])
+    return bool((INCONCLUSIVE * apart > np.maximum(explained, UNDERFLOW)).any())
 
 
 NEARBY = 2.0**-10

@@ -110,7 +110,7 @@ def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acce
 
     left, (_, _, _, a, gamma, _) = np.abs(residual(at)), at.terms
     size = float((np.abs(a) @ np.abs(found.vdot) + np.abs(gamma)).max())
-    allowed = allowed_error(sensitivity_of(at, residual, coordinates=True, solved=True) + size)
+    allowed = allowed_error(sensitivity_of(at, residual, solved=True) + size)
     worst = int(np.argmax(left))
     if left[worst] > allowed:
         raise RefusedError(
