@@ -209,7 +209,6 @@ class Case(AtDoubles):
 
     def _judged(self, sides: Callable) -> Iterator[Finding]:
         """Yield the Findings of both sides being the same but for rounding."""
-        key = (f"sides of {self.claim.id}" if self.claim else "", False)
 
         @cache
         def perturbed(e: Evaluation) -> dict[str, Sides]:
@@ -217,7 +216,7 @@ class Case(AtDoubles):
             # What sides solve for themselves is perturbed like what formulations solve.
             with (
                 e.computing("sides"),
-                e.watched(key),
+                e.watched(),
                 suppress(RefusedError, np.linalg.LinAlgError),
             ):
                 for one in sides(e, Case(e, self.formulations, ())):
@@ -233,10 +232,7 @@ class Case(AtDoubles):
 
             return sensitivity_of(self.at, quantity)
 
-        with self.at.watched() as watch:
-            told = list(sides(self.at, self))
-        self.at.solves[key] = {solve.name: solve for solve in watch.solves}
-        for one in told:
+        for one in sides(self.at, self):
             if isinstance(one, Sides):
                 sensitivity = one.sensitivity
                 if sensitivity is None:

@@ -43,8 +43,5 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         scale = size(rows.T, lambda_)
         forces = rows.T @ lambda_, force
         yield Sides(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
-        sides, row = (
-            (lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)),
-            ("the new row",),
-        )
-        yield Sides(f"{f.key}, |λ|", *sides, (row,), size(lambda_), told, may_vanish=True)
+        sides = lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)
+        yield Sides(f"{f.key}, |λ|", *sides, (("the new row",),), size(lambda_), told)
