@@ -33,7 +33,8 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         rows = np.concatenate((a, np.array([weights @ a], a.dtype)))
         drift = np.concatenate((gamma, np.array([weights @ gamma], gamma.dtype)))
         try:
-            vdot, lambda_ = at.call(f.solution, M, at.F, rows, drift, at.v, partition)
+            given = M, at.F, rows, drift, at.v, partition
+            vdot, lambda_ = at.solved("redundant rows", f.solution, *given)
         except RefusedError as refusal:
             yield Skipped(f.key, str(refusal))
             continue

@@ -108,6 +108,13 @@ class Evaluation(Quantities):
                 self._kept[function] = function(self)
         return self._kept[function]
 
+    def solved(self, name: str, function: Callable, *arguments) -> Any:
+        """Call a generic function that solves matrices of its own; copies round as it does here."""
+        with self.watched((name, False)) as watch:
+            found = self.call(function, *arguments)
+        self.solves[name, False] = {solve.name: solve for solve in watch.solves}
+        return found
+
     def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
         """Watch the matrices that are solved for what `solves` has under `key`."""
         return watching()

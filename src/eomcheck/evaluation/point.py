@@ -108,6 +108,10 @@ class Quantities:
         """Call a generic function."""
         return function(*arguments)
 
+    def solved(self, name: str, function: Callable, *arguments) -> Any:
+        """Call a generic function that solves matrices of its own, under this name."""
+        return self.call(function, *arguments)
+
     def keep(self, record: Any) -> Any:
         """Return `record` as it is used from here on."""
         return self.in_numbers(record)
