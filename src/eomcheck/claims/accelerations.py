@@ -38,6 +38,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.numbers.decompositions import least_squares, null_space, row_scale, singular_values
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.numbers.lanes import lanes_in, where
+from eomcheck.numbers.noise import NORMAL
 
 
 def _row_sum(matrix: Any) -> float:
@@ -255,8 +256,9 @@ def machine_code(case: Case) -> Iterator[Finding]:
             return
         except RefusedError:  # another velocity that is refused
             continue
-        if can_overflow(at.v, at.F, at.terms.M) and not np.isfinite(found).all():
-            # Solves in registers scale no columns: their products are larger.
+        extreme = can_overflow(at.v, at.F, at.terms.M) or _subnormal(at.terms.a)
+        if extreme and not np.isfinite(found).all():
+            # Solves in registers scale no columns: their products and quotients are larger.
             outcome = math.inf, 0.0, "inconclusive", "property-tested"
             yield case.finding(formulation.key, *outcome, "overflows in machine code: NaN")
             continue
@@ -269,3 +271,8 @@ def machine_code(case: Case) -> Iterator[Finding]:
             continue
         names = (scene.coordinate_names,)
         yield case.compare(formulation.key, found, public, sensitivity, names=names)
+
+
+def _subnormal(a: Array | None) -> bool:
+    """Return whether a quotient of entries of constraints may overflow, whatever they say."""
+    return a is not None and bool(((a != 0) & (np.abs(a) < NORMAL)).any())
