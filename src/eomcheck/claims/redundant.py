@@ -34,12 +34,12 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         drift = np.concatenate((gamma, np.array([weights @ gamma], gamma.dtype)))
         try:
             given = M, at.F, rows, drift, at.v, partition
-            vdot, lambda_ = at.solved("redundant rows", f.solution, *given)
+            (vdot, lambda_), digits = at.solved("redundant rows", f.solution, *given)
         except RefusedError as refusal:
             yield Skipped(f.key, str(refusal))
             continue
         names, force = (at.scene.coordinate_names,), a.T @ x.multipliers
-        told = measured_where(np.isfinite(look.vdot_sensitivity(f)))
+        told = measured_where(digits)
         yield Sides(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
         scale = size(rows.T, lambda_)
         forces = rows.T @ lambda_, force

@@ -17,7 +17,7 @@ from scipy.linalg import qr
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities, quantity
 from eomcheck.evaluation.rank import independent_partition
-from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.evaluation.tolerance import allowed_error, conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -108,12 +108,12 @@ class Evaluation(Quantities):
                 self._kept[function] = function(self)
         return self._kept[function]
 
-    def solved(self, name: str, function: Callable, *arguments) -> Any:
+    def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices of its own; copies round as it does here."""
         with self.watched((name, False)) as watch:
             found = self.call(function, *arguments)
         self.solves[name, False] = {solve.name: solve for solve in watch.solves}
-        return found
+        return found, not watch.rcond or bool(conditioned(watch.rcond))
 
     def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
         """Watch the matrices that are solved for what `solves` has under `key`."""

@@ -108,9 +108,13 @@ class Quantities:
         """Call a generic function."""
         return function(*arguments)
 
-    def solved(self, name: str, function: Callable, *arguments) -> Any:
-        """Call a generic function that solves matrices of its own, under this name."""
-        return self.call(function, *arguments)
+    def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
+        """Call a generic function that solves matrices of its own, under this name.
+
+        Returns:
+            What it returns, and whether the matrices have digits left.
+        """
+        return self.call(function, *arguments), True
 
     def keep(self, record: Any) -> Any:
         """Return `record` as it is used from here on."""
