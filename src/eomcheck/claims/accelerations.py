@@ -74,11 +74,12 @@ def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, Any]:
     """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
     if look.exact:
         return at.speeds.W, True
+    # Rows of one size: small ones are constraints as well.
     a = at.terms.a
-    basis = null_space(a)
-    values = singular_values(a * row_scale(a)[:, None])
+    a = a * row_scale(a)[:, None]
+    basis, values = null_space(a), singular_values(a)
     told = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
-    # Singular vectors are as accurate as the largest row of a allows, not each row for itself.
+    # Singular vectors are as accurate as the largest row allows, not each row for itself.
     return basis - least_squares(a, a @ basis), told
 
 
