@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import cache, cached_property, reduce
 from typing import Any
 
@@ -21,27 +20,42 @@ from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate, value
-from eomcheck.numbers.entries import each, objects
+from eomcheck.numbers.entries import each, map_record, objects
 from eomcheck.numbers.lanes import doubles, lanes_in, where
 from eomcheck.numbers.noise import SAMPLES, STEP
 
 
-def _rate_of_energy(energies: Callable, *state: Any) -> Any:
+def _energy_rate(energies: Callable, *state: Any) -> Any:
     """Return the rate of T + U, W, for a state in dual numbers."""
     T, U = energies(*state)
     return rate(T if U is None else T + U)
 
 
+def _power_of_q(energies: Callable, parameters: Any, still: Any, rates: Any, *state: Array) -> Any:
+    """Return the share of q in Ṫ + U̇ of what is prepared, its rates, q and v."""
+    return _energy_rate(energies, *_while_q_changes(parameters, still, rates, *state))
+
+
 def _power_along(energies: Callable, *here: Any) -> Any:
     """Return the share of v in Ṫ + U̇ of (parameters, prepared, q, v, v̇)."""
     *still, v, vdot = here
-    return _rate_of_energy(energies, *still, duals(v, vdot))
+    return _energy_rate(energies, *objects(tuple(still)), duals(v, vdot))
 
 
-def _rates_along(velocities: Callable, *here: Any) -> Any:
+def _velocities_of_q(velocities: Callable, *here: Any) -> tuple[Array, Array]:
+    """Return [V, ω] and the share of q in [V̇, ω̇]; see `_power_of_q`."""
+    along_q = np.concatenate(velocities(*_while_q_changes(*here)), axis=1)
+    return each(value, along_q), rate(along_q)
+
+
+def _velocities_along(velocities: Callable, *here: Any) -> Any:
     """Return the share of v in [V̇, ω̇] of (parameters, prepared, q, v, v̇)."""
     *still, v, vdot = here
-    return rate(np.concatenate(velocities(*still, duals(v, vdot)), axis=1))
+    return rate(np.concatenate(velocities(*objects(tuple(still)), duals(v, vdot)), axis=1))
+
+
+def _while_q_changes(parameters: Any, still: Any, rates: Any, q: Array, v: Array) -> tuple:
+    return objects(parameters), map_record(duals, still, rates), duals(q, v), objects(v)
 
 
 class _Rates:
@@ -55,20 +69,15 @@ class _Rates:
 
     def _along_v(self, function: Callable, of: Callable, vdot: Array) -> Any:
         e = self._e
-        here = e.parameters, e.prepared, e.q, e.v, vdot
-        if isinstance(e, Evaluation):
-            with suppress(TypeError):
-                return e.unmoved(function, of, *here)
-        return function(of, *objects(here))
+        return e.differentiated(function, of, e.parameters, e.prepared, e.q, e.v, vdot)
 
-    @cached_property
-    def _while_q_changes(self) -> tuple[Any, ...]:
+    def _along_q(self, function: Callable, of: Callable) -> Any:
         e = self._e
-        return (objects(e.parameters), *e.moving(e.v), objects(e.v))
+        return e.differentiated(function, of, e.parameters, *e.prepared_and_rates(), e.q, e.v)
 
     @cached_property
     def _power_of_q(self) -> Any:
-        return _rate_of_energy(self._e.scene.energies, *self._while_q_changes)
+        return self._along_q(_power_of_q, self._e.scene.energies)
 
     def power(self, vdot: Array) -> tuple[Any, Any]:
         """Return the shares of q and of v in d(T+U)/dt, W."""
@@ -76,12 +85,11 @@ class _Rates:
 
     @cached_property
     def _velocities_of_q(self) -> tuple[Array, Array]:
-        along_q = np.concatenate(self._e.scene.velocities(*self._while_q_changes), axis=1)
-        return each(value, along_q), rate(along_q)
+        return self._along_q(_velocities_of_q, self._e.scene.velocities)
 
     def bodies(self, vdot: Array) -> Array:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
-        along_v = self._along_v(_rates_along, self._e.scene.velocities, vdot)
+        along_v = self._along_v(_velocities_along, self._e.scene.velocities, vdot)
         return doubles([*self._velocities_of_q, along_v])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,8 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.dual import duals, rate, value
-from eomcheck.numbers.entries import each, map_record, objects
-from eomcheck.numbers.lanes import doubles
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.entries import map_record, objects
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
@@ -118,11 +116,7 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
     if at.speeds.W is not None:
-        prepared, _ = at.moving(at.v)
-        still, rates = (map_record(partial(each, of), prepared) for of in (value, rate))
-        if not look.exact:
-            still, rates = (map_record(doubles, of) for of in (still, rates))
-        here = at.parameters, still, rates, at.q, at.v, at.u
+        here = at.parameters, *at.prepared_and_rates(), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
         told, names = measured_where(look.speeds_told), (at.scene.coordinate_names,)

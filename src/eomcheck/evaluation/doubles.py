@@ -7,7 +7,7 @@ is measured by perturbed copies, see `eomcheck.evaluation.sensitivity`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -22,7 +22,9 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.lanes import doubles
 from eomcheck.numbers.linear import Solve, Watch, watching
 
 T = TypeVar("T")
@@ -93,13 +95,15 @@ class Evaluation(Quantities):
         with np.errstate(all="ignore"):
             return function(*arguments)
 
-    def unmoved(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that makes objects on the way, in machine code.
+    def differentiated(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that makes dual numbers on the way, in machine code if it can."""
+        with suppress(TypeError):
+            return MOVES.unmoved(function, *arguments)
+        return self.call(function, *arguments)
 
-        Raises:
-            TypeError: it does more than rational operations.
-        """
-        return MOVES.unmoved(function, *arguments)
+    def prepared_and_rates(self) -> tuple[Any, Any]:
+        """Return what is prepared, and how fast it changes, in doubles."""
+        return map_record(doubles, super().prepared_and_rates())
 
     def kept(self, function: Callable[[Evaluation], T]) -> T:
         """Return function(self), found when it is first asked for."""

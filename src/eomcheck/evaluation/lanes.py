@@ -88,9 +88,9 @@ class LaneEvaluation(Evaluation):
         """Watch the matrices that are solved."""
         return watching(conditions=self.conditions)
 
-    def unmoved(self, function: Callable, *arguments) -> Any:
-        """Call a generic function without noise, see `Evaluation`."""
-        return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+    def differentiated(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that makes dual numbers on the way."""
+        return self.call(function, *arguments)
 
     def _packed(self, x: Any) -> Any:
         return doubles(x) if isinstance(x, np.ndarray) and lanes_in(x) else x

@@ -61,6 +61,10 @@ class Moved(Evaluation):
         """Return `record`, perturbed."""
         return self.noise.record(record)
 
+    def differentiated(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that makes dual numbers on the way, each operation perturbed."""
+        return self.call(function, *arguments)
+
     def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
         """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
         return watching(self.noise, self._original.solves.get(key) if key else None)

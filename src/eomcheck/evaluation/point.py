@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.dual import Dual, Recorder, Replay, duals
+from eomcheck.numbers.dual import Dual, Recorder, Replay, duals, rate, value
 from eomcheck.numbers.entries import each, map_record
 from eomcheck.numbers.generic import NotRationalError, generic
 
@@ -108,6 +108,10 @@ class Quantities:
         """Call a generic function."""
         return function(*arguments)
 
+    def differentiated(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that makes dual numbers on the way."""
+        return self.call(function, *arguments)
+
     def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices of its own, under this name.
 
@@ -157,6 +161,11 @@ class Quantities:
         q, t = duals(self.q, qdot), Dual(self.t, int(clock))
         replay = Replay(self._made)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
+
+    def prepared_and_rates(self) -> tuple[Any, Any]:
+        """Return what is prepared, and how fast it changes while q changes at v."""
+        prepared, _ = self.moving(self.v)
+        return map_record(partial(each, value), prepared), map_record(partial(each, rate), prepared)
 
     @quantity
     def v(self) -> Array:
