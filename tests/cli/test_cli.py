@@ -19,8 +19,9 @@ from eomcheck.cli.checking import REGISTRIES
 from eomcheck.errors import WorkerError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.findings import RUNS
-from eomcheck.lab.store.records import Records
-from eomcheck.scenes import SCENES
+from eomcheck.lab.store.records import Records, record_of_rows
+from eomcheck.lab.studies import rhs
+from eomcheck.scenes import SCENES, Snake
 
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
@@ -282,7 +283,7 @@ def test_bench_rhs_times_what_was_asked_for(monkeypatch, capsys, tmp_path):
     arguments = ["--links", "3", "--links", "5", "--formulation", "kane", "--repeats", "2"]
     assert run("bench", "rhs", *arguments, "--json", str(file), monkeypatch=monkeypatch) == 0
     timings = json.loads(file.read_text(encoding="utf-8"))["timings"]
-    names = {"sin, cos", "kane", "pinocchio"}
+    names = {"sin, cos", "kane", "kane, 8 lanes", "pinocchio"}
     if shutil.which("gcc") or shutil.which("cc"):
         names.add("casadi, C")
     assert {(t["what"], t["links"]) for t in timings} == {
@@ -291,6 +292,30 @@ def test_bench_rhs_times_what_was_asked_for(monkeypatch, capsys, tmp_path):
     assert all(t["seconds"] > 0 for t in timings)
     printed = capsys.readouterr().out
     assert "N = 5" in printed
+
+
+def test_bench_rhs_times_what_has_no_constraints_beside_aba(monkeypatch, capsys, tmp_path):
+    # Not all its coordinates are angles, nor those that are in a row.
+    file = tmp_path / "timings.json"
+    crane = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
+    arguments = ["--scene", str(crane), "--formulation", "kane", "--repeats", "2"]
+    arguments += ["--json", str(file)]
+    assert run("bench", "rhs", *arguments, monkeypatch=monkeypatch) == 0
+    timings = json.loads(file.read_text(encoding="utf-8"))["timings"]
+    assert {"sin, cos", "kane", "kane, 8 lanes", "pinocchio, aba"} <= {t["what"] for t in timings}
+
+
+def test_bench_rhs_counts_lanes_by_the_state(monkeypatch):
+    called = []
+    monkeypatch.setattr(rhs, "repeated", lambda *_: called.append)
+    rhs._lanes_call(FORMULATIONS["kane"], *rhs.bench_state(Snake, 3))(17)
+    assert called == [3]
+
+
+def test_bench_rhs_needs_no_angles():
+    timings = [rhs.Timing("slide", "kane", 0, 1e-9, (1e-9, 1e-9), 0.1)]
+    (sheet,) = rhs.sheets([record_of_rows("rhs", {}, timings)])
+    assert tuple(sheet.rows[0][:2]) == ("kane", "1 ns") and not sheet.note
 
 
 def test_bench_tolerance_prints_the_constant(monkeypatch, capsys):

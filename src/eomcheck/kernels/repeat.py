@@ -79,7 +79,7 @@ def along(address: int, last: np.ndarray, t: np.ndarray, y: np.ndarray, out: np.
 
 
 def sines(x: np.ndarray) -> Callable[[int], None]:
-    """Return what makes the sines and cosines of angles x (k,), rad, so many times, by libm."""
+    """Return what makes the sines and cosines of angles x (k >= 1,), rad, so many times."""
     kinds = ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(_machine().address("angles"))
     x = np.ascontiguousarray(x, float)

@@ -2,9 +2,10 @@
 
 All in one run and one process: the right-hand sides as integrators call them, in a loop of machine
 code; the sines and cosines of the angles alone, by the C library; the same source for Kane's method
-as C code that CasADi writes, compiled by `gcc -O2` where there is a compiler; and Pinocchio's
-`computeAllTerms` and `forwardDynamics` on the same chain, called from Python as its users do.
-Medians of warm runs; what making them ready takes stands apart.
+as C code that CasADi writes, compiled by `gcc -O2` where there is a compiler; and Pinocchio on the
+same tree, called from Python as its users do: `aba`, or with constraints `computeAllTerms` and
+`forwardDynamics`. Kane's method in lanes counts by the state. Medians of warm runs; what making
+them ready takes stands apart.
 """
 
 from __future__ import annotations
@@ -41,10 +42,13 @@ from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, 
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.right_hand_side import RightHandSide
+from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
+from eomcheck.motion.starts import in_lanes
 from eomcheck.motion.state import state_of
 from eomcheck.motion.trace import parameter_arrays, record_of
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.dual import Recorder
+from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.symbolic import Symbols
 from eomcheck.scenes import Snake
 from eomcheck.scenes.named import kinds_of
@@ -56,8 +60,11 @@ BATCH_SECONDS = 0.02
 """A timed batch repeats the call until it takes about this long."""
 
 TRIGONOMETRY = "sin, cos"
+KANE = "kane"
+LANES = 8
 CASADI = "casadi, C"
 PINOCCHIO = PinocchioEngine.key
+ABA = f"{PINOCCHIO}, aba"
 
 
 @dataclass(frozen=True)
@@ -165,6 +172,25 @@ def rate_call(at: Evaluation, formulation: Formulation) -> Call:
     return lambda count: (call(count), alive)[0]
 
 
+def _angles(scene: Scene, q: Array) -> Array:
+    """Return the angles (k,), rad, whose sines and cosines the scene asks for."""
+    recorder = Recorder(FLOAT64)
+    scene.prepare(recorder, scene.parameters(FLOAT64), q, 0.0)
+    made = [one.value for one in recorder.made if isinstance(one, Angles)]
+    return np.concatenate([np.empty(0), *made])
+
+
+def _lanes_call(formulation: Formulation, scene: Scene, q: Array, u: Array) -> Call:
+    """Return what calls the right-hand side for `LANES` states at once, so many in all."""
+    kernel = kernel_of(scene, formulation, width=LANES)
+    y = np.ascontiguousarray(np.tile(np.concatenate((q, u))[:, None], LANES))
+    t, out = np.zeros(LANES), np.empty((kernel.size, LANES))
+    last = kernel.handed(kernel.block(in_lanes([scene] * LANES)))
+    call = repeated(kernel.address, *(x.ctypes.data for x in (out, t, y, last)))
+    alive = kernel, y, t, out, last
+    return lambda count: (call(-(-count // LANES)), alive)[0]
+
+
 def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     """Return Kane's right-hand side in C as CasADi writes it, by the compiler; None without one."""
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -181,7 +207,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     at = Quantities(scene, symbols, y[: scene.n], time_now)
     at.parameters = record_of(scene, given)
     at.u = y[scene.n :]
-    rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS["kane"].solution(*at.bodies))
+    rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS[KANE].solution(*at.bodies))
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
     generator = symbols.casadi.CodeGenerator("kane.c")
     generator.add(function)
@@ -204,7 +230,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     return lambda count: (call(count), alive)[0]
 
 
-def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
+def _pinocchio_call(scene: Scene, q: Array, u: Array) -> tuple[str, Call]:
     pin = required(PINOCCHIO)
     at = Evaluation(scene, q, velocity(scene, q, u))
     engine = PinocchioEngine(scene)
@@ -212,15 +238,22 @@ def _pinocchio_call(scene: Scene, q: Array, u: Array) -> Call:
     back = np.linalg.inv(T)
     Q = np.zeros(scene.n) if at.terms.Q is None else at.terms.Q
     x, xd, force = T @ at.q, T @ at.v, back.T @ Q
-    jacobian, drift = at.terms.a @ back, at.terms.gamma
     model, data = engine.model, engine.data
 
-    def call(count: int) -> None:
+    def aba(count: int) -> None:
+        for _ in range(count):
+            pin.aba(model, data, x, xd, force)
+
+    if at.terms.a is None:
+        return ABA, aba
+    jacobian, drift = at.terms.a @ back, at.terms.gamma
+
+    def constrained(count: int) -> None:
         for _ in range(count):
             pin.computeAllTerms(model, data, x, xd)
             pin.forwardDynamics(model, data, force, jacobian, drift)
 
-    return call
+    return PINOCCHIO, constrained
 
 
 # ---- The study -----------------------------------------------------------------------------------
@@ -273,16 +306,21 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
             for n in chosen:
                 scene, q, u = bench_state(kind, n, parameters(settings.get("set")))
                 size = n or 0
-                yield TRIGONOMETRY, size, sines(q[scene.angle_coordinates])
+                if (angles := _angles(scene, q)).size:
+                    yield TRIGONOMETRY, size, sines(angles)
                 for f in formulations:
                     if f.linear or keys is not None or size <= DENSE_LIMIT:
                         yield f.key, size, _formulation_call(f, scene, q, u)
+                for f in formulations if size <= DENSE_LIMIT else ():
+                    if f.key == KANE:
+                        yield f"{KANE}, {LANES} lanes", size, _lanes_call(f, scene, q, u)
                 if size <= DENSE_LIMIT and (call := _casadi_call(scene, q, u)) is not None:
                     yield CASADI, size, call
-                if size <= DENSE_LIMIT and PinocchioEngine.represents(scene) and scene.r:
-                    yield PINOCCHIO, size, _pinocchio_call(scene, q, u)
+                if size <= DENSE_LIMIT and PinocchioEngine.represents(scene):
+                    what, call = _pinocchio_call(scene, q, u)
+                    yield what, size, call
 
-        repeats, count = settings["repeats"], len(chosen) * (len(formulations) + 3)
+        repeats, count = settings["repeats"], len(chosen) * (len(formulations) + 4)
         with progress("making code and timing", (1 + repeats) * count) as advance:
             timings = time_calls(kind.key, jobs(), repeats, advance)
         return record_of_rows(STUDY.key, settings, timings)
@@ -301,20 +339,21 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             large = [(one.links, one.seconds) for one in mine if one.links >= 100]
             fitted = f"{slope(large):.3f}" if len(large) > 1 else ""
             making = seconds_text(max(one.compile_seconds for one in mine))
-            cells = (_beside_sines(at.get((what, n)), at[TRIGONOMETRY, n]) for n in links)
+            cells = (_beside_sines(at.get((what, n)), at.get((TRIGONOMETRY, n))) for n in links)
             table.append((what, *cells, fitted, making))
         sizes = (f"N = {n}" if n else key for n in links)
         columns = ("right-hand side", *sizes, "slope, N >= 100", "making it")
         title = f"Median time of one right-hand side, {key}"
         note = "In brackets the ratio to the sines and cosines of the N angles alone."
+        note = note if any(what == TRIGONOMETRY for what, _ in at) else ""
         sheet = Sheet(f"rhs-{key}", title, columns, table, note=note)
         known = any(row[-2] for row in table)
         yield sheet if known else sheet.without("slope, N >= 100")
 
 
-def _beside_sines(one: Timing | None, sines: Timing) -> str:
-    if one is None:
-        return ""
+def _beside_sines(one: Timing | None, sines: Timing | None) -> str:
+    if one is None or sines is None:
+        return "" if one is None else seconds_text(one.seconds)
     return f"{seconds_text(one.seconds)} ({one.seconds / sines.seconds:.3g} ×)"
 
 
