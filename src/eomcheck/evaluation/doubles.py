@@ -15,16 +15,17 @@ import numpy as np
 from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.point import Quantities, quantity
+from eomcheck.evaluation.point import Quantities, quantity, values_and_rates
 from eomcheck.evaluation.rank import independent_partition
 from eomcheck.evaluation.tolerance import allowed_error, conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.dual import Dual, Replay, duals
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.lanes import doubles
+from eomcheck.numbers.lanes import doubles, lanes_in
 from eomcheck.numbers.linear import Solve, Watch, watching
 
 T = TypeVar("T")
@@ -55,6 +56,12 @@ class Acceleration:
     multipliers: Array | None
     rcond: dict[str, float]
     error_bound: float
+
+
+def _prepared_while(prepare: Callable, parameters: Any, made: tuple, *state: Array) -> Any:
+    """Return what is prepared, and how fast it changes, of angles and roots, q, v and t (1,)."""
+    q, v, t = state
+    return values_and_rates(prepare(Replay(made), parameters, duals(q, v), Dual(t[0], 1)))
 
 
 class Evaluation(Quantities):
@@ -103,7 +110,10 @@ class Evaluation(Quantities):
 
     def prepared_and_rates(self) -> tuple[Any, Any]:
         """Return what is prepared, and how fast it changes, in doubles."""
-        return map_record(doubles, super().prepared_and_rates())
+        self.prepared  # noqa: B018  (what it is made of is needed)
+        t = self.t if lanes_in(self.t) else np.full(1, self.t)
+        here = self.parameters, tuple(self._made), self.q, self.v, t.reshape(1)
+        return map_record(doubles, self.differentiated(_prepared_while, self.scene.prepare, *here))
 
     def kept(self, function: Callable[[Evaluation], T]) -> T:
         """Return function(self), found when it is first asked for."""

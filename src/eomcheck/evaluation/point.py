@@ -165,7 +165,7 @@ class Quantities:
     def prepared_and_rates(self) -> tuple[Any, Any]:
         """Return what is prepared, and how fast it changes while q changes at v."""
         prepared, _ = self.moving(self.v)
-        return map_record(partial(each, value), prepared), map_record(partial(each, rate), prepared)
+        return values_and_rates(prepared)
 
     @quantity
     def v(self) -> Array:
@@ -286,3 +286,8 @@ class Quantities:
         """Return v̇ (n,) of u̇ (p,)."""
         W, rest, _ = self.speeds
         return rate_of_velocity(udot, W, rest)
+
+
+def values_and_rates(record: Any) -> tuple[Any, Any]:
+    """Return the values of dual numbers in a record, and their derivatives."""
+    return map_record(partial(each, value), record), map_record(partial(each, rate), record)
