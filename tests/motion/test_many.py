@@ -135,20 +135,39 @@ def test_a_refused_and_a_failing_motion_leave_the_good_ones_alone():
     scene = Snake.pattern(3)
     q, v = np.tile(scene.initial_state(), (5, 1, 1)).transpose(1, 0, 2)
     v[1, 0] = 1.0
-    q[3] = 0.0
-    q[3, 2:] = -scene.wheel_angle
-    v[3] = 0.0
+    v[3] = eomcheck.velocity(scene, q[3], [1e200, 0.0])
     options = {"output_times": TIMES, "max_steps": 1000}
     found = simulate_many(scene, "em", 0.3, q0=q, v0=v, **options)
     assert list(found.status) == ["finished", "refused", "finished", "failed", "finished"]
     assert "v violates the constraint" in found.reason[1]
-    assert "not finite at t = 0 s: the 3 x 3 matrix a_1 is singular" in found.reason[3]
+    assert "the right-hand side is not finite at t = 0 s" in found.reason[3]
     assert np.isnan(found.q[1]).all() and np.isnan(found.energy[1]).all()
     assert np.isfinite(found.q[3, 0]).all() and np.isnan(found.q[3, 1:]).all()
     assert (found[1].times.size, found[3].times.size, found.right_hand_sides[1]) == (0, 1, 0)
     alone = simulate_many(scene, "em", 0.3, q0=q[:1], v0=v[:1], **options)
     assert_same(found, alone, slice(0, 1))
     assert_same(found, alone, slice(4, 5))
+
+
+HUGE_LINK = Snake([1, 6], [1.3e7, 1], [0, 1], [100], [0.07371643262453738, 0.0737164326245372])
+PARALLEL = {
+    "exactly": (Snake.pattern(2), np.append(np.zeros(2), -Snake.pattern(2).wheel_angle)),
+    "nearly": (HUGE_LINK, np.array([0, 0, -1.6402650350481838, -1.6402650350481836])),
+}
+
+
+@pytest.mark.parametrize("key", ["em", "el", "kane"])
+@pytest.mark.parametrize("how", PARALLEL)
+def test_a_start_with_parallel_wheels_is_refused_as_an_acceleration_is(key: str, how: str):
+    # Where wheels are parallel to rounding, a motion by em went on from there, and was wrong.
+    scene, q = PARALLEL[how]
+    found = simulate_many(scene, key, 0.1, q0=[q], v0=[np.zeros(4)], output_times=[0.1])
+    if key == "kane":
+        assert found.status[0] == "finished"
+        return
+    with pytest.raises(RefusedError) as refusal:
+        eomcheck.acceleration(scene, key, q, np.zeros(4))
+    assert (found.status[0], found.reason[0]) == ("refused", str(refusal.value))
 
 
 @pytest.mark.parametrize("key", ["kane", "im"])

@@ -50,14 +50,14 @@ def _row_sum(matrix: Any) -> float:
 def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
-    F_sensitivity = look.sensitivity(lambda e: e.F)
     motions, told = (None, True) if a is None else _allowed_motions(at, look)
     for f, x in look.solutions:
-        residual, names = M @ x.vdot - at.F, at.scene.coordinate_names
+        residual, names = _left(x, at), at.scene.coordinate_names
         terms = magnitude(M, x.vdot) + magnitude(at.F)
-        sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + F_sensitivity
+        # Not all that is lost in M is lost in q̈: Kane's method sums without it.
+        of_terms = look.sensitivity(partial(_left, x))
+        sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + of_terms
         if a is not None and x.multipliers is not None:
-            residual = residual - a.T @ x.multipliers
             terms = terms + magnitude(a.T, x.multipliers)
             sensitivity += _row_sum(a.T) * look.multiplier_sensitivity(f)
         elif motions is not None:
@@ -68,6 +68,12 @@ def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
             sensitivity = where(told, sensitivity, np.inf)
         scale = largest(terms)
         yield vanishing(f.key, residual, (names,), scale, sensitivity + scale)
+
+
+def _left(x: Any, e: Quantities) -> Array:
+    """Return M q̈ - F - aᵀλ (n,) of the q̈ and λ of a solution; without λ where it has none."""
+    net, a = e.terms.M @ x.vdot - e.F, e.terms.a
+    return net if a is None or x.multipliers is None else net - a.T @ x.multipliers
 
 
 def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, Any]:

@@ -123,9 +123,10 @@ def simulate_many(
     """Integrate m motions of `scene` from t = 0 to `t_end` by DOP853, several at a time.
 
     Each motion has its own steps and errors. Its results are the same bits whatever m, `lanes` and
-    the executor are. Other than by `simulate`, no condition number is looked at: a matrix that is
-    singular to rounding only goes unnoticed. A pose that a partition cannot cross is noticed if it
-    is crossed once between two output times.
+    the executor are. A start where constraints nearly depend on each other is refused as by
+    `simulate`; later no condition number is looked at: a matrix that is singular to rounding only
+    goes unnoticed. A pose that a partition cannot cross is noticed if it is crossed once between
+    two output times.
 
     Args:
         scene: the scene.

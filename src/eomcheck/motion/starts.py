@@ -1,8 +1,9 @@
 """Initial state vectors of many motions, in lanes; one by one only where a start is in doubt.
 
 A start is in doubt where a velocity keeps the constraints hardly, or where the digits of one that
-generalized speeds give may be lost: where moving all that it is made of moves it too far. Such a
-start is then checked as that of a single motion is.
+generalized speeds give may be lost: where moving all that it is made of moves it too far; and where
+constraints nearly depend on each other, or on the independent velocities alone. Such a start is
+then checked as that of a single motion is.
 """
 
 from __future__ import annotations
@@ -14,18 +15,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import EomcheckError, InputError, named
+from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene, finite_array
+from eomcheck.motion.crossing import solves_partition
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import initial
 from eomcheck.motion.state import number_of_speeds, state_size
 from eomcheck.motion.trace import Traced, parameter_arrays, quantities_on, traced_kernel
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import each
+from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
+from eomcheck.numbers.pivots import EPS
 from eomcheck.numbers.tape import Tape
 
 MARGIN = 100.0
@@ -98,7 +103,8 @@ def starts_on(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced
     """Put on a tape what follows from (q, u) `by_speeds`, or (q, v).
 
     Its outputs are `v` (n,), the `speeds` of the state vector, and, where there are constraints,
-    a v + b as `residual` (r,) and |a| |v| + |b| as `size` (r,).
+    a v + b as `residual` (r,), |a| |v| + |b| as `size` (r,), and what is solved of a as `solved`
+    (`_solved`).
     """
     tape, n = Tape(), scene.n
     y = tape.inputs("y", (n + (scene.p if by_speeds else n),))
@@ -117,8 +123,18 @@ def starts_on(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced
         terms = np.concatenate([tape.numbers(part) for part in parts], axis=1)
         found["residual"] = terms.sum(axis=1)
         found["size"] = each(lambda x: (x * x).sqrt(), terms).sum(axis=1)
+        found["solved"] = a[:, _solved(at, formulation)].ravel()
     outputs = {name: [tape.number(x).place for x in values] for name, values in found.items()}
     return Traced(tape, at, y, outputs)
+
+
+def _solved(at: Quantities, formulation: Formulation) -> Array:
+    """Return the columns of a without which no start is in doubt: where they are dependent."""
+    if formulation.linear or formulation.redundant:
+        return np.empty(0, int)
+    if solves_partition(at.scene, formulation):
+        return at.partition.dependent
+    return np.arange(at.scene.n)
 
 
 def lanes_of(count: int, width: int) -> list[Array]:
@@ -148,7 +164,8 @@ def state_vectors(
     scene = starts[0].scene
     outputs = {"v": scene.n, "speeds": number_of_speeds(scene, formulation)}
     if scene.r > 0:
-        outputs |= {"residual": scene.r, "size": scene.r}
+        columns = len(_solved(Quantities(scene, FLOAT64, starts[0].q), formulation))
+        outputs |= {"residual": scene.r, "size": scene.r, "solved": scene.r * columns}
     kernel = traced_kernel(starts_on, scene, formulation, outputs, width, by_speeds=by_speeds)
     out = np.zeros((len(starts), state_size(scene, formulation)))
     reasons = [""] * len(starts)
@@ -165,7 +182,10 @@ def state_vectors(
                     scene.refuse_speeds(q)
                 if not fine:
                     both = (None, asked) if by_speeds else (asked, None)
-                    out[i] = Motion(scene, formulation, *initial(scene, q, *both)).y0
+                    motion = Motion(scene, formulation, *initial(scene, q, *both))
+                    out[i] = motion.y0
+                    if (here := motion.evaluation(motion.y0, 0.0)) is not None:
+                        here.acceleration(formulation)
             except EomcheckError as error:
                 out[i], reasons[i] = np.nan, str(error)
     return out, reasons
@@ -187,6 +207,7 @@ def _examined(
         if "size" in here:
             allowed = allowed_error(1.0) * here["size"]
             sound = sound & (np.abs(here["residual"]) <= allowed / 4).all(axis=0)
+            sound = sound & _independent(here["solved"].T.reshape(kernel.width, len(allowed), -1))
         size = np.abs(v).max(axis=0)
         for seed in range(SAMPLES if by_speeds and size.any() else 0):
             noise = Noise(seed)
@@ -195,3 +216,17 @@ def _examined(
             spread = size + np.abs(there - v).max(axis=0) / STEP
             sound = sound & (MARGIN * allowed_error(1.0) * spread <= NOTICEABLE * size)
     return speeds, np.asarray(sound)
+
+
+def _independent(a: Array) -> Array:
+    """Return of which matrices (lanes, r, columns) the rows are independent beyond doubt."""
+    lanes, r, columns = a.shape
+    if columns == 0:
+        return np.ones(lanes, bool)
+    with np.errstate(all="ignore"):
+        a = a / np.abs(a).max(axis=2, keepdims=True)
+        if columns == r:
+            a = a / np.abs(a).max(axis=1, keepdims=True)
+    usable = np.asarray(np.isfinite(a).all(axis=(1, 2)))
+    values = np.linalg.svd(np.where(usable[:, None, None], a, 0.0), compute_uv=False)
+    return usable & (values[:, -1] > MARGIN * r * EPS * values[:, 0])
