@@ -33,7 +33,7 @@ def observations_on(scene: Scene, formulation: Formulation) -> Traced:
     tape, at, y, speeds = state_on_tape(scene, formulation)
     here = at.parameters, at.prepared, at.q
     take_speeds(at, formulation, speeds)
-    if formulation.state == "q, u":
+    if formulation.uses == "bodies":  # as its right-hand side does: others round differently
         at.v = at.qdot
     T, U = scene.energies(*here, at.v)
     seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
