@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
+from eomcheck.evaluation import closing
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closed_position, closing_error
 from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.numbers.decompositions import least_squares
 from eomcheck.scenes import SCENES, FourBarChain
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
@@ -24,6 +26,13 @@ def test_an_open_chain_from_which_no_direction_leads_on_is_not_returned_as_close
     """Stretched out backwards its gap is 2 m, along the bars, which cannot change it."""
     with pytest.raises(RefusedError, match="no closed position is found"):
         closed_position(FourBarChain.rods(1), [np.pi, 0.0, 0.0])
+
+
+def test_a_search_that_overflows_is_refused(monkeypatch):
+    assert np.isnan(least_squares(np.array([[np.inf, 1.0]]), np.ones(1))).all()
+    monkeypatch.setattr(closing, "least_squares", lambda a, b: np.full(a.shape[1], np.nan))
+    with pytest.raises(RefusedError, match="no closed position is found"):
+        closed_position(FourBarChain.rods(1), [0.3, 1.0, 2.0])
 
 
 @pytest.mark.sampled(2)

@@ -25,7 +25,7 @@ from eomcheck.claims.trial import answer, compared, inertia_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.sensitivity import sensitivity_of
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
 from eomcheck.numbers.contract import Array
@@ -49,7 +49,14 @@ def null_space_embedding(at: Quantities, look: Look) -> Iterator[Sides | Skipped
             yield Skipped(subject, str(refusal))
         else:
             # Where w grows from row to row, so does what was rounded in it before.
-            yield vanishing(subject, at.terms.a @ w, names, size(at.terms.a, w))
+            told = measured_where(look.exact or _has_digits(look, w, partition))
+            yield vanishing(subject, at.terms.a @ w, names, size(at.terms.a, w), told)
+
+
+def _has_digits(look: Look, w: Array, partition: Partition) -> Any:
+    """Return whether rounding leaves digits of w: none where a_1 is nothing but rounding."""
+    lost = allowed_error(look.sensitivity(lambda e: embedding(e, partition)))
+    return lost <= INCONCLUSIVE * largest(w)
 
 
 @claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
@@ -115,15 +122,16 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
     if not look.has_speeds:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
+    told = measured_where(look.speeds_told)
     if at.speeds.W is not None:
         here = at.parameters, *at.prepared_and_rates(), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
-        told, names = measured_where(look.speeds_told), (at.scene.coordinate_names,)
+        names = (at.scene.coordinate_names,)
         yield Sides("rest", rest, expected, names, sensitivity=told, may_vanish=True)
     if a is not None:
         names, terms = (at.scene.constraint_names,), size(a, rest) + size(gamma)
-        sides = vanishing("ml, kane", a @ rest + gamma, names, terms)
+        sides = vanishing("ml, kane", a @ rest + gamma, names, terms, told)
         # Rods that stay parallel leave nothing of gamma, and of rest.
         yield sides._replace(may_vanish=True)
 

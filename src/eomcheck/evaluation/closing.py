@@ -8,6 +8,7 @@ import numpy as np
 
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.decompositions import least_squares
 
 if TYPE_CHECKING:
     from eomcheck.evaluation.doubles import Evaluation
@@ -42,8 +43,10 @@ def newton(at: Evaluation, q: Array, kept: Any = None) -> tuple[Array, float, bo
     for _ in range(CLOSING_STEPS):
         here = at.elsewhere(q)
         residual, rates = position_residual(here)[places], here.terms.a[rows[places]]
-        last, correction = step, np.linalg.lstsq(rates, residual, rcond=None)[0]
+        last, correction = step, least_squares(rates, residual)
         step, q = largest(correction), q - correction
+        if not np.isfinite(step):
+            return q, np.inf, False
         if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
             return q, step, True
     return q, step, False

@@ -21,6 +21,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, 
 from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.decompositions import least_squares
 from eomcheck.numbers.pivots import EPS
 
 
@@ -124,7 +125,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
         rows = np.abs(a * units).max(axis=1) if relative else np.ones(len(a))
         rows[rows == 0] = 1.0
         matrix = a * units / rows[:, None]
-        v = start - units * np.linalg.lstsq(matrix, left / rows, rcond=None)[0]
+        v = start - units * least_squares(matrix, left / rows)
     for power in (1, 2) if least > 1 / 4 else ():
         # What cannot move at all moves by no rounding either, nor by the rounding of rounding.
         negligible = allowed_error(1.0) ** power * largest(v)

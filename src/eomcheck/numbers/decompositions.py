@@ -31,10 +31,13 @@ def singular_values(a: Any) -> Any:
 
 
 def least_squares(a: Any, b: Any) -> Any:
-    """Return the smallest x that minimizes |a x - b|, b (m,) or (m, k)."""
+    """Return the smallest x that minimizes |a x - b|, b (m,) or (m, k); NaN after an overflow."""
     lanes = lanes_in(a)
     if not lanes:
-        return np.linalg.lstsq(a, b, rcond=None)[0]
+        try:
+            return np.linalg.lstsq(a, b, rcond=None)[0]
+        except np.linalg.LinAlgError:  # singular values of infinite entries
+            return np.full((a.shape[1], *b.shape[1:]), np.nan)
     U, s, Vh = _svd(a)
     k = s.shape[-1]
     with np.errstate(all="ignore"):

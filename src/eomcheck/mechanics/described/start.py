@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.decompositions import least_squares
 from eomcheck.numbers.float64 import FLOAT64
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def started(scene: Mechanism) -> tuple[Array, Array]:
         a, _, residual = _held(scene, given, q)
         if residual is None:
             break
-        step = np.linalg.lstsq(a[scene.holonomic], residual, rcond=None)[0]
+        step = least_squares(a[scene.holonomic], residual)
         q = q - step
         if not np.isfinite(q).all() or np.abs(q - pose).max() > 10.0:
             q = pose
@@ -42,7 +43,7 @@ def started(scene: Mechanism) -> tuple[Array, Array]:
         if np.abs(step).max() <= 4 * np.finfo(np.float64).eps * max(1.0, np.abs(q).max()):
             break
     a, b, _ = _held(scene, given, q)
-    return q, np.zeros(scene.n) if b is None else np.linalg.lstsq(a, -b, rcond=None)[0]
+    return q, np.zeros(scene.n) if b is None else least_squares(a, -b)
 
 
 def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
