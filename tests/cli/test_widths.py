@@ -14,6 +14,7 @@ import pytest
 import typer
 from rich.cells import cell_len
 from tests.cli.test_cli import plant_in_au, run
+from tests.widths import WIDTHS, check_fits
 
 import eomcheck
 from eomcheck import cli
@@ -21,8 +22,6 @@ from eomcheck.cli.study import GROUPS
 from eomcheck.console import console
 from eomcheck.lab.fuzzing import rounds
 from eomcheck.lab.show import sheet
-
-WIDTHS = (40, 80, 140)
 
 COMMANDS = {
     "doors": "",
@@ -67,22 +66,13 @@ def width(request, monkeypatch) -> Iterator[int]:
     console.width = before
 
 
-def check(text: str, width: int) -> None:
-    """Check that nothing is too long, cut, or squeezed to nothing."""
-    for line in text.splitlines():
-        assert cell_len(line) <= width, line
-    ours = re.sub(r"[\])}A-Z]\.\.\.|\(\.\.\.\)", "", text)  # "and so on" of click, and of a call
-    assert "…" not in ours and "..." not in ours
-    assert not re.search("[│┃] ?[│┃]", text), "a column without any room"
-
-
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, monkeypatch, capsys):
     assert run(*COMMANDS[command].split(), monkeypatch=monkeypatch) in (0, 1)
     printed = capsys.readouterr().out
     assert printed.strip()
-    check(printed, width)
+    check_fits(printed, width)
     words = set(re.findall(r"[\w-]+", printed))
     if command in ("formulations", "scenes", "engines", "claims"):
         assert set(getattr(eomcheck, command.upper())) <= words, "no key is cut"
@@ -108,7 +98,7 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
     assert run("report", kept, "--markdown", page, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
     # The name of a file is whole, however long it is.
-    check(said.replace(page, "r.md"), width)
+    check_fits(said.replace(page, "r.md"), width)
     assert page in said
     assert run("export", kept, monkeypatch=monkeypatch) == 0
     head, *rows = capsys.readouterr().out.splitlines()
@@ -119,7 +109,7 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
 def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
     monkeypatch.setattr(rounds, "BATCH", 8)
     assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
-    check(capsys.readouterr().out, width)
+    check_fits(capsys.readouterr().out, width)
 
 
 def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
@@ -127,14 +117,14 @@ def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
     monkeypatch.chdir(robot.parent)
     how = "--engine", "pinocchio", "--states", "1"
     assert run("compare", robot.name, *how, monkeypatch=monkeypatch) in (0, 1)
-    check(capsys.readouterr().out, width)
+    check_fits(capsys.readouterr().out, width)
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("of", HELP, ids=" ".join)
 def test_help_fits_and_says_whole_sentences(of, width, monkeypatch, capsys):
     assert run(*of, "--help", monkeypatch=monkeypatch) == 0
-    check(capsys.readouterr().out, width)
+    check_fits(capsys.readouterr().out, width)
 
 
 def test_the_worst_is_shown_with_its_culprit_and_wide_tells_all(monkeypatch, capsys):

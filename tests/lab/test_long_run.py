@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
@@ -43,6 +44,7 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     assert abs(bound.errors["constraint_largest"]) < 1e-10
     assert all(r.errors["energy_largest"] < 1e-4 for r in found)
     print_sheets(STUDY.sheets(found))
+    check_sheets_fit(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "feedback" in said and "exponent" in said
     STUDY.write(found, tmp_path)

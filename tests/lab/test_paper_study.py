@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.widths import check_sheets_fit
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
@@ -269,6 +270,7 @@ def test_a_motion_that_failed_is_compared_with_nothing_and_named():
 
 def test_tables_and_figures_are_written(tmp_path: Path):
     records = made_up()
+    check_sheets_fit(sheets(records))
     written = PAPER_STUDY.write(records, tmp_path)
     tables = [path for path in written if path.suffix == ".md"]
     assert [path.name for path in tables] == [f"{sheet.name}.md" for sheet in sheets(records)]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import image
+from tests.widths import check_sheets_fit
 
 from eomcheck.errors import RefusedError, UnknownNameError
 from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, accuracy
@@ -329,6 +330,7 @@ def test_digits_lost_count_from_those_that_doubles_have():
 
 def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentation(tmp_path: Path):
     silent = record(1e-4, 1e-3, 1e-9, "20 links")
+    check_sheets_fit(ATLAS.sheets([*RECORDS, silent, *_cheap()]))
     paths = ATLAS.write([*RECORDS, silent, *_cheap()], tmp_path)
     assert [path.name for path in paths] == [
         "stability.png",

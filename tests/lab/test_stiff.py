@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.machine_code import evaluated
 from tests.samples import ordinary
+from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
@@ -186,6 +187,7 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
         if r.settings.get("tolerance") == 1e-6:
             assert r.errors["floor"] < r.errors["final"] < 1e-2
     print_sheets(STUDY.sheets(found))
+    check_sheets_fit(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "No run failed" in said and "cheaper ones from this k on" in said
     written = STUDY.write(found, tmp_path)

@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
 from eomcheck.lab.report.overview import Overview, read
@@ -56,6 +57,7 @@ def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_
     sheets = list(study.sheets(found))
     assert sheets and all(sheet.rows for sheet in sheets)
     assert all(len(row) == len(sheet.columns) for sheet in sheets for row in sheet.rows)
+    check_sheets_fit(sheets)
     written = study.write(found, tmp_path)
     assert len({path.name for path in written}) == len(written)
     json.dumps(study.document(found), allow_nan=False)

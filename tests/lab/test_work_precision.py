@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.widths import check_sheets_fit
 
 from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
@@ -110,6 +111,7 @@ def test_the_summary_is_made_from_the_numbers():
 
 
 def test_tables_name_what_failed_and_diagrams_are_drawn(tmp_path: Path, capsys):
+    check_sheets_fit(sheets(RECORDS))
     print_sheets(sheets(RECORDS))
     (line,) = (x for x in capsys.readouterr().out.splitlines() if "M is singular" in x)
     assert [cell.strip() for cell in line.split("│")[1:-1]] == [
