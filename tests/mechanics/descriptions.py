@@ -16,6 +16,7 @@ from eomcheck.mechanics.described.words import (
     knife_edge,
     on_line,
     on_plane,
+    on_quadric,
     pin,
     rolling_ball,
     rolling_circle,
@@ -121,6 +122,10 @@ OnTable = beside(
     "OnTable", "floating", on_plane("table", "b", "a", (0.1, 0.2, 1.0), AT, (0.0, 0.1, 0.0)),
     ("β_z",),
 )  # fmt: skip
+OnBowl = beside(
+    "OnBowl", "floating", on_quadric("bowl", "b", "a", (1.5, 0.7, -0.2), 0.1, (0.1, 0.2, -1.0), AT,
+                                     (0.0, 0.1, 0.0), (1.0, 0.2, 0.1, 0.3)), ("β_z",),
+)  # fmt: skip
 Geared = beside("Geared", "revolute", coupling("gear", "α", "β", 0.5, 0.2))
 Driven = beside("Driven", "revolute", drive("motor", "α", 0.1, 2.0, 0.3))
 
@@ -170,6 +175,7 @@ CLOSED = {
         Welded,
         Hinged,
         OnTable,
+        OnBowl,
         Geared,
         Driven,
         Skate,

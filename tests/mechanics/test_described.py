@@ -25,7 +25,7 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.dynamics import check_consistent, closed_position
 from eomcheck.mechanics.described import (
     closures,
     constraints,
@@ -40,7 +40,7 @@ from eomcheck.mechanics.described import (
 from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.words import Link, coupling, pin, square
+from eomcheck.mechanics.described.words import Link, coupling, on_quadric, pin, square
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
 
@@ -253,6 +253,35 @@ def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
         assert all((one.offset == kind().offset).all() for one in drawn)
 
 
+def on(name: str, constraint: words.Constraint) -> Mechanism:
+    """Return a small ball that hangs in space but for a constraint."""
+    links = [GROUND, Link("ball", 2.0, moments=(0.1, 0.1, 0.1))]
+    return mechanism(name, links, [words.Joint("b", "floating", "ground", "ball")], [constraint])()
+
+
+def test_a_ball_on_a_sphere_is_one_on_a_rod():
+    rod = on("OnRod", words.distance("held", "ball", "ground", 2.0))
+    sphere = on("OnSphere", words.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
+    q, v = np.zeros(6), np.zeros(6)
+    q[:3], v[:3] = (1.2, 0.0, -1.6), (0.8, 0.3, 0.6)
+    both = [eomcheck.acceleration(scene, "au", q, v).vdot for scene in (rod, sphere)]
+    np.testing.assert_allclose(*both, rtol=1e-14, atol=1e-14)
+
+
+def test_a_ball_closes_on_the_surface_that_is_meant():
+    sphere = on("OnSphere", words.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
+    q = closed_position(sphere, [1.0, 0.4, -1.5, 0.0, 0.0, 0.0])
+    assert np.linalg.norm(q[:3]) == pytest.approx(2.0, rel=1e-14)
+
+
+def test_a_ball_in_a_parabolic_bowl_runs_on_a_level_circle_at_one_rate():
+    bowl = words.on_quadric("bowl", "ball", "ground", (4.0, 4.0, 0.0), 0.0, (0.0, 0.0, -1.0))
+    q, v = np.zeros(6), np.zeros(6)
+    q[:3], v[1] = (0.3, 0.0, 2 * 0.3**2), 0.3 * np.sqrt(4.0 * 9.81)  # ω² = g k, at any radius
+    vdot = eomcheck.acceleration(on("InBowl", bowl), "kane", q, v).vdot
+    np.testing.assert_allclose(vdot[:3], (-0.3 * 4.0 * 9.81, 0.0, 0.0), atol=1e-13)
+
+
 # ---- What is refused -----------------------------------------------------------------------------
 
 BETA = turning("β", "a", "b")
@@ -270,6 +299,8 @@ BETA = turning("β", "a", "b")
         ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
         ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
         ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p': a point of 'a' = .nan"),
+        ({"constraints": [on_quadric("p", "a", "b", (0, 0, 0), 1.0)]}, "bends and slopes are 0"),
+        ({"constraints": [on_quadric("p", "a", "b", (1, np.nan, 0), 1.0)]}, "expected finite ones"),
         ({"constraints": [square("p", "a", (1, 0, 0), "a", (0, 1, 0))]}, "between 'a' and itself"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
         ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),

@@ -20,13 +20,6 @@ from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, L
 from eomcheck.mechanics.tree import PLANAR
 from eomcheck.numbers.float64 import FLOAT64
 
-NUMBERED = {
-    "coupling": "couplings",
-    "drive": "drives",
-    **dict.fromkeys(("distance", *ROLLING), "lengths"),
-}
-"""Kind of constraint -> the parameter that its numbers are part of."""
-
 REGULAR = 1e-12
 """Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
 far below what bodies of very different size come to, far above what rounding leaves of 0."""
@@ -189,8 +182,8 @@ def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
 
     points = tuple(kept("points", *point, True) for point in one.points)
     turned = tuple(kept("directions", *direction, False) for direction in directions)
-    name = NUMBERED.get(one.kind)
-    number = None if name is None else keep(name, one.numbers)
+    name = KINDS[one.kind].numbers
+    number = keep(name, one.numbers) if name else None
     coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
     return Closure(one.kind, one.name, points, turned, coordinates, number)
 

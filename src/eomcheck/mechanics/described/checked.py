@@ -14,11 +14,17 @@ from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import LONGEST, SHORTEST, Constraint, Joint, Link
 
-COUNTS = {1: "a number", 2: "two numbers", 3: "three numbers", 4: "four numbers"}
+COUNTS = {
+    1: "a number",
+    2: "two numbers",
+    3: "three numbers",
+    4: "four numbers",
+    7: "three bends, three slopes and a level",
+}
 
 NOT_NEGATIVE = "expected a number that is not negative"
 
-NUMBERS = {"distance": 1, "coupling": 2, "drive": 3, **dict.fromkeys(ROLLING, 1)}
+NUMBERS = {"distance": 1, "coupling": 2, "drive": 3, "on-quadric": 7, **dict.fromkeys(ROLLING, 1)}
 """Kind of constraint -> numbers that it has; others have none."""
 
 
@@ -121,6 +127,8 @@ def _check_constraint(one: Constraint) -> None:
         if one.kind in LENGTHS and one.numbers <= 0:
             what = LENGTHS[one.kind]
             raise InputError(f"{said}: {what} = {one.numbers} m, expected a positive number")
+        if one.kind == "on-quadric" and not any(one.numbers[:6]):
+            raise InputError(f"{said}: bends and slopes are 0, expected some that are not")
 
 
 def _check_numbers(said: str, value: Any, count: int = 1, sign: str = " = ") -> None:

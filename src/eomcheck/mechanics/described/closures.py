@@ -9,6 +9,7 @@ own vectors.
 - "hinge": a pin in space about a direction of the second frame: 2 rows more
 - "distance": two points keep their distance
 - "on-plane": a point of the first frame stays on a plane of the second
+- "on-quadric": it stays on a surface of the second order
 - "square": a direction of the first frame is perpendicular to one of the second
 - "coupling": q_i = ratio q_j + shift
 - "drive": q_i = p + r t + a t²/2
@@ -26,6 +27,7 @@ from eomcheck.mechanics.described.absent import (
     dot,
     minus,
     plus,
+    times,
     vector,
 )
 from eomcheck.mechanics.described.rolling import rolling, touching
@@ -78,6 +80,22 @@ def on_plane(read: Read) -> list[Row]:
     return [product(read.apart, read.directions[0])]
 
 
+def on_quadric(read: Read) -> list[Row]:
+    """Return that Σ (k_i s_i²/2 + g_i s_i) - h = 0 of a point's places s along three directions."""
+    numbers, apart = read.given.surfaces[read.closure.number], read.apart
+    position = rate = rest = None
+    columns: dict[int, Any] = {}
+    for i, direction in enumerate(read.directions):
+        s, bend, slope = product(apart, direction), numbers[i], numbers[3 + i]
+        bent = times(bend, s.position)
+        steep, mean = plus(bent, slope), plus(None if bent is None else bent / 2, slope)
+        position = plus(position, times(s.position, mean))
+        rate = plus(rate, times(steep, s.rate))
+        columns |= {j: plus(columns.get(j), times(steep, x)) for j, x in s.columns.items()}
+        rest = plus(rest, plus(times(steep, s.rest), times(bend, times(s.rate, s.rate))))
+    return [Row(minus(position, numbers[6]), rate, columns, rest)]
+
+
 def square(read: Read) -> list[Row]:
     """Return that two directions are perpendicular."""
     a, b = read.directions
@@ -121,6 +139,8 @@ class Closing(NamedTuple):
     """Number of rows in the plane."""
     spatial: int
     points: int = 0
+    numbers: str = ""
+    """The parameter that its numbers are part of."""
     holonomic: bool = True
 
 
@@ -128,14 +148,15 @@ KINDS = {
     "pin": Closing(pin, 2, 3, 2),
     "weld": Closing(weld, 3, 6, 2),
     "hinge": Closing(hinge, 0, 5, 2),
-    "distance": Closing(distance, 1, 1, 2),
+    "distance": Closing(distance, 1, 1, 2, "lengths"),
     "on-plane": Closing(on_plane, 1, 1, 2),
+    "on-quadric": Closing(on_quadric, 1, 1, 2, "surfaces"),
     "square": Closing(square, 1, 1),
-    "coupling": Closing(coupling, 1, 1),
-    "drive": Closing(drive, 1, 1),
+    "coupling": Closing(coupling, 1, 1, numbers="couplings"),
+    "drive": Closing(drive, 1, 1, numbers="drives"),
     "edge": Closing(edge, 1, 1, 1, holonomic=False),
-    "touching": Closing(touching, 1, 1, 2),
-    "rolling": Closing(rolling, 1, 1, 2, holonomic=False),
+    "touching": Closing(touching, 1, 1, 2, "lengths"),
+    "rolling": Closing(rolling, 1, 1, 2, "lengths", holonomic=False),
 }
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.mechanism import planned
 from eomcheck.mechanics.described.neutral import doubles, tree_by
 from eomcheck.mechanics.described.pose import placed
@@ -67,6 +68,7 @@ class Numbers(NamedTuple):
     points: Any
     directions: Any
     lengths: Any
+    surfaces: Any
     factors: Any
     springs: Any
     torque: Any
@@ -152,7 +154,7 @@ class _Reading:
             one.name,
             tuple((self.at[link], self.vector("points", at)) for link, at in one.points),
             tuple((self.at[link], self.vector("directions", x)) for link, x in one.directions),
-            number=self.shared("lengths", one.numbers),
+            number=self.shared(KINDS[one.kind].numbers, one.numbers),
             factor=self.number("factors", one.factor),
         )
 

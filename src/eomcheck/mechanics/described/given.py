@@ -29,12 +29,15 @@ DRAWN: dict[str, tuple[str, str, Any, Any]] = {
     "points": ("of closures", "m", "", (-1.0, 1.0)),
     "directions": ("of closures, of any length", "1", "", (0.1, 1.0)),
     "lengths": ("of rods", "m", "> 0", (0.5, 2.0)),
+    "surfaces": ("three bends, three slopes and a level", "1/m, 1, m", "", (0.1, 1.0)),
     "couplings": ("ratio and shift", "1, rad or m", "", (0.2, 2.0)),
     "drives": ("position, rate, acceleration", "rad or m, /s, /s²", "", (-1.0, 1.0)),
 }
 """Name -> what it is, its unit, its sign, what it is drawn from."""
 
-GEOMETRY = frozenset({"orientation", "offset", "points", "directions", "lengths", "couplings"})
+GEOMETRY = frozenset(
+    {"orientation", "offset", "points", "directions", "lengths", "surfaces", "couplings"}
+)
 """What decides whether a mechanism closes."""
 
 NOT_READ = ("orientation", "moments", "products", "armature")

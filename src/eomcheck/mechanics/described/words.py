@@ -151,6 +151,34 @@ def on_plane(
     return Constraint("on-plane", name, ((link, at), (other, at_other)), ((other, across),))
 
 
+def on_quadric(
+    name: str, link: str, other: str, bends: Triple, level: float, slopes: Triple = ORIGIN,
+    at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = ONE,
+) -> Constraint:  # fmt: skip
+    """Return that a point of one link stays on a surface of the second order of another.
+
+    Of its place s along axes of the other link Σ (bends_i s_i²/2 + slopes_i s_i) = level. A sphere
+    has bends (1, 1, 1)/R and the level R/2, a cylinder of this radius (1, 1, 0)/R, a cone
+    (1, 1, -c) and 0; a paraboloid has slopes (0, 0, -1) and the level 0. In the plane it is a
+    conic. Where it has no slope, as in the tip of a cone, it holds nothing.
+
+    Args:
+        name: of the constraint.
+        link: what the point belongs to.
+        other: what the surface belongs to.
+        bends: 1/m.
+        level: m.
+        slopes: of the surface where s is 0.
+        at: the point, m.
+        at_other: where s is 0, m.
+        turn: of the axes against those of the other link.
+    """
+    _check_turns(name, turn)
+    axes = tuple((other, _triple(one)) for one in rotation(turn).T)
+    points = (link, at), (other, at_other)
+    return Constraint("on-quadric", name, points, axes, numbers=(*bends, *slopes, level))
+
+
 def square(name: str, link: str, along: Triple, other: str, along_other: Triple) -> Constraint:
     """Return that two directions are perpendicular."""
     return Constraint("square", name, directions=((link, along), (other, along_other)))

@@ -27,6 +27,7 @@ from eomcheck.mechanics.described.words import (
     hinge,
     knife_edge,
     on_plane,
+    on_quadric,
     pin,
     rolling_ball,
     rolling_circle,
@@ -229,6 +230,26 @@ def _on_plane(
     return on_plane(name, link, other, across, at, (x, y, z))
 
 
+def _on_quadric(
+    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
+    choices: Choices,
+) -> Constraint:  # fmt: skip
+    """Return that a point stays on a surface through where it is, which has a slope there."""
+    bends, s = (np.array([choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
+    s[2] = 0.0 if planar else s[2]
+    along = np.asarray(parts.direction(choices, planar))
+    slopes = along / np.linalg.norm(along) - bends * s
+    level = float((bends * s * s / 2 + slopes * s).sum())
+    surface = _triple(bends), level, _triple(slopes)
+    at_other = _triple(np.asarray(there.own_point(here.point(at))) - s)
+    return on_quadric(name, link, other, *surface, at, at_other)
+
+
+def _triple(a: Array) -> Triple:
+    x, y, z = a.tolist()
+    return x, y, z
+
+
 def _square(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
@@ -291,6 +312,7 @@ _FITTING: dict[str, Fitting] = {
     "hinge": _hinge,
     "distance": _distance,
     "on-plane": _on_plane,
+    "on-quadric": _on_quadric,
     "square": _square,
     "edge": _edge,
 }
