@@ -81,7 +81,7 @@ def test_markdown_reads_nothing_as_markup_but_names_as_code():
     sheet = Sheet("x", "", ("key", "|q̈|"), [(Cell("a_1", "name"), "<1% of a_1")])
     assert sheet.markdown().splitlines() == [
         r"| key | \|q̈\| |",
-        "| --- | --- |",
+        "| --- | ---: |",
         r"| `a_1` | \<1% of a\_1 |",
     ]
 

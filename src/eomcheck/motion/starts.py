@@ -219,14 +219,16 @@ def _examined(
 
 
 def _independent(a: Array) -> Array:
-    """Return of which matrices (lanes, r, columns) the rows are independent beyond doubt."""
+    """Return of which matrices (lanes, r, columns) the rows are independent beyond doubt.
+
+    Columns are not scaled: from one that is small follow velocities that are large, and what they
+    are projected on is singular in its turn.
+    """
     lanes, r, columns = a.shape
     if columns == 0:
         return np.ones(lanes, bool)
     with np.errstate(all="ignore"):
         a = a / np.abs(a).max(axis=2, keepdims=True)
-        if columns == r:
-            a = a / np.abs(a).max(axis=1, keepdims=True)
     usable = np.asarray(np.isfinite(a).all(axis=(1, 2)))
     values = np.linalg.svd(np.where(usable[:, None, None], a, 0.0), compute_uv=False)
     return usable & (values[:, -1] > MARGIN * r * EPS * values[:, 0])

@@ -84,7 +84,9 @@ class Sheet(NamedTuple):
 
     def markdown(self) -> str:
         """Return the table in Markdown, nothing in it read as markup; names are code."""
-        return markdown_table(map(escaped, self.columns), (map(escaped, row) for row in self.rows))
+        rows = (map(escaped, row) for row in self.rows)
+        numbers = map(self.of_numbers, range(len(self.columns)))
+        return markdown_table(map(escaped, self.columns), rows, numbers)
 
     def csv(self) -> str:
         """Return the table as comma-separated values (RFC 4180, but lines end as in Unix)."""
@@ -190,10 +192,13 @@ def escaped(text: str) -> str:
     return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in printable(text))
 
 
-def markdown_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in Markdown, whose cells are Markdown already."""
+def markdown_table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], numbers: Iterable[bool] = ()
+) -> str:
+    """Return a table in Markdown, whose cells are Markdown already; numbers end at the right."""
     heading = list(columns)
-    lines = [heading, ["---"] * len(heading), *rows]
+    ends = ["---:" if at_right else "---" for at_right in numbers] or ["---"] * len(heading)
+    lines = [heading, ends, *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
