@@ -50,12 +50,13 @@ def _row_sum(matrix: Any) -> float:
 def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
+    F_sensitivity = look.sensitivity(lambda e: e.F)
     motions, told = (None, True) if a is None else _allowed_motions(at, look)
     for f, x in look.solutions:
         residual, names = _left(x, at), at.scene.coordinate_names
         terms = magnitude(M, x.vdot) + magnitude(at.F)
-        # Not all that is lost in M is lost in q̈: Kane's method sums without it.
-        of_terms = look.sensitivity(partial(_left, x))
+        # What is lost in M is lost in q̈ too, but where bodies are summed without it.
+        of_terms = look.sensitivity(partial(_left, x)) if f.linear else F_sensitivity
         sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + of_terms
         if a is not None and x.multipliers is not None:
             terms = terms + magnitude(a.T, x.multipliers)

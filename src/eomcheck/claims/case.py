@@ -152,8 +152,8 @@ class Case(AtDoubles):
         return tuple((f, x) for f, x in results if x is not None)
 
     def sensitivity(self, quantity: Callable[[Evaluation], Any]) -> float:
-        """Return κ · scale of a quantity."""
-        return sensitivity_of(self.at, quantity)
+        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else."""
+        return 0.0 if self.at.copied else sensitivity_of(self.at, quantity)
 
     def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False

@@ -120,8 +120,9 @@ class LaneCase(AtDoubles):
         return np.ones(self.at.lanes, bool)
 
     def sensitivity(self, quantity: Callable[[Any], Any]) -> LaneArray:
-        """Return κ · scale of a quantity."""
-        return LaneArray(sensitivity_in_lanes(self.at, quantity))
+        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else."""
+        copied, at = self.at.copied, self.at
+        return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
 
     def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
         """Return κ · scale of a part of the result of `formulation`."""

@@ -84,6 +84,9 @@ class Evaluation(Quantities):
     lanes = 0
     """Number of states side by side; 0 where there is one, and no axis for it."""
 
+    copied = False
+    """Whether its numbers are perturbed."""
+
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
         q, v = checked_scene(scene).check_state(q, v, t)
         self._begin(scene, q, t)

@@ -50,6 +50,7 @@ class Moved(Evaluation):
         noise: what every number is changed by.
     """
 
+    copied = True
     noise: Noise
     _original: Evaluation
 
