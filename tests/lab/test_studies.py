@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
 import pytest
 from tests.widths import check_sheets_fit
 
+from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.store.records import Record, Records
-from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, motion, study_of
+from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, engines, motion, study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
 from eomcheck.lab.studies.rhs import TRIGONOMETRY
 from eomcheck.lab.study import failed, rows_of, unfinished
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import Sleigh
 
 ROBOTS = Path(__file__).parents[1] / "scenes" / "robots"
 SMALL = {
@@ -102,6 +106,23 @@ def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():
     assert {row[0] for row in sheet.rows} >= {TRIGONOMETRY, "kane"}
     with pytest.raises(InputError, match="sleigh has no number of links"):
         list(study.cells(scene="sleigh", links=[3]))
+
+
+@pytest.mark.parametrize(("taken", "states"), [(lambda mass: mass > 1.5, 1), (lambda _: False, 0)])
+def test_an_engine_is_compared_where_it_represents_what_is_drawn(taken, states, monkeypatch):
+    drawn = [Sleigh.example(), replace(Sleigh.example(), mass=2.0), Sleigh.example()]
+    cases = [(scene, State(*scene.initial_state())) for scene in drawn]
+    monkeypatch.setattr(engines, "scene_cases", lambda *_: iter(cases))
+    represents = classmethod(lambda _, scene: taken(scene.mass))
+    monkeypatch.setattr(PinocchioEngine, "represents", represents)
+    settings = {"engine": "pinocchio", "scene": "sleigh", "links": (1, 1), "states": 3, "seed": 0}
+    record = study_of("engines").worker([])(settings)
+    if states:
+        assert {one.states for one in rows_of([record], engines.Compared)} == {states}
+    else:
+        assert (record.status, record.reason) == (
+            *("refused", "pinocchio takes no sleigh that is drawn"),
+        )
 
 
 def test_what_went_wrong_is_told_with_its_cell():
