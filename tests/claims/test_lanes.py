@@ -57,6 +57,7 @@ def in_lanes(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
             for lane, i in enumerate(places):
                 found[int(i), "refused", f.key] = str(bool(case.refused(f.key)[lane])), 0.0, 0.0
         assert case.lost.keys() <= UNLIFTED
+        assert not any("Error" in why for why in case.lost.values()), "a sentence"
     return found
 
 

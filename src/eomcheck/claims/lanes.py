@@ -40,6 +40,10 @@ NOT_LIFTED = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAl
 """What a claim raises that asks of numbers what lanes cannot say."""
 
 
+class NotInLanesError(TypeError):
+    """A claim asks for what each state has in its own way."""
+
+
 class Outcome(NamedTuple):
     """What a claim came to in lanes, about one subject.
 
@@ -136,6 +140,15 @@ class LaneCase(AtDoubles):
     def _sensitivities(self) -> dict[tuple[str, str, bool], Array]:
         return {}
 
+    @property
+    def added_row(self) -> Any:
+        """None.
+
+        Raises:
+            NotInLanesError: always.
+        """
+        raise NotInLanesError("which rows a further one depends on differs from state to state")
+
     # ---- Looking ---------------------------------------------------------------------------------
 
     def look(self, claims: Sequence[str]) -> list[Outcome]:
@@ -146,7 +159,8 @@ class LaneCase(AtDoubles):
                 try:
                     found += list(self._looked_at(CLAIMS[one]))
                 except NOT_LIFTED as error:
-                    self.lost[one] = f"{type(error).__name__}: {error}"
+                    said = isinstance(error, NotInLanesError)
+                    self.lost[one] = str(error) if said else f"{type(error).__name__}: {error}"
         return found
 
     def _looked_at(self, claim: Claim) -> Iterator[Outcome]:
