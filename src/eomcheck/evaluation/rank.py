@@ -67,14 +67,14 @@ def rank_of(at: Evaluation) -> Rank:
 def _rank(at: Evaluation) -> Rank | RefusedError:
     a, names = at.terms.a, at.scene.constraint_names
     r = len(a)
-    a, unsure, own = _in_common_units(at)
+    a, unsure = _in_common_units(at, 1.0)
     rows = a
     if not (np.isfinite(a).all() and np.isfinite(unsure).all()):
         return RefusedError(RANK, float("nan"), 0.0, "the rank of a: doubles cannot hold it")
     factors: Any = qr(a.T, mode="r", pivoting=True, check_finite=False)
     R, order = factors
     R, unsure = R[: min(R.shape)], unsure[order]
-    rank, distance, allowed = 0, np.zeros(r), np.zeros(r)
+    rank, distance, allowed, own = 0, np.zeros(r), np.zeros(r), None
     for k in range(r):
         if k == rank < len(R):
             distance[k], allowed[k] = abs(R[k, k]), _rounding(R, unsure, k, k)
@@ -92,6 +92,8 @@ def _rank(at: Evaluation) -> Rank | RefusedError:
                 f"{distance[k]:.2g} of its size away from what the others say, rounding explains "
                 f"{allowed[k]:.2g}, and it is independent above {least:.2g}",
             )
+        # With angles that have the digits that they have.
+        own = _in_common_units(at, 0.0)[1] if own is None else own
         if _told_apart(R, rows[order], own[order], rank, k):
             return RefusedError(
                 RANK,
@@ -104,27 +106,24 @@ def _rank(at: Evaluation) -> Rank | RefusedError:
     return Rank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
 
 
-def _in_common_units(at: Evaluation) -> tuple[Array, Array, Array]:
+def _in_common_units(at: Evaluation, least: float) -> tuple[Array, Array]:
     """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
 
-    Twice: with angles that are known as if they were 1 rad, and with the digits that they have.
+    With angles that are known as if they were `least` at least, rad.
 
     Velocities are measured by the energy in them, and so have no units of their own; each row by
     its size. Of rows that would do as well as each other, the first is the larger by a little.
     """
     a = at.terms.a
     with np.errstate(all="ignore"):
-        moved, own = (
-            np.max([np.abs(_moved(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0)
-            for least in (1.0, 0.0)
-        )
-        unsure, own = (allowed_error(1.0) * (np.abs(a) + x / STEP) for x in (moved, own))
+        moved = np.max([np.abs(_moved(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0)
+        unsure = allowed_error(1.0) * (np.abs(a) + moved / STEP)
         columns = scale_of(np.sqrt(np.abs(np.diagonal(at.terms.M))))
-        a, unsure, own = a * columns, unsure * columns, own * columns
+        a, unsure = a * columns, unsure * columns
         rows = scale_of(np.abs(a).max(axis=1))
         size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + FIRST * np.arange(len(a)))
         rows /= np.where(size > 0, size, 1.0)
-    return a * rows[:, None], unsure * rows[:, None], own * rows[:, None]
+    return a * rows[:, None], unsure * rows[:, None]
 
 
 def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
@@ -135,7 +134,7 @@ def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
         size = np.maximum(np.abs(at.q), floor)
         near = at.elsewhere(at.q + size * noise.changes(size.shape))
         near.parameters = noise.record(at.parameters)
-    return near.terms.a
+    return near.call(at.scene.constraints, near.parameters, near.prepared, near.q)[0]
 
 
 def _shares(R: Array, rank: int, k: int) -> Array:
