@@ -134,7 +134,7 @@ def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
         size = np.maximum(np.abs(at.q), floor)
         near = at.elsewhere(at.q + size * noise.changes(size.shape))
         near.parameters = noise.record(at.parameters)
-    return near.call(at.scene.constraints, near.parameters, near.prepared, near.q)[0]
+    return near.terms.a
 
 
 def _shares(R: Array, rank: int, k: int) -> Array:
