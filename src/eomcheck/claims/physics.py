@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.registry import Look, Sides, check, claim, vanishing
+from eomcheck.claims.registry import Look, Sides, check, claim, size, vanishing
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
@@ -146,12 +146,18 @@ def _of_power(
         return rates_of(e).bodies(e.acceleration(f).vdot)
 
     summed, summed_sensitivity = _power_of_inertia(case.at, of_bodies)
-    size, told = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
+    terms, told = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
     if not lanes_in(told) and not told:
-        return size, np.inf
+        return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
-    rounding = case.at.scene.n * (largest(shares) + summed_sensitivity)
-    return size, where(told, case.sensitivity(power) + rounding, np.inf)
+    rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
+    return terms, where(told, case.sensitivity(power) + rounding, np.inf)
+
+
+def _of_constraints(case: Any, f: Formulation) -> Any:
+    """Return |λ|ᵀ |a| |v|, W: v is rounded, and λ does work on what it violates constraints by."""
+    lambda_ = case.at.acceleration(f).multipliers
+    return 0.0 if lambda_ is None else size(lambda_, case.at.terms.a, case.at.v)
 
 
 @check("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
@@ -160,7 +166,7 @@ def invariance(case: Case) -> Iterator[Finding]:
     at = case.at
     for symmetry in at.scene.symmetries(at.q, at.v):
         there = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
-        size = largest(np.abs(symmetry.image).sum(axis=1))
+        longest = largest(np.abs(symmetry.image).sum(axis=1))
         for formulation in case.solved:
             try:
                 found = there.acceleration(formulation).vdot
@@ -170,7 +176,7 @@ def invariance(case: Case) -> Iterator[Finding]:
             # A turn adds to every angle, whose rounding then is that of larger numbers.
             turn = 1.0 + largest(symmetry.q - at.q) / max(largest(at.q), 1.0)
             sensitivity = (
-                2 * size * turn * case.part_sensitivity(formulation, "vdot", coordinates=True)
+                2 * longest * turn * case.part_sensitivity(formulation, "vdot", coordinates=True)
             )
             if not largest(found - expected) <= allowed_error(sensitivity):
                 # An angle of 0 has no rounding to measure. Where it was turned to, it has.

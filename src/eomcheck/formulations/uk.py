@@ -10,11 +10,13 @@ independent and imply the other rows d, a_d = G a_k. The augmented system of row
 
     M v̇ - a_kᵀ μ = F,  -a_k v̇ = gamma_k,
 
-gives v̇, and with -a_dᵀ and 0 on its right-hand side Gᵀ. Of all λ with aᵀ λ = a_kᵀ μ, that is
+gives v̇. Of all λ with aᵀ λ = a_kᵀ μ, that is
 
     λ_k + Gᵀ λ_d = μ,
 
-the smallest has λ_k = μ - Gᵀ λ_d and (1 + G Gᵀ) λ_d = G μ.
+the smallest has λ_k = μ - Gᵀ λ_d and (1 + G Gᵀ) λ_d = G μ. With -a_dᵀ and 0 on its right-hand side
+the augmented system would give G too, but eliminated by M: where the rows kept are nearly dependent
+G would lose twice the digits that they lose. It has a system of its own.
 """
 
 from __future__ import annotations
@@ -26,25 +28,35 @@ from eomcheck.formulations.base import Formulation
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 
+HEAVY = 2**128
+"""What rows are multiplied by where M only counts for coordinates that they say nothing of."""
+
 
 @generic
-def system(M, F, a, gamma, kept, redundant):
-    """Return (M_UK, right-hand sides (n+ρ, 1+r-ρ)): unknowns (v̇, μ), and then Gᵀ below what is 0.
+def shares(M, a, kept, redundant):
+    """Return G (r-ρ, ρ): what the redundant rows have of those kept.
+
+    A least-squares fit, K x = a_dᵀ - a_kᵀ Gᵀ and a_k x = 0, whose x is 0. Gᵀ comes first of the
+    unknowns, so that elimination takes its pivots from a; K is diagonal, of the size of a².
 
     Args:
         M: mass matrix (n, n).
-        F: Q - B (n,).
         a: constraint Jacobian (r, n).
-        gamma: constraint drift (r,).
         kept: independent rows (ρ,).
         redundant: the other rows (r-ρ,).
     """
-    n = F.size
-    M_UK, F_UK = au.system(M, F, a[kept], gamma[kept])
-    right = np.zeros((F_UK.size, 1 + redundant.size), M.dtype)
-    right[:, 0] = F_UK
-    right[:n, 1:] = -a[redundant].T
-    return M_UK, right
+    n, rank = a.shape[1], kept.size
+    heavy = HEAVY * a
+    fit, right = (
+        np.zeros((rank + n, rank + n), M.dtype),
+        np.zeros((rank + n, redundant.size), M.dtype),
+    )
+    fit[:n, :rank] = heavy[kept].T
+    fit[n:, rank:] = a[kept]
+    for j in range(n):
+        fit[j, rank + j] = heavy[kept, j] @ a[kept, j] + M[j, j]
+    right[:n] = heavy[redundant].T
+    return np.ascontiguousarray(solve(fit, right, "a_k fit")[:rank].T)
 
 
 @generic
@@ -62,11 +74,10 @@ def smallest(mu, G, kept, redundant):
 @generic
 def of_dependent(M, F, a, gamma, kept, redundant):
     """Return (v̇ (n,), λ (r,)) where some rows depend on those kept."""
-    n = F.size
-    M_UK, right = system(M, F, a, gamma, kept, redundant)
-    x = solve(M_UK, right, "M_UK")
-    mu, G = np.ascontiguousarray(x[n:, 0]), np.ascontiguousarray(x[n:, 1:].T)
-    return np.ascontiguousarray(x[:n, 0]), smallest(mu, G, kept, redundant)
+    M_UK, F_UK = au.system(M, F, a[kept], gamma[kept])
+    vdot, mu = au.split(solve(M_UK, F_UK, "M_UK"), a)
+    G = shares(M, a, kept, redundant)
+    return vdot, smallest(mu, G, kept, redundant)
 
 
 @generic
