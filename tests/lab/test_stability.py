@@ -130,6 +130,21 @@ ATLAS = study_of("stability")
 PLACE = ("straight", "3 links", 1e-4)
 
 
+@pytest.mark.parametrize("variant", DEPENDENT.variants)
+def test_uk_is_compared_with_the_truth_of_the_rows_that_it_keeps(variant: str):
+    posed = DEPENDENT.pose(variant, 1e-16)
+    assert posed.u is not None
+    found = accuracy(posed.scene, "uk", posed.q, posed.u)
+    assert Evaluation(
+        posed.scene, posed.q, found.truth.doubles() * 0
+    ).independent_partition.redundant
+    assert 0 < found.relative <= found.relative_bound <= 1e-9
+    # Of two wheels that are not quite parallel the truth is another motion.
+    with pytest.raises(RefusedError):
+        accuracy(posed.scene, "au", posed.q, posed.u)
+    assert outcome(measure(settings_of("dependent", variant, 1e-16, Method("uk")))) is Outcome.GOOD
+
+
 def test_a_formulation_with_a_partition_is_measured_with_both():
     assert list(methods_of(["au", "el"])) == [Method("au"), Method("el"), Method("el", True)]
     assert {method.key for method in methods_of(FORMULATIONS)} == set(FORMULATIONS)

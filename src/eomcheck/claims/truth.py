@@ -18,7 +18,6 @@ from eomcheck.evaluation.certified import (
     certify,
     true_state,
 )
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.enclosure import Enclosure, enclose, enclosure
 from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation
@@ -74,17 +73,6 @@ def enclosures(case: Case) -> Iterator[Finding]:
         yield case.finding(f"{f.key} ~ {g.key}", *outcome)
 
 
-def _of_rows_kept(at: Evaluation, formulation: Formulation) -> Enclosure | None:
-    """Return its own truth for a formulation that leaves rows out; None where there are none.
-
-    What is redundant to rounding hardly ever is to the last digit: all rows have another answer.
-    """
-    if not formulation.redundant or at.independent_partition.redundant is None:
-        return None
-    how = {"v": at.v}, at.t, TRUE_DIGITS, at.independent_partition
-    return enclosure(at.scene, formulation, at.q, *how)
-
-
 @check("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
@@ -105,13 +93,12 @@ def true_errors(case: Case) -> Iterator[Finding]:
         return
     true = Case(at, case.formulations, (), case.claim)
     for formulation in true.solved:
+        sensitivity = true.vdot_sensitivity(formulation)
         try:
-            own = _of_rows_kept(at, formulation) or truth
+            found = certify(formulation, truth, at, sensitivity=sensitivity)
         except RefusedError as error:
             yield _without_truth(case, formulation.key, error)
             continue
-        sensitivity = true.vdot_sensitivity(formulation)
-        found = certify(formulation, own, at, sensitivity=sensitivity)
-        both, names = (found.vdot, own.doubles()), (here.scene.coordinate_names,)
+        both, names = (found.vdot, found.truth.doubles()), (here.scene.coordinate_names,)
         judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
         yield replace(judged, digits=found.digits, state=case.state)
