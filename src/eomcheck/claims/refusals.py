@@ -16,6 +16,7 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.rank import RANK
 from eomcheck.evaluation.redundant import CONTRADICTION, explained, solution_of
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
 from eomcheck.formulations import Formulation
@@ -24,7 +25,7 @@ from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.factors import column_scale
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.pivots import EPS, scale_of
 
 
 def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
@@ -57,14 +58,18 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
     if formulation.uses == "chain":
         rcond[-1] *= _evenness(at.chain)
+    # Velocities are measured by the energy in them, and so have no units of their own.
+    scale = scale_of(np.sqrt(np.abs(np.diagonal(M))))
+    if a is not None and refusal.what == RANK:
+        rcond.append(_rcond(_balanced(a * scale)))
     if a is not None and (formulation.partitioned or formulation.in_speeds):
         # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
-        Z = null_space(a)
-        R = Z[at.partition.independent]
+        rows, R = _balanced(a * scale), np.eye(len(M))[at.partition.independent]
         if formulation.in_speeds:
-            R = _speeds_map(at) @ Z
+            R = _speeds_map(at) * scale
             rcond.append(_rcond_of_speeds(at))
-        rcond.append(_rcond(R) ** 2 * _rcond(Z.T @ M @ Z))
+        Z, unsure = null_space(rows), _unsure(R, rows)
+        rcond.append(_rcond(R @ Z, unsure) ** 2 * _rcond(Z.T @ (scale[:, None] * M * scale) @ Z))
     if a is not None and refusal.what == MOBILITY:
         # The square of another matrix, it is singular to working precision long before that.
         rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
@@ -145,7 +150,6 @@ def _speeds_map(at: Evaluation) -> Array:
 
 def _rcond_of_speeds(at: Evaluation) -> float:
     """Return the reciprocal condition number of the linear map from v to (a v, u)."""
-    # Velocities are measured by the energy in them, and so have no units of their own.
     energy = np.sqrt(np.diagonal(at.terms.M))
     u_of_v = _speeds_map(at) / energy
     u_of_v = u_of_v / np.abs(u_of_v).max(axis=1, keepdims=True)
@@ -153,13 +157,22 @@ def _rcond_of_speeds(at: Evaluation) -> float:
     return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
 
 
-def _rcond(matrix: Array) -> float:
+def _unsure(R: Array, rows: Array) -> float:
+    """Return how far rounding moves R Z, Z the null space of `rows`."""
+    if not (len(R) and len(rows)):
+        return 0.0
+    return len(R.T) * EPS * float(np.linalg.norm(R, 2)) / max(_rcond(rows), EPS)
+
+
+def _rcond(matrix: Array, unsure: float = 0.0) -> float:
+    """Return a reciprocal condition number; of what is known to `unsure`, the least it may be."""
     if matrix.size == 0:  # as many constraints as coordinates: no speeds to be found
         return 1.0
     if not np.isfinite(matrix).all():
         return 0.0
     singular = np.linalg.svd(matrix, compute_uv=False)
-    return float(singular[-1] / singular[0] / singular.size) if singular[0] > 0 else 0.0
+    least = max(singular[-1] - unsure, 0.0)
+    return float(least / singular[0] / singular.size) if singular[0] > 0 else 0.0
 
 
 def judged(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
