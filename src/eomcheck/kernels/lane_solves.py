@@ -144,6 +144,8 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
         if noise is not None:
             A, b = _moved(A, noise), _moved(b, noise)
         A, b, scale, row_scale = linear.scaled(A, b)
+        if noise is not None:
+            A[np.abs(A) < linear.DUST] = 0.0
         factors = LaneFactors.of(A, None if noise is None or like is None else like.pivots)
         diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
         sizes = Factors(factors.lu, factors.pivots - 1)
