@@ -19,8 +19,8 @@ import eomcheck
 from eomcheck.claims.repeat import python_of, scene_code
 from eomcheck.engines import engine_of
 from eomcheck.mechanics.records import State
+from eomcheck.named import kinds_of
 from eomcheck.scenes import Sleigh
-from eomcheck.scenes.named import kinds_of
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]

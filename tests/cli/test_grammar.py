@@ -19,8 +19,8 @@ from eomcheck.cli.complete import WRITTEN, keys
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
 from eomcheck.lab.options import listed, numbers, parameters
 from eomcheck.mechanics.parameters import with_parameters
+from eomcheck.named import ROBOTS, kinds_of, scene_of
 from eomcheck.scenes import FourBarChain, Sleigh, Snake
-from eomcheck.scenes.named import ROBOTS, kinds_of, scene_of
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
 

@@ -18,12 +18,12 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivit
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.moved import Moves
+from eomcheck.named import kinds_of
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.factors import determinant
 from eomcheck.numbers.linear import _factored, solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.scenes.named import kinds_of
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
 SNAKE = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [4.0], [0.125, -0.5])

@@ -30,8 +30,8 @@ from eomcheck.lab.fuzzing.structures import (
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.scenes.random import RANDOM
-from eomcheck.scenes.random.kinds import MOTION, NOTHING
+from eomcheck.random_mechanisms import RANDOM
+from eomcheck.random_mechanisms.kinds import MOTION, NOTHING
 from eomcheck.strategies import scene_states, scenes
 
 TREES, MECHANISMS = RANDOM["random-trees"], RANDOM["random-mechanisms"]

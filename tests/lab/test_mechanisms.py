@@ -21,9 +21,9 @@ from eomcheck.lab.show.mechanism import DARK, LIGHT, plt, scene_figure
 from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
+from eomcheck.named import kinds_of
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.scenes import SCENES, Andrews, Bicycle, RollingDisk, Snake
-from eomcheck.scenes.named import kinds_of
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
 KINDS = [*SCENES.values(), *kinds_of(f"{PENDULUM}:Pendulum")]

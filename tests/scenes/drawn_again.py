@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 from eomcheck.claims import strata
 from eomcheck.errors import RefusedError
-from eomcheck.scenes.random import RANDOM
+from eomcheck.random_mechanisms import RANDOM
 
 
 def drawn_again(examples: int, seed: int = 0) -> tuple[Counter, Counter]:

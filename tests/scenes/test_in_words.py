@@ -14,8 +14,8 @@ from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.scene import Scene
+from eomcheck.named import kinds_of
 from eomcheck.scenes import Sleigh
-from eomcheck.scenes.named import kinds_of
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
 MASS, INERTIA = (0.7,), (0.3,)

@@ -16,8 +16,8 @@ from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab.comparing import compare
-from eomcheck.scenes import from_mjcf, mjcf_file
-from eomcheck.scenes.named import scene_of
+from eomcheck.named import scene_of
+from eomcheck.robots import from_mjcf, mjcf_file
 
 mujoco = pytest.importorskip("mujoco")
 

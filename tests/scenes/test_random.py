@@ -41,14 +41,14 @@ from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_
 from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, weld
 from eomcheck.mechanics.records import State
+from eomcheck.named import kinds_of
+from eomcheck.random_mechanisms import RANDOM
+from eomcheck.random_mechanisms.closing import INDEPENDENT, UPRIGHT
+from eomcheck.random_mechanisms.description import poses
+from eomcheck.random_mechanisms.kinds import CONSTRAINTS
+from eomcheck.random_mechanisms.trees import BRANCHED, ROOT, SHAPE
+from eomcheck.random_mechanisms.urdf import URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.scenes import from_urdf
-from eomcheck.scenes.named import kinds_of
-from eomcheck.scenes.random import RANDOM
-from eomcheck.scenes.random.closing import INDEPENDENT, UPRIGHT
-from eomcheck.scenes.random.description import poses
-from eomcheck.scenes.random.kinds import CONSTRAINTS
-from eomcheck.scenes.random.trees import BRANCHED, ROOT, SHAPE
-from eomcheck.scenes.random.urdf import URDF_JOINTS, urdf_text, urdf_tree
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
 

@@ -18,8 +18,8 @@ from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.mechanics.records import State
+from eomcheck.named import kinds_of, scene_of
 from eomcheck.scenes import from_urdf
-from eomcheck.scenes.named import kinds_of, scene_of
 
 ROBOTS = Path(__file__).parent / "robots"
 CASES = [("arm", False), ("arm", True), ("gripper", False), ("walker", True)]

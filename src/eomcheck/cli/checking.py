@@ -92,7 +92,7 @@ def validate(
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import ALL, ROBOTS, kinds_of, left_out, scene_of
+    from eomcheck.named import ALL, ROBOTS, kinds_of, left_out, scene_of
 
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
@@ -181,7 +181,7 @@ def prove(
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.findings import print_proofs
     from eomcheck.lab.store.workers import check_place
-    from eomcheck.scenes.named import kinds_of, left_out
+    from eomcheck.named import kinds_of, left_out
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
     check_place(executor)

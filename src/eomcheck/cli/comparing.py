@@ -48,8 +48,8 @@ def compare(
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.scenes.named import scene_of
-    from eomcheck.scenes.robot_files import is_robot
+    from eomcheck.named import scene_of
+    from eomcheck.robots.files import is_robot
 
     if not is_robot(robot):
         raise InputError(

@@ -173,7 +173,7 @@ def fuzz(
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
     from eomcheck.lab.fuzzing.finds import name_of
-    from eomcheck.scenes.named import kinds_of
+    from eomcheck.named import kinds_of
 
     kinds = kinds_of(scene)
     if len(kinds) > 1:
@@ -211,7 +211,7 @@ def _plan(
     from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
     from eomcheck.lab.fuzzing.rounds import Plan
     from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
-    from eomcheck.scenes.random.kinds import Random
+    from eomcheck.random_mechanisms.kinds import Random
 
     families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")

@@ -81,10 +81,10 @@ def scene_asked(name: str, links: int | None, given: list[str] | None) -> Scene:
     """Return the one scene that `--scene`, `--links` and `--set` stand for.
 
     Raises:
-        InputError: there is none, see `eomcheck.scenes.named.scene_of`.
+        InputError: there is none, see `eomcheck.named.scene_of`.
     """
     known = parameters(given)
-    from eomcheck.scenes.named import scene_of
+    from eomcheck.named import scene_of
 
     return scene_of(name, no_more_than(links), known)
 

@@ -21,7 +21,7 @@ from eomcheck.lab.store.provenance import sources
 from eomcheck.lab.store.records import Record, Records, group
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.named import ALL, kinds_of
+from eomcheck.named import ALL, kinds_of
 
 LINKS = (*range(1, 13), 20, 50, 100)
 """Numbers of links that are proved by default."""
@@ -60,7 +60,7 @@ def proof_jobs(
     """Return the jobs for the kinds of scenes that `scene` stands for.
 
     Args:
-        scene: a name, see `eomcheck.scenes.named.kinds_of`.
+        scene: a name, see `eomcheck.named.kinds_of`.
         links: numbers of links, for kinds that have one; by default `LINKS`.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.

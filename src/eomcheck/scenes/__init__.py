@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from eomcheck.mechanics.scene import Scene
+from eomcheck.robots import from_mjcf, from_urdf
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.bicycle import Bicycle
 from eomcheck.scenes.bricard import Bricard
 from eomcheck.scenes.chain_pendulum import ChainPendulum
 from eomcheck.scenes.flyball_governor import FlyballGovernor
 from eomcheck.scenes.four_bar_chain import FourBarChain
-from eomcheck.scenes.mjcf import from_mjcf
 from eomcheck.scenes.rolling_disk import RollingDisk
 from eomcheck.scenes.sleigh import Sleigh
 from eomcheck.scenes.snake import Snake
 from eomcheck.scenes.turntable_ball import TurntableBall
-from eomcheck.scenes.urdf import from_urdf
 
 SCENES: dict[str, type[Scene]] = {
     scene.key: scene

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from eomcheck.errors import InputError, distinct
-from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree, checked_links
-from eomcheck.scenes.random.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
+from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree, checked_links
+from eomcheck.random_mechanisms.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.strategies.scenes import Choices, scenes
 
 

@@ -18,8 +18,8 @@ from eomcheck.claims.trial import check_compared, represents_some
 from eomcheck.engines import Engine, represents
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
+from eomcheck.named import kinds_of
 from eomcheck.scenes import SCENES
-from eomcheck.scenes.named import kinds_of
 from eomcheck.testing.run import FUNCTION_CLAIMS, check
 from eomcheck.testing.subject import Functions
 

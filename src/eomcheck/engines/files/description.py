@@ -13,8 +13,8 @@ from eomcheck.engines.files.free import FREE
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.urdf import read_urdf
-from eomcheck.scenes.urdf_xml import Element, root_of
+from eomcheck.robots.urdf import read_urdf
+from eomcheck.robots.urdf_xml import Element, root_of
 
 SHAPES = "visual", "collision"
 TOUCHING = 1e-9

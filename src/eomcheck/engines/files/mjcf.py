@@ -17,7 +17,7 @@ from eomcheck.errors import EngineError
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
-from eomcheck.scenes.mjcf_model import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
+from eomcheck.robots.mjcf_model import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 
 TURNS = 3
 """Coordinates of a ball joint; MuJoCo has a quaternion for them."""

@@ -27,10 +27,10 @@ from eomcheck.lab.fuzzing.structures import plain_random, random_of
 from eomcheck.lookup import value_of
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.named import kinds_of
 from eomcheck.numbers.contract import Array
+from eomcheck.random_mechanisms.kinds import Random
 from eomcheck.scenes import SCENES
-from eomcheck.scenes.named import kinds_of
-from eomcheck.scenes.random.kinds import Random
 from eomcheck.testing.run import functions_at
 from eomcheck.testing.subject import Functions
 

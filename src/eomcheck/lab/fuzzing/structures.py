@@ -13,9 +13,9 @@ from eomcheck.mechanics.choices import FromGenerator
 from eomcheck.mechanics.described.words import Constraint, Joint, Link
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.random.description import Description
-from eomcheck.scenes.random.kinds import CONSTRAINTS, Random
-from eomcheck.scenes.random.trees import ROOT, SPACE
+from eomcheck.random_mechanisms.description import Description
+from eomcheck.random_mechanisms.kinds import CONSTRAINTS, Random
+from eomcheck.random_mechanisms.trees import ROOT, SPACE
 
 ATTEMPTS = 100
 """Structures that are tried until one fits together."""

@@ -21,7 +21,7 @@ from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.named import kinds_of
+from eomcheck.named import kinds_of
 
 STATES = "validation"
 RUNS = "validation run"

@@ -46,12 +46,12 @@ from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
 from eomcheck.motion.starts import in_lanes
 from eomcheck.motion.state import state_of
 from eomcheck.motion.trace import parameter_arrays, record_of
+from eomcheck.named import kinds_of
 from eomcheck.numbers.contract import Angles, Array
 from eomcheck.numbers.dual import Recorder
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.symbolic import Symbols
 from eomcheck.scenes import Snake
-from eomcheck.scenes.named import kinds_of
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200

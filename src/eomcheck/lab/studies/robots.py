@@ -18,8 +18,8 @@ from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.records import Record, Settings, rows_of
 from eomcheck.lab.study import Study, unfinished
-from eomcheck.scenes.robot_files import robot_named
-from eomcheck.scenes.urdf import FLOATING
+from eomcheck.robots.files import robot_named
+from eomcheck.robots.urdf import FLOATING
 
 ROBOTS = {
     "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),

@@ -11,8 +11,8 @@ from eomcheck.lab.options import interval
 from eomcheck.lab.store.records import Record, Settings, record_of_rows
 from eomcheck.lab.studies.operations import absent, counting, show
 from eomcheck.lab.study import Formulations, Study, failed
+from eomcheck.named import kinds_of
 from eomcheck.scenes import Snake
-from eomcheck.scenes.named import kinds_of
 
 Absent = Annotated[str | None, "Show what absent terms save instead, on a kind of scene or all."]
 

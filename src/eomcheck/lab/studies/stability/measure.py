@@ -29,8 +29,8 @@ from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.lab.store.records import Record, Settings, by_setting, group
 from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about
 from eomcheck.lab.study import Formulations
+from eomcheck.named import kinds_of
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scenes.named import kinds_of
 
 STUDY = "stability"
 STATE = ("family", "variant", "severity")

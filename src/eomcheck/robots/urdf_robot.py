@@ -15,7 +15,7 @@ from eomcheck.mechanics.described.quaternions import (
     rotation,
 )
 from eomcheck.mechanics.described.words import ORIGIN, Joint, Link, Triple
-from eomcheck.scenes.urdf_xml import (
+from eomcheck.robots.urdf_xml import (
     Element,
     Unreadable,
     number,

@@ -11,8 +11,8 @@ import numpy as np
 from eomcheck.mechanics.choices import Choices, Ways
 from eomcheck.mechanics.described.quaternions import ONE
 from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, Triple
-from eomcheck.scenes.random import parts
-from eomcheck.scenes.random.description import GROUND, Description
+from eomcheck.random_mechanisms import parts
+from eomcheck.random_mechanisms.description import GROUND, Description
 
 SPACE, ROOT, SHAPE, AXES, FIXED = "space", "root joint", "shape", "axes", "fixed links"
 CARRIERS, FOLLOWERS = "massless carriers", "mimic joints"

@@ -37,9 +37,9 @@ from eomcheck.mechanics.described.words import (
 )
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.scenes.random import parts
-from eomcheck.scenes.random.description import GROUND, Description, Pose, poses
-from eomcheck.scenes.random.trees import TURNING
+from eomcheck.random_mechanisms import parts
+from eomcheck.random_mechanisms.description import GROUND, Description, Pose, poses
+from eomcheck.random_mechanisms.trees import TURNING
 
 INDEPENDENT = 0.05
 """Smallest singular value, every row of length 1, of rows that are kept: those of states nearby are

@@ -15,10 +15,10 @@ import numpy as np
 from eomcheck.mechanics.described.quaternions import ONE, multiplied, roll_pitch_yaw_of, rotation
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
 from eomcheck.numbers.contract import Array
-from eomcheck.scenes.mjcf_equalities import Read, equality, quaternion_of, triple_of
-from eomcheck.scenes.mjcf_file import compiled
-from eomcheck.scenes.urdf_robot import identifier, left_out
-from eomcheck.scenes.urdf_xml import Unreadable
+from eomcheck.robots.mjcf_equalities import Read, equality, quaternion_of, triple_of
+from eomcheck.robots.mjcf_file import compiled
+from eomcheck.robots.urdf_robot import identifier, left_out
+from eomcheck.robots.urdf_xml import Unreadable
 
 GROUND = "world"
 """What MuJoCo calls it, and no other body."""

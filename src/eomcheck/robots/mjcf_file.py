@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck.errors import required
-from eomcheck.scenes.urdf_robot import MOST
-from eomcheck.scenes.urdf_xml import Element, Format, Unreadable, number, root_of
+from eomcheck.robots.urdf_robot import MOST
+from eomcheck.robots.urdf_xml import Element, Format, Unreadable, number, root_of
 
 MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
 

@@ -19,9 +19,9 @@ from eomcheck.mechanics.described.build import described
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Triple
 from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.scenes.mjcf_model import read_mjcf
-from eomcheck.scenes.urdf import gravity_of
-from eomcheck.scenes.urdf_xml import Unreadable
+from eomcheck.robots.mjcf_model import read_mjcf
+from eomcheck.robots.urdf import gravity_of
+from eomcheck.robots.urdf_xml import Unreadable
 
 FILES: Any = "the file's own"
 

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 from eomcheck.mechanics.choices import Choices
 from eomcheck.mechanics.described.quaternions import roll_pitch_yaw_of, rotation
 from eomcheck.mechanics.described.words import Joint, Link
-from eomcheck.scenes.random.description import GROUND, Description
-from eomcheck.scenes.random.trees import (
+from eomcheck.random_mechanisms.description import GROUND, Description
+from eomcheck.random_mechanisms.trees import (
     ABSENT,
     CARRIERS,
     DAMPERS,

@@ -15,9 +15,9 @@ from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.random.closing import closed, posed, rows_of
-from eomcheck.scenes.random.description import Description
-from eomcheck.scenes.random.trees import PLANE, SPACE, Room, measured, rooms, tree, tree_ways
+from eomcheck.random_mechanisms.closing import closed, posed, rows_of
+from eomcheck.random_mechanisms.description import Description
+from eomcheck.random_mechanisms.trees import PLANE, SPACE, Room, measured, rooms, tree, tree_ways
 
 CONSTRAINTS, MOTION = "constraints", "motion"
 NOTHING = "nothing"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.scenes.mjcf import mjcf_kind
-from eomcheck.scenes.urdf import FLOATING, urdf_kind
+from eomcheck.robots.mjcf import mjcf_kind
+from eomcheck.robots.urdf import FLOATING, urdf_kind
 
 URDF, MJCF = (".urdf",), (".xml", ".mjcf")
 

@@ -15,8 +15,8 @@ from eomcheck.mechanics.described.build import described
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link, Triple
 from eomcheck.mechanics.scene import finite_array
-from eomcheck.scenes.urdf_robot import Robot, read_urdf
-from eomcheck.scenes.urdf_xml import Unreadable
+from eomcheck.robots.urdf_robot import Robot, read_urdf
+from eomcheck.robots.urdf_xml import Unreadable
 
 FLOATING = "floating"
 

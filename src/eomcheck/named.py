@@ -11,11 +11,11 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lookup import Kind, looked_up
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
+from eomcheck.random_mechanisms import RANDOM
+from eomcheck.robots.files import is_robot, robot_named
+from eomcheck.robots.urdf import FLOATING
 from eomcheck.scenes import SCENES
-from eomcheck.scenes.random import RANDOM
-from eomcheck.scenes.robot_files import is_robot, robot_named
 from eomcheck.scenes.snake import Snake
-from eomcheck.scenes.urdf import FLOATING
 
 ALL = "all"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes.random.kinds import RandomMechanism, RandomTree
+from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree
 
 RANDOM: dict[str, type[Scene]] = {
     kind.key: type(kind.example()) for kind in (RandomTree, RandomMechanism)
