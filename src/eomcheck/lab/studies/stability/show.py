@@ -181,7 +181,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
         File(
             f"stability-{family}",
             title := FAMILIES[family].title,
-            in_rows([(title, method.name) for method in of], 5),
+            in_rows([(title, method.name) for method in of], (len(of) + 1) // 2),
         )
         for family, of in alone.items()
         if len(scenes_of(alone)) == 1
