@@ -4,6 +4,7 @@ tables of operations from the study, that of references from their files."""
 from __future__ import annotations
 
 import re
+import sys
 from html import unescape
 from pathlib import Path
 from xml.etree import ElementTree
@@ -27,6 +28,7 @@ from eomcheck.scenes import SCENES
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
+sys.path.insert(0, str(DOCS))  # for pages.py
 
 project = "eomcheck"
 author = "The eomcheck developers"
@@ -35,6 +37,7 @@ version = release = eomcheck.__version__
 
 extensions = [
     "myst_parser",
+    "pages",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
     "sphinx.ext.githubpages",  # folders that begin with _ are served too
