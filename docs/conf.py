@@ -5,16 +5,10 @@ from __future__ import annotations
 
 import re
 import sys
-from html import unescape
 from pathlib import Path
-from xml.etree import ElementTree
 
-from docutils import nodes
-from math_core import LatexError, LatexToMathML
 from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
-from sphinx.util import logging
-from sphinx.writers.html5 import HTML5Translator
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
@@ -28,7 +22,7 @@ from eomcheck.scenes import SCENES
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
-sys.path.insert(0, str(DOCS))  # for pages.py
+sys.path.insert(0, str(DOCS))  # for formulas.py and pages.py
 
 project = "eomcheck"
 author = "The eomcheck developers"
@@ -36,6 +30,7 @@ project_copyright = "The eomcheck developers"
 version = release = eomcheck.__version__
 
 extensions = [
+    "formulas",
     "myst_parser",
     "pages",
     "sphinx.ext.autodoc",
@@ -173,65 +168,6 @@ def write_tables(app: Sphinx) -> None:
         write(name, text)
 
 
-# ---- Formulas: MathML, which browsers draw without a script or a network -------------------------
-
-MATHML = LatexToMathML()
-
-PRIMES = set("′″‴")
-"""Signs that most fonts raise by themselves: as superscripts they float far above their letter."""
-
-NAMED = re.compile(r"&(?!amp;|lt;|gt;)\w+;")
-"""Signs written by names that HTML knows and XML does not."""
-
-
-def with_primes_beside(formula: ElementTree.Element) -> ElementTree.Element:
-    """Put the primes of a formula beside their letters instead of above them, in place."""
-    for parent in formula.iter():
-        parent[:] = [_beside(part) for part in parent]
-    return formula
-
-
-def _beside(part: ElementTree.Element) -> ElementTree.Element:
-    """Return w′ with its prime in the row of w; what is raised beside the prime stays raised."""
-    if part.tag not in ("msup", "msubsup"):
-        return part
-    base, *below, above = part
-    raised = list(above) if above.tag == "mrow" else [above]
-    if not raised or raised[0].tag != "mo" or raised[0].text not in PRIMES:
-        return part
-    row = ElementTree.Element("mrow")
-    prime = ElementTree.SubElement(row, "mo", form="postfix", lspace="0", rspace="0")
-    prime.text = raised.pop(0).text
-    row.insert(0, base)
-    if not (below or raised):
-        return row
-    new = ElementTree.Element("m" + "sub" * bool(below) + "sup" * bool(raised))
-    new.extend([row, *below])
-    if raised:
-        ElementTree.SubElement(new, "mrow").extend(raised)
-    return new
-
-
-def write_formula(translator: HTML5Translator, node: nodes.Element) -> None:
-    """Write a formula as MathML; one that cannot be read is a warning, which ends the build."""
-    block = isinstance(node, nodes.math_block)
-    tex = node.astext()
-    try:
-        mathml = MATHML.convert_with_local_state(tex, displaystyle=block)
-        tree = ElementTree.fromstring(NAMED.sub(lambda sign: unescape(sign[0]), mathml))
-        formula = ElementTree.tostring(with_primes_beside(tree), encoding="unicode")
-    except LatexError as error:
-        logging.getLogger(__name__).warning("formula %r: %s", tex, error, location=node)
-        formula = f"<code>{translator.encode(tex)}</code>"
-    classes = "math notranslate nohighlight"
-    if not block:
-        translator.body.append(f'<span class="{classes}">{formula}</span>')
-        raise nodes.SkipNode
-    ids = [f' id="{name}"' for name in node["ids"][:1]]
-    translator.body.append(f'<div class="{classes}"{"".join(ids)}>{formula}</div>')
-    raise nodes.SkipNode
-
-
 # ---- What must be complete -----------------------------------------------------------------------
 
 
@@ -257,7 +193,6 @@ def escape_bars(app: Sphinx, what, name, obj, options, lines: list[str]) -> None
 
 
 def setup(app: Sphinx) -> None:
-    app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
     app.connect("builder-inited", check_complete)
     app.connect("builder-inited", write_tables)
     app.connect("autodoc-process-docstring", escape_bars)

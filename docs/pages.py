@@ -9,7 +9,7 @@ from pathlib import PurePosixPath
 from docutils import nodes
 from sphinx.application import Sphinx
 
-NUMBER = r"[<>≤≥≈~±+−-]?(?<![\w.])\d[\d.]*(?: \d{3}\b)*(?:e[+−-]?\d+)?"
+NUMBER = r"(?<![\w.])[<>≤≥≈~±+−-]?\d[\d.]*(?: \d{3}\b)*(?:e[+−-]?\d+)?"
 UNIT = r"(?: ?(?:%|[nµm]?s|min|h|[kM]B|rad|k?g|m|N[²³]?|bits|digits)(?!\w))?"
 RUN = re.compile(rf"(?:\bN [=≤≥<>] )?{NUMBER}{UNIT}(?:(?: ?/ ?| to ){NUMBER}{UNIT})*(?!\w)")
 """Numbers with their signs and units, such as 429 µs, 2.3e-15, 127 / 757 and 0.1 to 10."""

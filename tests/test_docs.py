@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import re
 from pathlib import Path
+from types import ModuleType
+from xml.etree import ElementTree
 
 import pytest
 
@@ -90,6 +92,53 @@ def test_every_word_of_the_glossary_is_linked_from_some_other_page():
     assert not words - linked
 
 
+def loaded(name: str) -> ModuleType:
+    """Return what builds the documentation, a file of its folder."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# ---- Formulas and numbers, where what builds the documentation is installed ----------------------
+
+
+@pytest.mark.parametrize(
+    ("raised", "beside"),
+    [
+        ("<msup><mi>w</mi><mo>′</mo></msup>", "<mrow><mi>w</mi>PRIME</mrow>"),
+        (
+            "<msup><mi>a</mi><mrow><mo>′</mo><mi>T</mi></mrow></msup>",
+            "<msup><mrow><mi>a</mi>PRIME</mrow><mrow><mi>T</mi></mrow></msup>",
+        ),
+        (
+            "<msubsup><mi>x</mi><mi>k</mi><mo>′</mo></msubsup>",
+            "<msub><mrow><mi>x</mi>PRIME</mrow><mi>k</mi></msub>",
+        ),
+        (
+            "<mrow><msup><mi>w</mi><mo>′</mo></msup><msup><mi>x</mi><mn>2</mn></msup></mrow>",
+            "<mrow><mrow><mi>w</mi>PRIME</mrow><msup><mi>x</mi><mn>2</mn></msup></mrow>",
+        ),
+    ],
+)
+def test_a_prime_stands_beside_its_letter_and_powers_stay_raised(raised: str, beside: str):
+    pytest.importorskip("sphinx")
+    pytest.importorskip("math_core")
+    formula = ElementTree.fromstring(f"<math>{raised}</math>")
+    prime = '<mo form="postfix" lspace="0" rspace="0">′</mo>'
+    found = ElementTree.tostring(loaded("formulas").with_primes_beside(formula), "unicode")
+    assert found == f"<math>{beside.replace('PRIME', prime)}</math>"
+
+
+def test_numbers_stay_whole_with_sign_and_unit_and_words_do_not():
+    pytest.importorskip("sphinx")
+    said = "It took 429 µs, 2.3e-15 of 1 365 953 at N = 100, 127 / 757 or 0.1 to 10 of em 7 in M-2"
+    found = [run[0] for run in loaded("pages").RUN.finditer(said)]
+    assert found[:5] == ["429 µs", "2.3e-15", "1 365 953", "N = 100", "127 / 757"]
+    assert found[5:] == ["0.1 to 10", "7", "2"]
+
+
 # ---- Links ---------------------------------------------------------------------------------------
 
 
@@ -125,10 +174,7 @@ def test_links_of_pages_outside_the_documentation_lead_somewhere(page: str):
     ids=["whole", "no place", "no page", "no picture", "from elsewhere"],
 )
 def test_a_link_that_leads_nowhere_is_found(second: str | None, said: str, tmp_path: Path):
-    spec = importlib.util.spec_from_file_location("check_links", DOCS / "check_links.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = loaded("check_links")
     index = "<a href='second.html#there'>x</a> <a href='#top'>y</a> <a href='https://x.org'>z</a>"
     (tmp_path / "index.html").write_text(index, encoding="utf-8")
     if second is not None:
