@@ -16,7 +16,7 @@ WRITTEN = {
     "scene": ("scenes", r'^    key = "([\w-]+)"'),
     "formulation": ("formulations", r'^    key="(\w+)",'),
     "engine": ("engines", r"^class (?!Tree)(\w+)Engine\(\w*Engine\):"),
-    "robot": ("scenes", r'^    "(\w+)": lambda links'),
+    "robot": ("", r'^    "(\w+)": lambda links'),
 }
 """What is named -> the folder of its files, and how a file says the key."""
 
