@@ -293,9 +293,11 @@ def acceleration_sensitivity_in_lanes(
     coordinates: bool = False,
     samples: int = SAMPLES,
 ) -> Array:
-    """Return κ · scale (L,) of a part of the result, see `acceleration_sensitivity`.
+    """Return κ · scale (L,) of a part of the result, at most what `acceleration_sensitivity` does.
 
-    With less than all `samples` of noise it is no larger.
+    What rounding does to the numbers that a formulation reads is not asked for by itself: who
+    screens in lanes looks again where much is reached of what is allowed. With less than all
+    `samples` of noise it is smaller still.
     """
     rcond = at.acceleration(formulation).rcond
     found = sensitivity_in_lanes(

@@ -17,7 +17,7 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key, violation
-from eomcheck.evaluation.point import quantity
+from eomcheck.evaluation.point import Solution, quantity
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.preparing import preparation
@@ -205,6 +205,12 @@ class Together(_Copies):
         self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
         self._original, self._copies = original, copies
         self.noise = self._noises = Noises([copy.noise for copy in copies])
+
+    def of_what_is_read(self, formulation: Formulation, pivoted: bool) -> Solution:
+        """Return what `formulation` makes of the copies' numbers, rounding as doubles do."""
+        partition, key = self.partition_for(formulation, pivoted), (formulation.key, pivoted)
+        with self._noises.still(), self.watched(key), np.errstate(all="ignore"):
+            return self.solution(formulation, partition)
 
     def part(self, place: int, record: Any) -> Any:
         """Return what a record holds of the copy at `place`."""

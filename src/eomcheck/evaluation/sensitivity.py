@@ -107,9 +107,24 @@ def acceleration_sensitivity(
         coordinates,
         solved=True,
     )
-    if np.isinf(found) or _determined(at, formulation, coordinates, pivoted):
-        return found
-    return float("inf")
+    if np.isinf(found) or not _determined(at, formulation, coordinates, pivoted):
+        return float("inf")
+    return max(found, _of_what_is_read(at, formulation, part, coordinates, pivoted))
+
+
+def _of_what_is_read(
+    at: Evaluation, formulation: Formulation, part: str, coordinates: bool, pivoted: bool
+) -> float:
+    """Return κ · scale of what rounding does to the numbers that `formulation` reads, by itself.
+
+    Next to what it does in the formulation it may have the other sign, in all copies by chance;
+    who climbs to a small error bound comes to where it has.
+    """
+    here = getattr(at.acceleration(formulation, pivoted), part)
+    copies = perturbed_copies(at, coordinates)[:SAMPLES]
+    moved = getattr(copies[0].together.of_what_is_read(formulation, pivoted), part)
+    with np.errstate(all="ignore"):
+        return largest(here) + largest(np.asarray(moved)[:SAMPLES] - here) / STEP
 
 
 def speeds_told(at: Evaluation) -> bool:

@@ -142,6 +142,16 @@ class Noises(Noise):
         return self._drawn[:, first : self._taken].reshape(shape)
 
     @contextmanager
+    def still(self) -> Iterator[None]:
+        """Change nothing meanwhile: neither what asks for changes nor arrays that were made."""
+        moving, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
+        try:
+            with self.stream(self._stream):
+                yield
+        finally:
+            self._sources = moving
+
+    @contextmanager
     def apart(self) -> Iterator[list[Noise]]:
         """Yield the noises one by one, each where all are; afterwards go on behind them."""
         noises = [Noise(*source) for source in self._sources]
