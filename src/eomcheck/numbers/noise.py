@@ -75,6 +75,8 @@ class Noise:
 
     shape: tuple[int, ...] = ()
     """Axes in front of every array that is changed, see `Noises`."""
+    moves = True
+    """Whether it changes anything, see `Noises.still`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -145,11 +147,12 @@ class Noises(Noise):
     def still(self) -> Iterator[None]:
         """Change nothing meanwhile: neither what asks for changes nor arrays that were made."""
         moving, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
+        self.moves = False
         try:
             with self.stream(self._stream):
                 yield
         finally:
-            self._sources = moving
+            self._sources, self.moves = moving, True
 
     @contextmanager
     def apart(self) -> Iterator[list[Noise]]:
