@@ -74,3 +74,32 @@ def test_what_is_described_in_words_is_proved(kind: type[Scene]):
     found = eomcheck.prove(scene, points=1, seed=0)
     assert len(found) > 60
     assert {one.verdict for one in found} == {"passed"}
+
+
+def hanging(parameters: Any) -> Description:
+    bob = words.Link("bob", parameters.mass[0], (parameters.length[0], 0, 0))
+    joint = words.Joint("hinge", "revolute", GROUND, "bob")
+    return Description([bob], [joint], gravity=(0, -9.81, 0), planar=True)
+
+
+class Hanging(Described, description=hanging, held=False):
+    """A pendulum whose gravity is a literal that is not whole."""
+
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,), default=(1.0,))
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (1,), default=(1.0,))
+    length: Any = parameter("to the centre of mass", "m", default=0.5)
+
+    key, conserves_energy, angle_coordinates = "hanging", True, slice(0, None)
+    named_coordinates = ("θ",)
+
+    def initial_state(self):
+        return np.zeros(1), np.zeros(1)
+
+
+def test_a_literal_that_keeps_exact_arithmetic_away_is_named():
+    found = eomcheck.check(Hanging(), [0.3], [0.1])
+    assert not [x for x in found if x.verdict == "failed"]
+    exact = {x.claim: x.detail for x in found if x.verdict == "not looked at"}
+    assert set(exact) >= {"enclosures", "true-error"}
+    for detail in exact.values():
+        assert detail.endswith("-9.81 in a description is no whole number: make it a parameter")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,26 @@ def test_equations_by_kanes_method_pass(make):
     assert {"bias-power", "kinetic-energy", "motion", "power-balance"} <= passed
     # Rolling is built into M, which then does not tell the bias.
     assert "bias-of-mass-matrix" not in passed
+
+
+WRONG_INPUT = "a velocity or a load of wrong sign in the derivation: against would tell"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_that_a_load_of_wrong_sign_went_into_a_derivation_is_said_to_be_untold(sign):
+    functions = from_kane(disc(sign=sign), NUMBERS)
+    found = check(functions, states=2)
+    assert not [x for x in found if x.verdict == "failed"]
+    assert WRONG_INPUT in [x.detail for x in found if x.verdict == "not looked at"]
+    against = from_kane(disc(), NUMBERS, name="right")
+    told = check(functions, states=2, against=against)
+    assert WRONG_INPUT not in [x.detail for x in told]
+    assert any(x.verdict == "failed" for x in told) == (sign < 0)
+
+
+def test_functions_that_nobody_derived_together_are_not_said_to_be():
+    found = check(replace(from_kane(disc(), NUMBERS), derived=False), states=2)
+    assert WRONG_INPUT not in [x.detail for x in found]
 
 
 def test_a_wrong_force_in_sympy_differs_from_ours():

@@ -70,6 +70,9 @@ def check_reference(points: list[Point]) -> None:
     ("against",),
     blind=(
         Blind("", "a number that all functions share, such as a mass, a length or g", ("against",)),
+        Blind(
+            "", "a velocity or a load of wrong sign in the derivation", ("against",), derived=True
+        ),
     ),
 )
 def reference(at: Point) -> Iterator[Sides | Skipped]:

@@ -49,11 +49,13 @@ class Blind(NamedTuple):
         about: the input, a key of `eomcheck.testing.subject.INPUTS`.
         what: what would not be noticed.
         told_by: inputs any one of which would tell; "against" is what one compares with.
+        derived: whether it is so only where functions come out of one derivation.
     """
 
     about: str
     what: str
     told_by: tuple[str, ...]
+    derived: bool = False
 
 
 Outcome = Sides | Told | Skipped

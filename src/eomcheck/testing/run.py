@@ -276,6 +276,8 @@ def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Fi
     if claim.applies(at):
         return
     for blind in claim.blind:
+        if blind.derived and not functions.derived:
+            continue
         about = not blind.about or at.has(blind.about)
         if about and not any(at.has(name) for name in blind.told_by):
             named_ = [name for name in blind.told_by if name != blind.about]

@@ -104,6 +104,8 @@ class Functions:
     holonomic: bool | None = None
     """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where constraints that are not
     holonomic are built into M; None for True without `qdot`, and False with it."""
+    derived: bool = False
+    """Whether all come out of one derivation, so that none tells what went into it wrong."""
     ranges: Any = None
     """What states are drawn from: (low, high) for all, n pairs for the coordinates, or n + p pairs;
     by default [-1, 1] for each coordinate and each velocity."""

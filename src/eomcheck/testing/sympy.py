@@ -23,7 +23,7 @@ class _Numbers:
     """
 
     def __init__(self, what: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
-        self._sympy = required("sympy")
+        self._sympy = required("sympy", "sympy")
         self.what = what
         symbols = [self._sympy.Dummy(str(i)) for i in range(len(q) + len(v))]
         # Rates before the coordinates that they are rates of.
@@ -36,7 +36,7 @@ class _Numbers:
         return self._named(expression).subs(self._parameters)
 
     def _named(self, expression: Any) -> Any:
-        sp, mechanics = self._sympy, required("sympy.physics.mechanics")
+        sp, mechanics = self._sympy, required("sympy.physics.mechanics", "sympy")
         matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
         return mechanics.msubs(matrix, self._names)
 
@@ -77,7 +77,7 @@ class _Numbers:
 
 def _symbols(expressions: Iterable[Any]) -> set[Any]:
     """Return symbols and functions of time in expressions."""
-    mechanics, found = required("sympy.physics.mechanics"), set()
+    mechanics, found = required("sympy.physics.mechanics", "sympy"), set()
     for one in expressions:
         found |= one.free_symbols | mechanics.find_dynamicsymbols(one)
     return found - {mechanics.dynamicsymbols._t}
@@ -113,7 +113,7 @@ def from_kane(
             among the options.
         EngineError: SymPy is not installed.
     """
-    mechanics = required("sympy.physics.mechanics")
+    mechanics = required("sympy.physics.mechanics", "sympy")
     _only_options("from_kane", options)
     if not isinstance(kane, mechanics.KanesMethod):
         raise InputError(f"kane = {kane!r}, expected a sympy.physics.mechanics.KanesMethod")
@@ -129,7 +129,7 @@ def from_kane(
     in_u = {rate.diff(): value.diff() for rate, value in rates.items()} | dict(rates)
 
     energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
-    speeds = required("sympy").Matrix([rates[q.diff()] for q in kane.q])
+    speeds = required("sympy", "sympy").Matrix([rates[q.diff()] for q in kane.q])
     expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
     inertias = (body.central_inertia.args for body in kane.bodies if hasattr(body, "inertia"))
     others = [body.mass for body in kane.bodies] + [x[0] for one in inertias for x in one]
@@ -164,6 +164,7 @@ def from_kane(
         T=lambda q, u: T(q, W(q) @ u),
         qdot=lambda q, u: qdot(q, W(q) @ u)[:, 0],
         speeds=p,
+        derived=True,
         name=name,
         **options,
     )
@@ -192,7 +193,7 @@ def from_lagrange(
             number no symbol, or a function is among the options.
         EngineError: SymPy is not installed.
     """
-    mechanics = required("sympy.physics.mechanics")
+    mechanics = required("sympy.physics.mechanics", "sympy")
     _only_options("from_lagrange", options)
     if not isinstance(lagrange, mechanics.LagrangesMethod):
         raise InputError(
@@ -225,6 +226,7 @@ def from_lagrange(
         qdd=lambda q, v: np.linalg.solve(full_mass(q, v), full_forcing(q, v)[:, 0])[n : 2 * n],
         T=lambda q, v: L(q, v) - L(q, still),
         U=lambda q: -L(q, still),
+        derived=True,
         name=name,
         **given,
         **options,

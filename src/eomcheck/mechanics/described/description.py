@@ -7,7 +7,7 @@ what is literally 1 or -1 is no operation; all other numbers are parameters or m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -236,7 +236,7 @@ DAMPED = ("dissipation",)
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
         at = read(description, parameters)
-        return at.functions["prepare"](arithmetic, at.given, q, t)
+        return _called(at, "prepare", arithmetic, at.given, q, t)
 
     return generic(prepare)
 
@@ -244,10 +244,31 @@ def _prepare(description: Callable) -> Callable:
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
         at = read(description, parameters)
-        return at.functions[name](at.given, *arguments)
+        return _called(at, name, at.given, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
+
+
+def _called(at: Understood, name: str, *arguments: Any) -> Any:
+    try:
+        return at.functions[name](*arguments)
+    except TypeError as error:
+        # Exact numbers take whole ones beside them, and no doubles.
+        written = [x for x in _flat(at.given) if type(x) is float and not x.is_integer()]
+        if not written:
+            raise
+        what = f"{written[0]!r} in a description is no whole number: make it a parameter"
+        raise TypeError(what) from error
+
+
+def _flat(x: Any) -> Iterator[Any]:
+    """Yield the entries of lists and tuples in each other."""
+    if isinstance(x, list | tuple):
+        for part in x:
+            yield from _flat(part)
+    else:
+        yield x
 
 
 class Described(Parametric):
