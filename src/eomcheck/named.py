@@ -38,11 +38,11 @@ def _paper(links: int | None) -> Snake:
 
 
 def left_out(kinds: Iterable[type[Scene]]) -> Iterator[str]:
-    """Yield, a sentence each, what is left out of the files that kinds of scenes are read from."""
+    """Yield, a sentence each, what is left out of files of robots, and what in them is doubtful."""
     for kind in kinds:
         made = getattr(kind, "made", None)
-        if made is not None and made.left_out:
-            yield f"{made.source}: {made.left_out}"
+        if made is not None:
+            yield from (f"{made.source}: {x}" for x in (made.left_out, made.doubtful) if x)
 
 
 def kinds_of(name: str) -> tuple[type[Scene], ...]:

@@ -18,7 +18,7 @@ from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.mechanics.records import State
-from eomcheck.named import kinds_of, scene_of
+from eomcheck.named import kinds_of, left_out, scene_of
 from eomcheck.scenes import from_urdf
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -81,6 +81,20 @@ def test_what_is_left_out_is_said():
         assert part in said
     assert said.startswith("Left out: ")
     assert said.count(".") == 1
+
+
+def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
+    text = (ROBOTS / "arm.urdf").read_text("utf-8")
+    for last, said in (("0.03", ""), ("0.0300001", "'lower'"), ("0.02", "")):
+        file = tmp_path / "doubtful.urdf"
+        moments = 'ixx="0.02" ixy="0" ixz="0" iyy="0.01" iyz="0" izz='
+        assert text.count(moments) == 1
+        file.write_text(text.replace(f'{moments}"0.02"', f'{moments}"{last}"'), "utf-8")
+        scene = from_urdf(file)
+        assert (said in scene.made.doubtful) if said else scene.made.doubtful == ""
+        told = [*left_out([type(scene)])]
+        assert (told[-1] == f"{file}: {scene.made.doubtful}") == bool(said)
+        assert scene.mass.tolist() == robot("arm").mass.tolist()
 
 
 def test_parameters_are_those_of_the_file_until_they_are_changed():

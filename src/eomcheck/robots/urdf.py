@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 
 from eomcheck.errors import InputError
+from eomcheck.mechanics.described.bodies import doubtful
 from eomcheck.mechanics.described.build import described
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link, Triple
@@ -30,7 +31,8 @@ def from_urdf(
     """Return the robot in a URDF file, with the parameters of the file.
 
     Its coordinates are those of the file's joints, in their order; fixed joints have none, nor have
-    joints that mimic others. Its `made.left_out` says what of the file is left out.
+    joints that mimic others. Its `made.left_out` says what of the file is left out, `made.doubtful`
+    which of its numbers no body has: they are taken as they are.
 
     Args:
         path: the file.
@@ -69,6 +71,7 @@ def urdf_kind(
             code=f"from_urdf({str(path)!r}{options})",
             imported="from eomcheck.scenes import from_urdf",
             left_out=robot.left_out,
+            doubtful=doubtful(robot.links),
             source=str(file),
             format="urdf",
             floating=joints[0].name if floating else "",

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-import numpy as np
-
 from eomcheck.engines.files.free import FREE
+from eomcheck.mechanics.described.bodies import impossible
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
@@ -17,8 +16,6 @@ from eomcheck.robots.urdf import read_urdf
 from eomcheck.robots.urdf_xml import Element, root_of
 
 SHAPES = "visual", "collision"
-TOUCHING = 1e-9
-"""Relative: a plate's largest moment is the sum of the others, and files have few digits."""
 
 
 class Description(NamedTuple):
@@ -72,7 +69,7 @@ def described(path: Path) -> Description:
         frozenset(joint.name for joint in robot.joints if _damped(joint)),
         tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
         tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
-        tuple(link.name for link in robot.links if _impossible(link)),
+        tuple(link.name for link in robot.links if impossible(link)),
     )
 
 
@@ -91,9 +88,3 @@ def _damped(joint: Joint) -> bool:
 
 def _heavy(link: Link) -> bool:
     return link.mass > 0 or any(link.moments)
-
-
-def _impossible(link: Link) -> bool:
-    (x, y, z), (xy, xz, yz) = link.moments, link.products
-    moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
-    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING) or moments[0] < 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ from eomcheck.numbers.contract import Array
 
 ROUNDED = 1e-12
 """Relative to the largest moment of inertia, what rounding may have made of 0."""
+TOUCHING = 1e-9
+"""Relative: a plate's largest moment is the sum of the others, and files have few digits."""
 
 
 class Rigid(NamedTuple):
@@ -45,6 +48,21 @@ def rigid(link: Link, turn: Quaternion, offset: Array) -> Rigid | None:
     R, (xy, xz, yz) = rotation(turn), link.products
     inertia = np.diag(link.moments) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
     return Rigid(link.mass, offset + R @ np.array(link.center), R @ inertia @ R.T)
+
+
+def impossible(link: Link) -> bool:
+    """Return whether no body has the moments of inertia: one exceeds the sum of the others."""
+    (x, y, z), (xy, xz, yz) = link.moments, link.products
+    moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING) or moments[0] < 0)
+
+
+def doubtful(links: Iterable[Link]) -> str:
+    """Return in one sentence which links have moments of inertia that no body has; "" of none."""
+    names = ", ".join(repr(link.name) for link in links if impossible(link))
+    if not names:
+        return ""
+    return f"No body has the moments of inertia of {names}: one exceeds the sum of the others."
 
 
 def check_positive(bodies: dict[str, Rigid]) -> None:

@@ -62,6 +62,8 @@ class Made(NamedTuple):
     module: str = __name__
     left_out: str = ""
     """What of its source is not in it, in one sentence."""
+    doubtful: str = ""
+    """What of its numbers no body has, in one sentence."""
     source: str = ""
     """The file that it was read from."""
     format: str = ""
