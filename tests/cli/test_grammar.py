@@ -175,6 +175,8 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["prove", "--scene", "coil"], "'coil' is a single snake"),
         (["report", "x.db", "--suite", "x"], "--suite says nothing without --equivalences"),
         (["list", "claim"], "did you mean 'claims'"),
+        (["study", "stiff", "x.db", "--quick"], "make it: eomcheck reference paper-rest"),
+        (["study", "work-precision", "x.db", "--reference", "own"], "references of eomcheck are"),
         (["reference", "paper-res"], "did you mean 'paper-rest'"),
         (["fuzz", "--family", "ordinary,wid", "--states", "1"], "did you mean 'wide'"),
         (["fuzz", "--claim", "bias,bia", "--states", "1"], "did you mean 'bias'"),

@@ -16,13 +16,13 @@ import numpy as np
 
 from eomcheck import __version__
 from eomcheck.console import progress
-from eomcheck.errors import named
+from eomcheck.errors import InputError, named
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
 from eomcheck.motion.run import difference
-from eomcheck.motion.stored import Reference, reference_of, save_reference
+from eomcheck.motion.stored import Reference, load_reference, reference_of, save_reference
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import (
     Andrews,
@@ -191,6 +191,24 @@ def case_of(name: str) -> Case:
         UnknownNameError: there is none.
     """
     return named("reference", name, CASES)
+
+
+def stored(name: str, folder: Path) -> Reference:
+    """Return the reference solution that a folder holds under this name.
+
+    Raises:
+        InputError: it holds none, and where there is one, or how to make it; or it cannot be read.
+    """
+    path = folder / f"{name}.json"
+    if not path.exists():
+        made = (
+            f"go to a checkout of eomcheck, say by --references FOLDER where it is, or make it: "
+            f"eomcheck reference {name} --folder FOLDER"
+            if name in CASES
+            else f"references of eomcheck are: {', '.join(CASES)}"
+        )
+        raise InputError(f"the reference solution {str(path)!r} is missing; {made}")
+    return load_reference(path)
 
 
 def write_reference(reference: Reference, folder: Path) -> Path:

@@ -16,7 +16,7 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.references import CASES
+from eomcheck.lab.references import CASES, stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
@@ -27,7 +27,7 @@ from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import simulate
-from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.motion.stored import Reference
 from eomcheck.motion.trajectory import Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
@@ -73,7 +73,7 @@ def cells(
             raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
     # Tolerances innermost: the code made for the first one serves the others.
     for name in reference or ("paper-rest",):
-        scene = load_reference(references / f"{name}.json").scene
+        scene = stored(name, references).scene
         keys = [f.key for f in formulations_for(scene, formulation or None)]
         for key, how, rtol in product(keys, integrators, tolerance or TOLERANCES):
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
@@ -84,7 +84,7 @@ def worker(known: Sequence[Record], *, references: References = REFERENCES) -> W
 
     @cache
     def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
-        reference = load_reference(references / f"{name}.json")
+        reference = stored(name, references)
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
         return reference, *ready(scene, key, q0, velocity(scene, q0, u0), u0)
 
