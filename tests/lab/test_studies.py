@@ -16,7 +16,7 @@ from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.records import Record, Records, record_of_rows
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, engines, motion, study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
@@ -139,3 +139,25 @@ def test_a_chart_offers_what_its_panels_are_of_in_their_order():
     assert chart.choices == {"error": ["energy", "constraint"], "by": ["kane", "au"]}
     assert chart.rows() == [[("energy", "kane"), ("energy", "au")], [("constraint", "au")]]
     assert Chart("none", "", ["error"], {}).choices == {"error": []}
+
+
+@pytest.mark.parametrize("compliant", [False, True])
+def test_an_engine_is_soft_by_its_own_word_and_only_where_it_is_constrained(compliant, monkeypatch):
+    monkeypatch.setattr(PinocchioEngine, "compliant", compliant)
+    of = {"engine": "pinocchio", "links": (1, 2), "states": 2, "seed": 0}
+    work = study_of("engines").worker([])
+    held, free = (work(of | {"scene": key}) for key in ("sleigh", "chain-pendulum"))
+    soft = {one.claim for one in rows_of([held, free], engines.Compared) if one.gives_way}
+    assert soft == (set(engines.CONSTRAINED) if compliant else set())
+    printed = "".join(sheet.markdown() for sheet in study_of("engines").sheets([held]))
+    assert ("soft" in printed) is compliant
+    assert "soft" not in "".join(sheet.markdown() for sheet in study_of("engines").sheets([free]))
+
+
+def test_what_could_not_be_judged_of_an_engine_is_inconclusive_and_not_soft():
+    who = "pinocchio", "pinocchio 4", "sleigh", "engine-acceleration", 1, 0, 0.5
+    settings = {"engine": "pinocchio", "scene": "sleigh"}
+    record = record_of_rows("engines", settings, [engines.Compared(*who, None, False)])
+    sheet, _ = study_of("engines").sheets([record])
+    assert "5e-01 inconclusive" in sheet.rows[0] and "soft" not in sheet.markdown()
+    assert any("nothing was decided" in said for said in study_of("engines").said([record]))
