@@ -45,6 +45,11 @@ def plain(character: str) -> str:
     return known.get(kind, "?")
 
 
+def counted(count: int, what: str) -> str:
+    """Return "1 state", "2 states"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def printable(text: str) -> str:
     """Return a text in one line: without line breaks, and "\ufffd" for other control characters."""
     return "".join(

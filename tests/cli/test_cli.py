@@ -85,14 +85,15 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["acceleration", "pattern", "--links", "95", "--speeds", "1,1"], "wheel_angle[89]"),
         (["draw", "accuracy", "a.png", "--examples", "0"], "examples = 0"),
         (["draw", "accuracy", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["bench", "rhs", "--links", "0"], "links = 0"),
+        (["bench", "rhs", "--links", "0"], "links = '0'"),
+        (["study", "agreement", "--per-size", "0"], "per-size = 0"),
         (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
         (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
         (["study", "operations", "--links", "0"], "links = '0'"),
         (["study", "operations", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["study", "operations", "--json", "no/such/folder/x"], "not a file in a folder"),
         (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["draw", "agreement", "a.png", "--links", "0"], "links = 0"),
+        (["draw", "agreement", "a.png", "--links", "0"], "links = '0'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch, capsys):

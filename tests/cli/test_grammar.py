@@ -166,7 +166,7 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["study", "operations", "--repeats", "3"], "nothing is timed without a scene"),
         (["study", "operations", "--scene", "sleigh", "--links", "3"], "sleigh has no number"),
         (["study", "engines", "--engine", "casadi,pinochio"], "did you mean 'pinocchio'"),
-        (["bench", "rhs", "--links", "3,x"], "links = 'x', expected whole numbers"),
+        (["bench", "rhs", "--links", "3,x"], "links = 'x', expected a number or a range"),
         (["bench", "rhs", "--links", "3", "--set", "mas=1"], "did you mean 'mass'"),
         (["bench", "rhs", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
         (["validate", "--scene", "sleig"], "did you mean 'sleigh'"),
@@ -222,7 +222,7 @@ def test_lists_are_read_with_commas_and_repeated():
 
 
 def test_a_study_reads_lists_both_ways(monkeypatch, capsys):
-    arguments = ("bench", "rhs", "--links", "2,3", "--links", "4", "--repeats", "1")
+    arguments = ("bench", "rhs", "--links", "2..3", "--links", "4", "--repeats", "1")
     assert run(*arguments, "--formulation", "kane,au", monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     for text in ("N = 2", "N = 3", "N = 4", "kane", "au"):

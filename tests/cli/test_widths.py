@@ -41,7 +41,7 @@ COMMANDS = {
     "operations": "study operations --links 2..4",
     "saved": "study operations --scene sleigh --repeats 0",
     "accuracy": "study accuracy --links 1..2 --examples 2",
-    "agreement": "study agreement --links 2 --per-size 1",
+    "agreement": "study agreement --links 1..2 --per-size 2",
     "studies": "study --help",
 }
 OTHERS = {"report", "export", "reference", "compare", "fuzz"}

@@ -29,7 +29,7 @@ ROBOTS = Path(__file__).parents[1] / "scenes" / "robots"
 SMALL = {
     "operations": {"links": "2..5", "formulation": ["kane", "au"]},
     "accuracy": {"links": "2..3", "examples": 3},
-    "agreement": {"links": 2, "per_size": 3},
+    "agreement": {"links": "1..2", "per_size": 3},
     "rhs": {"scene": "sleigh", "formulation": ["kane"], "repeats": 2},
     "motion": {"formulation": ["kane"]},
     "engines": {"engine": ["pinocchio"], "links": "2", "states": 2},
@@ -91,12 +91,22 @@ def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: P
 
 
 def test_no_formulation_is_as_far_from_the_reference_as_a_flipped_sign():
-    rows = rows_of(study_of("agreement").run(links=4, per_size=4), Agreement)
+    rows = rows_of(study_of("agreement").run(links="1..4", per_size=4), Agreement)
     assert {one.links for one in rows} == set(range(1, 5))
     assert REFERENCE not in {one.key for one in rows}
     assert all(one.observed <= one.allowed for one in rows)
     # At rest the flipped sign is that of zero.
     assert median(one.faulty / one.allowed for one in rows) > 1e3
+
+
+def test_where_no_formulation_could_be_compared_it_says_so_and_shows_no_empty_table():
+    study = study_of("agreement")
+    found = study.run(links="2", per_size=1)  # the simplest snake: straight, at rest
+    assert not list(study.sheets(found))
+    (said,) = study.said(found)
+    assert "Nothing to compare in 1 state:" in said and "--per-size 2" in said
+    more = study.run(links="2", per_size=2)
+    assert list(study.sheets(more)) and not list(study.said(more))
 
 
 def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():

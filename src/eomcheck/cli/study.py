@@ -21,7 +21,7 @@ from eomcheck.cli.options import (
 )
 from eomcheck.errors import UnknownNameError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import listed, numbers
+from eomcheck.lab.options import listed, numbers, whole_numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
@@ -122,12 +122,22 @@ def _option(name: str, annotation: Any) -> Any:
     lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
     if lists and name != "set":
         (of,) = lists
-        read = listed if of is str else lambda texts: numbers(name, texts, of) or None
+        kinds = {str: listed, int: lambda texts: _whole(name, texts)}
+        read = kinds.get(of, lambda texts: numbers(name, texts, of) or None)
         kind = list[str] | None
     flag = [f"--{name}"] if kind is bool else []
     shown = SHAPES.get(name, "A,B" if read else None)
     how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
     return Annotated[kind, typer.Option(*flag, help=said, **how)]
+
+
+def _whole(name: str, texts: list[str] | None) -> list[int] | None:
+    """Return whole numbers; those of links may be ranges, as in all commands."""
+    if name != "links":
+        return numbers(name, texts, int) or None
+    return (
+        list(dict.fromkeys(x for text in listed(texts) or [] for x in whole_numbers(text))) or None
+    )
 
 
 def _run(

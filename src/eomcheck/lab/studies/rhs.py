@@ -262,7 +262,7 @@ def _pinocchio_call(scene: Scene, q: Array, u: Array) -> tuple[str, Call]:
 def cells(
     *,
     scene: Kind = "snake",
-    links: Annotated[list[int] | None, "Number of links, or several: 7,100."] = None,
+    links: Annotated[list[int] | None, "Number of links, or several: 7,100 or 2..5."] = None,
     formulation: Formulations = None,
     repeats: Repeats = 15,
     set: Set = None,
