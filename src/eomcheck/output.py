@@ -46,8 +46,9 @@ def plain(character: str) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """Return "1 state", "2 states"."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    """Return "1 state", "2 states", "3 identities"."""
+    many = f"{what.removesuffix('y')}ies" if what.endswith("ty") else f"{what}s"
+    return f"{count} {what if count == 1 else many}"
 
 
 def printable(text: str) -> str:

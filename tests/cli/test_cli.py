@@ -51,7 +51,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["fuzz", "--links", "0"], "links = '0'"),
         (["fuzz", "--time", "5"], "time = '5', expected a time such as 20s"),
         (["fuzz", "--time", "0s"], "time = '0s'"),
-        (["fuzz", "--time", "5s", "--states", "5"], "time and states: expected one"),
+        (["fuzz", "--time", "5s", "--states", "5"], "--time and --states: expected one"),
         (["fuzz", "--states", "0"], "states = 0"),
         (["fuzz", "--family", "mild"], "unknown family 'mild'; known: ordinary, wide"),
         (["fuzz", "--ration", "1,2"], "ration = '1,2', expected five"),
@@ -254,7 +254,7 @@ def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys,
 
 @pytest.mark.parametrize(
     ("ended", "code"),
-    [(KeyboardInterrupt(), 130), (WorkerError("1 items killed every worker: bicycle"), 2)],
+    [(KeyboardInterrupt(), 130), (WorkerError("1 item killed every worker: bicycle"), 2)],
     ids=["Ctrl-C", "killed"],
 )
 def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_done(

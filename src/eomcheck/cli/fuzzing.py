@@ -14,6 +14,7 @@ from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, rec
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval, listed
+from eomcheck.output import counted
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
@@ -66,9 +67,15 @@ def fuzz(
             metavar="A,B", help="Claim to look at, or several: a,b. Default all.", callback=listed
         ),
     ] = None,
-    time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
+    time: Annotated[
+        str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m, without --states]")
+    ] = None,
     states: Annotated[
-        int | None, typer.Option(help="Number of states or motions, those in --records included.")
+        int | None,
+        typer.Option(
+            help="Least number of states or motions instead, those in --records included: rounds "
+            "are finished, so that there are more."
+        ),
     ] = None,
     seed: Seed = 0,
     motions: Annotated[
@@ -117,7 +124,7 @@ def fuzz(
         _replay(replay, formulation, scene)
         return
     if time is not None and states is not None:
-        raise InputError("time and states: expected one of them")
+        raise InputError("--time and --states: expected one of them, not both")
     most = None if states is not None else seconds_of(time or "1m")
     if states is not None:
         at_least_one(states=states)
@@ -276,7 +283,9 @@ def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
     finds = read_finds(path)
     with progress("replaying", len(finds)) as advance:
         still = replayed(finds, formulation or tuple(FORMULATIONS), advance)
-    console.print(f"{len(finds)} finds: {len(finds) - len(still)} hold now, {len(still)} fail")
+    console.print(
+        f"{counted(len(finds), 'find')}: {len(finds) - len(still)} hold now, {len(still)} fail"
+    )
     for find in still:
         console.print(str(find), markup=False)
         print(find.python)

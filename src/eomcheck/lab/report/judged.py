@@ -14,6 +14,7 @@ from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import Kept
 from eomcheck.lab.store.records import group
+from eomcheck.output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")
 """Levels of evidence, strongest first."""
@@ -71,7 +72,7 @@ class Judged:
         """What a table shows of them."""
         if self.worst is None:
             return Cell(self.text, self.kind)
-        said = f"{self.worst}; {len(self.rows)} findings, {self.open} inconclusive"
+        said = f"{self.worst}; {counted(len(self.rows), 'finding')}, {self.open} inconclusive"
         return Cell(self.text, self.kind, said=said)
 
     @property

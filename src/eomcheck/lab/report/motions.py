@@ -20,6 +20,7 @@ from eomcheck.motion.errors import constraint_error, energy_error
 from eomcheck.motion.many import Trajectories
 from eomcheck.motion.trajectory import Trajectory
 from eomcheck.numbers.contract import Array
+from eomcheck.output import counted
 
 # ---- One state -----------------------------------------------------------------------------------
 
@@ -146,7 +147,7 @@ def print_many(found: Trajectories) -> None:
     title = f"{found.key}, t = {found.t[-1]:g} s"
     rows = list(_quantile_rows(found, good)) if good.any() else []
     counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
-    note = f"{len(found)} motions: {counts}; {found.seconds:.2g} s of integration"
+    note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
     print_sheets([Sheet("many", title, ("", *QUANTILES), rows, note=note)])
     for i in np.flatnonzero(~good)[:3]:
         say(f"motion {i} {found.status[i]}: {found.reason[i]}")
@@ -179,7 +180,7 @@ def chart_of_many(found: Trajectories) -> Chart:
     """Return how far half and all of the motions are from the median, coordinate by coordinate."""
     scene, q = found.scenes[0], found.q[found.status == "finished"]
     shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
-    whole = f"{len(q)} motions of {scene.name} by {found.key}"
+    whole = f"{counted(len(q), 'motion')} of {scene.name} by {found.key}"
     panels: dict[tuple[str, ...], Panel] = {}
     for i in shown:
         name = scene.coordinate_names[i]

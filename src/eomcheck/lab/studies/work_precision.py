@@ -29,6 +29,7 @@ from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stored import Reference
 from eomcheck.motion.trajectory import Trajectory
+from eomcheck.output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -160,7 +161,7 @@ def pareto_front(records: Iterable[Record]) -> list[Record]:
 
 def summary(records: Sequence[Record]) -> str:
     """Return one paragraph made from the numbers of one scene."""
-    sentences = [f"{len(select(records))} of {len(records)} runs finished."]
+    sentences = [f"{len(select(records))} of {counted(len(records), 'run')} finished."]
     for target in TARGETS:
         best = _best(records, target)
         if not best:
@@ -348,7 +349,7 @@ def _told(record: Record) -> list[str]:
         f"{key}, {integrator}",
         f"tolerance {tolerance}",
         f"run time {seconds_text(_seconds(record))}, {status}",
-        f"{counts['right-hand sides']} right-hand sides, {counts['steps']} steps",
+        ", ".join(counted(counts[f"{what}s"], what) for what in ("right-hand side", "step")),
         *(f"{label} {record.errors[error]:.2e}" for error, label in errors_shown([record]).items()),
     ]
 

@@ -20,6 +20,7 @@ from eomcheck.lab.studies.stiff.measure import (
     STUDY,
     TRUTH,
 )
+from eomcheck.output import counted
 
 TARGETS = (1e-3, 1e-6)
 """Relative errors whose costs are compared."""
@@ -99,7 +100,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
 def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield how many runs were disturbed."""
     shared = sum(map(disturbed, found))
-    yield f"{shared} of {len(select(found, STUDY))} best runs had to share their core."
+    yield f"{shared} of {counted(len(select(found, STUDY)), 'best run')} had to share a core."
 
 
 def _truths(found: Sequence[Record]) -> Sheet:
@@ -240,7 +241,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
 
 def _told(record: Record) -> list[str]:
     how = "{integrator}, tolerance {tolerance:.0e}".format(**record.settings)
-    return [how, f"{1e3 * cost(record):.3g} ms, {cost(record, RATES):.0f} right-hand sides"]
+    return [how, f"{1e3 * cost(record):.3g} ms, {counted(record.counts[RATES], 'right-hand side')}"]
 
 
 def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
