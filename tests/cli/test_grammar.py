@@ -296,10 +296,10 @@ def test_what_takes_long_says_so_once_and_what_does_not_says_nothing(monkeypatch
     assert capsys.readouterr().err == ""
     with console.said_at_work("starting validate"):
         time.sleep(0.15)
-    with console.said_at_work("starting validate"), console.progress("checking", 12):
+    with console.said_at_work("starting validate"), console.progress("checking {state}", 12):
         time.sleep(0.15)
     said = capsys.readouterr().err
-    assert said == "eomcheck: starting validate ...\neomcheck: checking, 12 in all ...\n"
+    assert said == "eomcheck: starting validate ...\neomcheck: checking 12 states ...\n"
 
 
 def test_the_command_line_is_said_at_work(monkeypatch, capsys):

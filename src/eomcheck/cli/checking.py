@@ -121,7 +121,7 @@ def validate(
     with (
         stoppable(),
         records_to_report(records, report) as kept,
-        progress("checking", (examples + (1 if one else 2)) * len(kinds)) as advance,
+        progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
     ):
         try:
             if len(kinds) == 1:

@@ -56,7 +56,7 @@ def compare(
             f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
         )
     scene = scene_of(robot)
-    with progress("comparing", states) as advance:
+    with progress("comparing libraries at {state}", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:
         write_comparison(found, json)

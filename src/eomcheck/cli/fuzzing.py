@@ -129,7 +129,7 @@ def fuzz(
     if states is not None:
         at_least_one(states=states)
 
-    from eomcheck.console import console, stoppable
+    from eomcheck.console import console, doing, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
     from eomcheck.lab.fuzzing.draws import Stratum
     from eomcheck.lab.fuzzing.finds import functions_named
@@ -161,7 +161,8 @@ def fuzz(
                 plan = _plan(kind, selection, seed, family, climb, ration)
         campaign = Campaign(plan, name, strata, kept)
         try:
-            campaign.run(states, most, executor, Teller())
+            with doing(f"fuzzing {name}"):
+                campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
             interrupted = True
         if keep is not None and campaign.finds:
@@ -281,7 +282,7 @@ def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
     if not path.exists():
         raise InputError(f"{str(path)!r} is no file")
     finds = read_finds(path)
-    with progress("replaying", len(finds)) as advance:
+    with progress("looking again at {find}", len(finds)) as advance:
         still = replayed(finds, formulation or tuple(FORMULATIONS), advance)
     console.print(
         f"{counted(len(finds), 'find')}: {len(finds) - len(still)} hold now, {len(still)} fail"

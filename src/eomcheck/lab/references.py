@@ -141,7 +141,7 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
         return
     # The longest first: begun last, it would be waited for alone.
     items = sorted(cases.items(), key=lambda item: -item[1].minutes)
-    with progress("references", len(items)) as advance:
+    with progress("computing {reference}", len(items)) as advance:
         for _, made in spread(where, _produce_quietly, items):
             advance()
             yield made
@@ -161,7 +161,9 @@ def produce(name: str, case: Case, shown: bool = True) -> Reference:
     scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
     q0, _ = scene.initial_state()
     done = 0
-    with progress(f"{name}, about {case.minutes:g} min" if shown else "", PERCENT) as advance:
+    with progress(
+        f"computing {name}, about {case.minutes:g} min" if shown else "", PERCENT
+    ) as advance:
 
         def watch(t: float) -> None:
             # The second integration takes nearly all the time.

@@ -62,7 +62,9 @@ def summary_sheet(campaign: Campaign) -> Sheet:
         if x and name not in shown and not name.startswith((CROSSED, STOPPED))
     ]
     rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
-    return Sheet("fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("", ""), rows)
+    return Sheet(
+        "fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("what", "how many"), rows
+    )
 
 
 def strata_sheet(campaign: Campaign) -> Sheet:

@@ -252,6 +252,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
 STUDY = Study(
     key="accuracy",
     cells=cells,
+    label="certifying {state}",
     worker=lambda known: _certified,
     sheets=sheets,
     charts=charts,

@@ -185,6 +185,6 @@ STUDY = Study(
     charts=charts,
     said=said,
     alarm=failed,
-    label="comparing",
+    label="comparing formulations on snakes of {size}",
     small=True,
 )

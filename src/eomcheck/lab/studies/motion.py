@@ -61,7 +61,7 @@ def timed(settings: Settings) -> Record:
     keys, scene = settings["formulations"], Snake.paper()
     found: dict[str, MotionTime] = {}
     motions = []
-    with progress("making code and timing", (1 + ROUNDS) * len(keys)) as advance:
+    with progress("making code and timing it in {step}", (1 + ROUNDS) * len(keys)) as advance:
         for key in keys:
             motions.append(Motion(scene, FORMULATIONS[key], *scene.initial_state()))
             advance()

@@ -321,7 +321,7 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
                     yield what, size, call
 
         repeats, count = settings["repeats"], len(chosen) * (len(formulations) + 4)
-        with progress("making code and timing", (1 + repeats) * count) as advance:
+        with progress("making code and timing it in {step}", (1 + repeats) * count) as advance:
             timings = time_calls(kind.key, jobs(), repeats, advance)
         return record_of_rows(STUDY.key, settings, timings)
 

@@ -37,7 +37,7 @@ def _ratios(settings: Settings) -> Record:
     """Find, per claim, observed / (κ ε scale) of every conclusive Finding."""
     run, selection, examples = Run(), Selection.of(), settings["examples"]
     links, seed = settings["links"], settings["seed"]
-    with progress("measuring", examples) as advance:
+    with progress("measuring errors at {state}", examples) as advance:
         run.explore(scene_cases(Snake, links, examples, seed), selection, advance)
     ratios: dict[str, list[float]] = defaultdict(list)
     for finding in run.findings:

@@ -357,6 +357,7 @@ def _told(record: Record) -> list[str]:
 STUDY = Study(
     key="work-precision",
     cells=cells,
+    label="integrating {motion}",
     worker=worker,
     sheets=sheets,
     charts=charts,
