@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -29,8 +29,8 @@ CELLS = (
 )
 WORST = (
     "worst: largest error observed, in percent of the error allowed (?: nothing could be checked), "
-    "by whom and in which state (scene[links] #state); open: findings that say nothing. --wide "
-    "tells formulations, engines and scenes apart."
+    "by whom and in which state (scene[links] #state); inconclusive: rounding explains any "
+    "difference. --wide tells formulations, engines and scenes apart."
 )
 
 # ---- Tables --------------------------------------------------------------------------------------
@@ -65,8 +65,7 @@ def worst_sheet(claims: Iterable[Judged]) -> Sheet:
     for one in claims:
         worst = one.worst if one.kind in DECIDED and one.text != "0" else None
         by, on = ("·", "·") if worst is None else (worst.subject, where(worst))
-        open_ = f", {one.open} open" if one.open else ""
-        rows.append([_name(one), one.cell, by, on, f"{len(one.rows)}{open_}"])
+        rows.append([_name(one), one.cell, by, on, f"{len(one.rows)}{one.undecided}"])
     columns = ["claim", "worst", "by", "on", "findings"]
     return Sheet("worst", "", columns, rows, note=WORST)
 
@@ -160,11 +159,17 @@ def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet
         strata: key of a kind of scene -> name of a stratum -> way -> number of states.
     """
     rows = [
-        (scene, name, ", ".join(f"{way} {states}" for way, states in ways.items()))
+        (scene, name, ", ".join(_ways(ways)))
         for scene, of in strata.items()
         for name, ways in of.items()
     ]
     return Sheet("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
+
+
+def _ways(ways: Mapping[str, int]) -> Iterator[str]:
+    """Yield each way with its states in brackets, the first time with the word for them."""
+    for i, (way, states) in enumerate(ways.items()):
+        yield f"{way} ({states if i else counted(states, 'state')})"
 
 
 # ---- On a terminal -------------------------------------------------------------------------------
@@ -207,10 +212,8 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
     else:
         whole = Judged(tuple(rows))
-        passed, unseen = len(rows) - whole.open, len(whole.unseen)
-        others = f", {unseen} not looked at" if unseen else ""
-        said = f"{counted(passed, 'finding')} passed, {whole.open - unseen} inconclusive"
-        say(f"{said}{others}, 0 failed.", "bold green")
+        passed = len(rows) - whole.open
+        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
 
 
 def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:

@@ -62,8 +62,8 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
     out = ElementTree.SubElement(case, "system-out")
     out.text = _clean(
         f"{judged.claim.statement} {judged.claim.equations}: "
-        f"{counted(len(judged.rows), 'finding')}, "
-        f"{judged.open} inconclusive, largest error {judged.text} of the error allowed"
+        f"{counted(len(judged.rows), 'finding')}{judged.undecided}, "
+        f"largest error {judged.text} of the error allowed"
     )
 
 
