@@ -110,8 +110,25 @@ def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):
     printed = capsys.readouterr().out
     for key in eomcheck.FORMULATIONS:
         assert key in printed
-    assert "1415.777" in printed
+    assert "1415.777043 rad/s²" in printed and "θ_2" in printed
     assert "refuses" not in printed
+    assert "snake[7]" in printed and "at rest: x = 0 m" in printed and "θ_1 = 0.7679 rad" in printed
+    assert "KKT: the matrix of" in printed
+    assert run("acceleration", "paper", "--speeds", "1,0.5", "--formulation", "kane",
+               monkeypatch=monkeypatch) == 0  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "Their rates: x: 0.88" in printed and "KKT" not in printed
+
+
+def test_units_are_those_of_each_coordinate(monkeypatch, capsys):
+    crane = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
+    assert run("acceleration", str(crane), "--formulation", "kane", monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "slew = 0 rad, travel = 0 m, swing = 0 rad" in printed
+    assert (
+        run("simulate", str(crane), "0.01", "--formulation", "kane", monkeypatch=monkeypatch) == 0
+    )
+    assert "run time (s)" in capsys.readouterr().out
 
 
 def test_redundant_constraints_are_named(monkeypatch, capsys, tmp_path):
