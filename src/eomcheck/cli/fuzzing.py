@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eomcheck.cli.app import app
+from eomcheck.cli.app import Command, app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
@@ -44,7 +44,7 @@ def _rations(text: str) -> list[int]:
     return [int(one) for one in text.split(",")]
 
 
-@app.command()
+@app.command(cls=Command)
 def fuzz(
     scene: Kind = "snake",
     links: Annotated[
@@ -53,7 +53,7 @@ def fuzz(
     engine: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B",
+            metavar="KEY,KEY",
             help="Engine to compare with, several: a,b, or your own: FILE.py:CLASS. "
             "Default those that no extra installs; none for no engine.",
             callback=listed,
@@ -64,11 +64,14 @@ def fuzz(
     claim: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B", help="Claim to look at, or several: a,b. Default all.", callback=listed
+            metavar="KEY,KEY",
+            help="Claim to look at, or several: a,b. Default all.",
+            callback=listed,
         ),
     ] = None,
     time: Annotated[
-        str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m, without --states]")
+        str | None,
+        typer.Option(metavar="TIME", help="How long: 20s, 10m, 3h. [1m, without --states]"),
     ] = None,
     states: Annotated[
         int | None,
@@ -84,7 +87,7 @@ def fuzz(
     family: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B",
+            metavar="KEY,KEY",
             callback=listed,
             help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
             "the first and the third.",
@@ -94,13 +97,17 @@ def fuzz(
     ration: Annotated[
         str | None,
         typer.Option(
+            metavar="N,N,N,N,N",
             help="One state in how many is looked at by enclosures, balls, engines, full checks, "
-            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]"
+            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]",
         ),
     ] = None,
     executor: Annotated[
         str | None,
-        typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]"),
+        typer.Option(
+            metavar="PLACE",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]",
+        ),
     ] = None,
     records: Kept = None,
     replay: Annotated[

@@ -25,7 +25,7 @@ REFERENCES = SUITE / "references"
 _SCENES = completing("scene", more=["all"])
 _ONE = (
     "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
-    "or a snake: paper, coil, pattern."
+    "or a snake: paper (the paper's robot), coil, pattern."
 )
 
 Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
@@ -41,7 +41,7 @@ OneOrNot = Annotated[
 Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
 Given = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
 Formulation = Annotated[
-    str, typer.Option(help="Formulation.", autocompletion=completing("formulation"))
+    str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completing("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
@@ -51,7 +51,7 @@ Where = Annotated[
 Formulations = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="A,B",
+        metavar="KEY,KEY",
         help="Formulation, or several: a,b. Default all.",
         callback=listed,
         autocompletion=completing("formulation"),
@@ -60,7 +60,7 @@ Formulations = Annotated[
 Engines = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="A,B",
+        metavar="KEY,KEY",
         help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
         "Default those that no extra installs.",
         callback=listed,

@@ -27,8 +27,10 @@ def library_sheet(found: Comparison) -> Sheet:
             for name, table in found.apart.items()
         ]
         rows.append([Cell(version, "name"), *apart, verdict])
-    nothing = [*"-" * len(found.apart), Cell("no answer", "open")]
-    rows += [[Cell(key, "name"), *nothing] for key in found.refused]
+    nothing = "-" * len(found.apart)
+    for key in found.refused:
+        why = "not installed" if key in found.missing else "no answer"
+        rows.append([Cell(key, "name"), *nothing, Cell(why, "open")])
     size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
     title = f"{found.scene.name}: {', '.join(size)}"
     heads = ["library", *found.apart, "verdict"]
@@ -44,7 +46,9 @@ def pair_sheets(found: Comparison) -> Iterator[Sheet]:
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
         ]
-        yield Sheet(quantity, f"{quantity}, each library beside each other", ["", *names], rows)
+        yield Sheet(
+            quantity, f"{quantity}, each library beside each other", ["library", *names], rows
+        )
 
 
 def sentences(found: Comparison) -> Iterator[str]:
@@ -61,7 +65,7 @@ def sentences(found: Comparison) -> Iterator[str]:
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
     for key, why in found.refused.items():
-        yield f"{key} gave no answer: {why}"
+        yield f"{key} {'was left out' if key in found.missing else 'gave no answer'}: {why}"
 
 
 def _cell(x: float) -> str:

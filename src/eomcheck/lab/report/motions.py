@@ -174,7 +174,7 @@ def print_many(found: Trajectories) -> None:
     rows = list(_quantile_rows(found, good)) if good.any() else []
     counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
     note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
-    print_sheets([Sheet("many", title, ("", *QUANTILES), rows, note=note)])
+    print_sheets([Sheet("many", title, ("at the end", *QUANTILES), rows, note=note)])
     for i in np.flatnonzero(~good)[:3]:
         say(f"motion {i} {found.status[i]}: {found.reason[i]}")
 

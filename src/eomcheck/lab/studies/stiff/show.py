@@ -147,7 +147,7 @@ def _crossovers(found: Sequence[Record]) -> Sheet:
     return Sheet(
         "stiff-crossover",
         "Implicit integrators are the cheaper ones from this k on, N m/rad",
-        ("", "error", "formulation", "by CPU time", "by right-hand sides"),
+        ("joints", "error", "formulation", "by CPU time", "by right-hand sides"),
         rows,
     )
 
@@ -190,7 +190,7 @@ def _failures(found: Sequence[Record]) -> Sheet:
     rows = [
         (*told, "; ".join(where.format(**r.settings) for r in mine)) for told, mine in alike.items()
     ]
-    columns = ("", "formulation", "integrator", "reason", "k at rtol")
+    columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
     return Sheet("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
 
