@@ -109,6 +109,26 @@ def test_where_no_formulation_could_be_compared_it_says_so_and_shows_no_empty_ta
     assert list(study.sheets(more)) and not list(study.said(more))
 
 
+def test_motions_and_tolerances_are_measured_of_other_scenes_too():
+    study = study_of("motion")
+    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "au"]))
+    assert {row[0] for row in sheet.rows} == {"kane", "au"} and "of sleigh by" in sheet.note
+    assert "scene" not in next(iter(study.cells()))  # what was kept of the paper's robot is known
+    study = study_of("tolerance")
+    (sheet,) = study.sheets(study.run(scene="sleigh", examples=2))
+    assert {"mass-matrix", "equivalence"} <= {row[0] for row in sheet.rows}
+    assert "scene" not in next(iter(study.cells()))
+    with pytest.raises(InputError, match="sleigh has no number of links"):
+        list(study.cells(scene="sleigh", links="3"))
+
+
+def test_a_motion_that_does_not_reach_its_end_has_no_time(monkeypatch):
+    study = study_of("motion")
+    monkeypatch.setattr(motion, "END", 1.0)
+    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "el"]))
+    assert [row[0] for row in sheet.rows] == ["kane"] and "Do not reach the end: el." in sheet.note
+
+
 def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():
     study = study_of("rhs")
     (sheet,) = study.sheets(study.run(**SMALL["rhs"]))
