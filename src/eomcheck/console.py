@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -19,6 +20,8 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+
+from eomcheck.output import counted
 
 WIDTH = 140
 """Width of tables where the output is no terminal, and COLUMNS does not say it."""
@@ -46,13 +49,28 @@ _showing = Lock()
 """Held by the one bar that is shown: what takes place within it shows none."""
 
 
+_NOUN = re.compile(r"\{(.+?)\}")
+
+
+def _with(total: float) -> Callable[[re.Match], str]:
+    return lambda noun: counted(int(total), noun[1])
+
+
+def _many(noun: re.Match) -> str:
+    return counted(2, noun[1]).removeprefix("2 ")
+
+
 @contextmanager
 def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progress]:
-    """Show a bar on standard error, a terminal; without a label, or within another, show none."""
+    """Show a bar on standard error, a terminal; without a label, or within another, show none.
+
+    A noun in the label, "checking {state}", is what is counted: a bar has its own numbers, without
+    one they are said, "checking 12 states".
+    """
+    said, label = (_NOUN.sub(how, label) for how in (_with(total), _many))
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
-    many = f", {total} in all" if isinstance(total, int) else ""
-    _now.append(f"{label}{many}" if label else _now[-1])
+    _now.append(said or _now[-1])
     try:
         with Progress(
             TextColumn(label),
@@ -97,10 +115,23 @@ def said_at_work(what: str) -> Iterator[None]:
 
 
 @contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Name what goes on inside the block, for `said_at_work`; there is no bar."""
+    _now.append(what)
+    try:
+        yield
+    finally:
+        _now.pop()
+
+
+@contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error, a terminal; the value is called once per step.
 
-    Without a label there is none.
+    Args:
+        label: what it does, with what a step is in braces: "checking {state}". Without a label
+            there is no bar.
+        total: the number of steps.
     """
     with _bar(label, total, MofNCompleteColumn()) as bar:
 
@@ -123,7 +154,8 @@ def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[
         reached: how far it has come; called from another thread.
     """
     if not Console(stderr=True).is_terminal:
-        yield
+        with doing(label):
+            yield
         return
     over = Event()
 

@@ -45,6 +45,12 @@ def plain(character: str) -> str:
     return known.get(kind, "?")
 
 
+def counted(count: int, what: str) -> str:
+    """Return "1 state", "2 states", "3 identities"."""
+    many = f"{what.removesuffix('y')}ies" if what.endswith("ty") else f"{what}s"
+    return f"{count} {what if count == 1 else many}"
+
+
 def printable(text: str) -> str:
     """Return a text in one line: without line breaks, and "\ufffd" for other control characters."""
     return "".join(

@@ -51,7 +51,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["fuzz", "--links", "0"], "links = '0'"),
         (["fuzz", "--time", "5"], "time = '5', expected a time such as 20s"),
         (["fuzz", "--time", "0s"], "time = '0s'"),
-        (["fuzz", "--time", "5s", "--states", "5"], "time and states: expected one"),
+        (["fuzz", "--time", "5s", "--states", "5"], "--time and --states: expected one"),
         (["fuzz", "--states", "0"], "states = 0"),
         (["fuzz", "--family", "mild"], "unknown family 'mild'; known: ordinary, wide"),
         (["fuzz", "--ration", "1,2"], "ration = '1,2', expected five"),
@@ -85,14 +85,15 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["acceleration", "pattern", "--links", "95", "--speeds", "1,1"], "wheel_angle[89]"),
         (["draw", "accuracy", "a.png", "--examples", "0"], "examples = 0"),
         (["draw", "accuracy", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["bench", "rhs", "--links", "0"], "links = 0"),
+        (["bench", "rhs", "--links", "0"], "links = '0'"),
+        (["study", "agreement", "--per-size", "0"], "per-size = 0"),
         (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
         (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
         (["study", "operations", "--links", "0"], "links = '0'"),
         (["study", "operations", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["study", "operations", "--json", "no/such/folder/x"], "not a file in a folder"),
         (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["draw", "agreement", "a.png", "--links", "0"], "links = 0"),
+        (["draw", "agreement", "a.png", "--links", "0"], "links = '0'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch, capsys):
@@ -109,8 +110,25 @@ def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):
     printed = capsys.readouterr().out
     for key in eomcheck.FORMULATIONS:
         assert key in printed
-    assert "1415.777" in printed
+    assert "1415.777043 rad/s²" in printed and "θ_2" in printed
     assert "refuses" not in printed
+    assert "snake[7]" in printed and "at rest: x = 0 m" in printed and "θ_1 = 0.7679 rad" in printed
+    assert "KKT: the matrix of" in printed
+    assert run("acceleration", "paper", "--speeds", "1,0.5", "--formulation", "kane",
+               monkeypatch=monkeypatch) == 0  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "Their rates: x: 0.88" in printed and "KKT" not in printed
+
+
+def test_units_are_those_of_each_coordinate(monkeypatch, capsys):
+    crane = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
+    assert run("acceleration", str(crane), "--formulation", "kane", monkeypatch=monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "slew = 0 rad, travel = 0 m, swing = 0 rad" in printed
+    assert (
+        run("simulate", str(crane), "0.01", "--formulation", "kane", monkeypatch=monkeypatch) == 0
+    )
+    assert "run time (s)" in capsys.readouterr().out
 
 
 def test_redundant_constraints_are_named(monkeypatch, capsys, tmp_path):
@@ -253,7 +271,7 @@ def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys,
 
 @pytest.mark.parametrize(
     ("ended", "code"),
-    [(KeyboardInterrupt(), 130), (WorkerError("1 items killed every worker: bicycle"), 2)],
+    [(KeyboardInterrupt(), 130), (WorkerError("1 item killed every worker: bicycle"), 2)],
     ids=["Ctrl-C", "killed"],
 )
 def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_done(

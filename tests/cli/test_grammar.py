@@ -166,7 +166,7 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["study", "operations", "--repeats", "3"], "nothing is timed without a scene"),
         (["study", "operations", "--scene", "sleigh", "--links", "3"], "sleigh has no number"),
         (["study", "engines", "--engine", "casadi,pinochio"], "did you mean 'pinocchio'"),
-        (["bench", "rhs", "--links", "3,x"], "links = 'x', expected whole numbers"),
+        (["bench", "rhs", "--links", "3,x"], "links = 'x', expected a number or a range"),
         (["bench", "rhs", "--links", "3", "--set", "mas=1"], "did you mean 'mass'"),
         (["bench", "rhs", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
         (["validate", "--scene", "sleig"], "did you mean 'sleigh'"),
@@ -175,6 +175,8 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["prove", "--scene", "coil"], "'coil' is a single snake"),
         (["report", "x.db", "--suite", "x"], "--suite says nothing without --equivalences"),
         (["list", "claim"], "did you mean 'claims'"),
+        (["study", "stiff", "x.db", "--quick"], "make it: eomcheck reference paper-rest"),
+        (["study", "work-precision", "x.db", "--reference", "own"], "references of eomcheck are"),
         (["reference", "paper-res"], "did you mean 'paper-rest'"),
         (["fuzz", "--family", "ordinary,wid", "--states", "1"], "did you mean 'wide'"),
         (["fuzz", "--claim", "bias,bia", "--states", "1"], "did you mean 'bias'"),
@@ -220,7 +222,7 @@ def test_lists_are_read_with_commas_and_repeated():
 
 
 def test_a_study_reads_lists_both_ways(monkeypatch, capsys):
-    arguments = ("bench", "rhs", "--links", "2,3", "--links", "4", "--repeats", "1")
+    arguments = ("bench", "rhs", "--links", "2..3", "--links", "4", "--repeats", "1")
     assert run(*arguments, "--formulation", "kane,au", monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     for text in ("N = 2", "N = 3", "N = 4", "kane", "au"):
@@ -294,10 +296,10 @@ def test_what_takes_long_says_so_once_and_what_does_not_says_nothing(monkeypatch
     assert capsys.readouterr().err == ""
     with console.said_at_work("starting validate"):
         time.sleep(0.15)
-    with console.said_at_work("starting validate"), console.progress("checking", 12):
+    with console.said_at_work("starting validate"), console.progress("checking {state}", 12):
         time.sleep(0.15)
     said = capsys.readouterr().err
-    assert said == "eomcheck: starting validate ...\neomcheck: checking, 12 in all ...\n"
+    assert said == "eomcheck: starting validate ...\neomcheck: checking 12 states ...\n"
 
 
 def test_the_command_line_is_said_at_work(monkeypatch, capsys):

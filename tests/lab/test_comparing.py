@@ -433,3 +433,8 @@ def test_what_was_found_is_written_and_printed_of_a_library_that_gave_no_answer(
     assert json.loads((tmp_path / "out.json").read_text())["refused"] == {"other": "cannot"}
     print_comparison(found)
     assert "other gave no answer: cannot" in capsys.readouterr().out
+    found.missing.append("other")
+    print_comparison(found)
+    printed = capsys.readouterr().out
+    assert "not installed" in printed and "no answer" not in printed
+    assert "other was left out: cannot" in printed

@@ -251,7 +251,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
 
 def test_a_scene_of_which_no_state_can_be_drawn_is_refused(monkeypatch):
     monkeypatch.setattr(rounds, "drawn", lambda *_: ([], []))
-    with pytest.raises(InputError, match="open: no state could be drawn in 1 rounds"):
+    with pytest.raises(InputError, match="open: no state could be drawn in 1 round:"):
         Campaign(plan(), "open", (STRATUM,)).run(states=1)
 
 

@@ -320,7 +320,7 @@ def test_the_last_system_has_the_order_of_table_i_at_every_number_of_links(
 def test_a_banded_system_is_listed_with_its_band(records):
     (system,) = (s for s in solved_systems(records) if s.formulation == "banded")
     assert (system.smallest.name, system.smallest.order, system.smallest.half) == ("KKT", 6, 3)
-    assert order_text(system) == "-n + 5r"  # s = 2r for a snake
+    assert order_text(system) == "5r - n"  # s = 2r for a snake
 
 
 def test_systems_before_the_last_are_found_with_their_orders_and_right_hand_sides(records):

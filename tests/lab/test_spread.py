@@ -122,7 +122,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(work, notes: Path):
 
 def test_an_item_that_kills_its_workers_is_reported_after_all_the_others(work, notes: Path):
     found = []
-    with pytest.raises(WorkerError, match=r"1 items killed every worker .* to: 3$"):
+    with pytest.raises(WorkerError, match=r"1 item killed every worker .*: 3$"):
         for item, _ in spread("local:2", partial(work.deadly, notes), range(12)):
             found.append(item)
     assert sorted(found) == [k for k in range(12) if k != 3]

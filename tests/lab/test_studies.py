@@ -16,7 +16,7 @@ from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.records import Record, Records, record_of_rows
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, engines, motion, study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
@@ -29,7 +29,7 @@ ROBOTS = Path(__file__).parents[1] / "scenes" / "robots"
 SMALL = {
     "operations": {"links": "2..5", "formulation": ["kane", "au"]},
     "accuracy": {"links": "2..3", "examples": 3},
-    "agreement": {"links": 2, "per_size": 3},
+    "agreement": {"links": "1..2", "per_size": 3},
     "rhs": {"scene": "sleigh", "formulation": ["kane"], "repeats": 2},
     "motion": {"formulation": ["kane"]},
     "engines": {"engine": ["pinocchio"], "links": "2", "states": 2},
@@ -91,12 +91,42 @@ def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: P
 
 
 def test_no_formulation_is_as_far_from_the_reference_as_a_flipped_sign():
-    rows = rows_of(study_of("agreement").run(links=4, per_size=4), Agreement)
+    rows = rows_of(study_of("agreement").run(links="1..4", per_size=4), Agreement)
     assert {one.links for one in rows} == set(range(1, 5))
     assert REFERENCE not in {one.key for one in rows}
     assert all(one.observed <= one.allowed for one in rows)
     # At rest the flipped sign is that of zero.
     assert median(one.faulty / one.allowed for one in rows) > 1e3
+
+
+def test_where_no_formulation_could_be_compared_it_says_so_and_shows_no_empty_table():
+    study = study_of("agreement")
+    found = study.run(links="2", per_size=1)  # the simplest snake: straight, at rest
+    assert not list(study.sheets(found))
+    (said,) = study.said(found)
+    assert "Nothing to compare in 1 state:" in said and "--per-size 2" in said
+    more = study.run(links="2", per_size=2)
+    assert list(study.sheets(more)) and not list(study.said(more))
+
+
+def test_motions_and_tolerances_are_measured_of_other_scenes_too():
+    study = study_of("motion")
+    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "au"]))
+    assert {row[0] for row in sheet.rows} == {"kane", "au"} and "of sleigh by" in sheet.note
+    assert "scene" not in next(iter(study.cells()))  # what was kept of the paper's robot is known
+    study = study_of("tolerance")
+    (sheet,) = study.sheets(study.run(scene="sleigh", examples=2))
+    assert {"mass-matrix", "equivalence"} <= {row[0] for row in sheet.rows}
+    assert "scene" not in next(iter(study.cells()))
+    with pytest.raises(InputError, match="sleigh has no number of links"):
+        list(study.cells(scene="sleigh", links="3"))
+
+
+def test_a_motion_that_does_not_reach_its_end_has_no_time(monkeypatch):
+    study = study_of("motion")
+    monkeypatch.setattr(motion, "END", 1.0)
+    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "el"]))
+    assert [row[0] for row in sheet.rows] == ["kane"] and "Do not reach the end: el." in sheet.note
 
 
 def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():
@@ -139,3 +169,25 @@ def test_a_chart_offers_what_its_panels_are_of_in_their_order():
     assert chart.choices == {"error": ["energy", "constraint"], "by": ["kane", "au"]}
     assert chart.rows() == [[("energy", "kane"), ("energy", "au")], [("constraint", "au")]]
     assert Chart("none", "", ["error"], {}).choices == {"error": []}
+
+
+@pytest.mark.parametrize("compliant", [False, True])
+def test_an_engine_is_soft_by_its_own_word_and_only_where_it_is_constrained(compliant, monkeypatch):
+    monkeypatch.setattr(PinocchioEngine, "compliant", compliant)
+    of = {"engine": "pinocchio", "links": (1, 2), "states": 2, "seed": 0}
+    work = study_of("engines").worker([])
+    held, free = (work(of | {"scene": key}) for key in ("sleigh", "chain-pendulum"))
+    soft = {one.claim for one in rows_of([held, free], engines.Compared) if one.gives_way}
+    assert soft == (set(engines.CONSTRAINED) if compliant else set())
+    printed = "".join(sheet.markdown() for sheet in study_of("engines").sheets([held]))
+    assert ("soft" in printed) is compliant
+    assert "soft" not in "".join(sheet.markdown() for sheet in study_of("engines").sheets([free]))
+
+
+def test_what_could_not_be_judged_of_an_engine_is_inconclusive_and_not_soft():
+    who = "pinocchio", "pinocchio 4", "sleigh", "engine-acceleration", 1, 0, 0.5
+    settings = {"engine": "pinocchio", "scene": "sleigh"}
+    record = record_of_rows("engines", settings, [engines.Compared(*who, None, False)])
+    sheet, _ = study_of("engines").sheets([record])
+    assert "5e-01 inconclusive" in sheet.rows[0] and "soft" not in sheet.markdown()
+    assert any("nothing was decided" in said for said in study_of("engines").said([record]))

@@ -106,5 +106,5 @@ def test_a_motion_that_takes_long_says_how_far_it_has_come(monkeypatch):
     monkeypatch.setattr(module, "watched", watched)
     m.solve(0.25)
     ((label, total, reached),) = seen
-    assert (label, total) == ("kane: integrating", 0.25)
+    assert (label, total) == ("integrating by kane", 0.25)
     assert 0.0 < reached() <= 0.25

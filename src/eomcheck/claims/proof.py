@@ -28,6 +28,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.degree import Bound, Degrees
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, DomainError
 from eomcheck.numbers.generic import NotRationalError
+from eomcheck.output import counted
 
 
 def prove(
@@ -139,14 +140,14 @@ def prove_structure(
         choices = scene.n if key[1].endswith("drawn") else 1
         chance = failure_probability(degree, height, len(primes), draws.count, choices)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
-        evidence = f"proved: {_points(len(primes))}, {basis}"
+        evidence = f"proved: {counted(len(primes), 'point')}, {basis}"
         proof = Proof(degree, height, primes, draws.count, chance)
         findings.append(Finding(*key, scene, None, 0.0, 0.0, "passed", evidence, proof=proof))
     return findings
 
 
 def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
-    evidence = f"disproved: {_points(points)}"
+    evidence = f"disproved: {counted(points, 'point')}"
     return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
 
 
@@ -167,10 +168,6 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
         raise error
     detail = f"not rational, in {last.name}: {error}"
     return _skipped(scene, ("finite-terms", "terms"), detail)
-
-
-def _points(count: int) -> str:
-    return "1 point" if count == 1 else f"{count} points"
 
 
 def largest_bounds(at: Point) -> dict[Key, tuple[int, float]]:

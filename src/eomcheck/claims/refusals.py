@@ -26,6 +26,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.factors import column_scale
 from eomcheck.numbers.pivots import EPS, scale_of
+from eomcheck.output import counted
 
 
 def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
@@ -245,7 +246,7 @@ def coverage(drawn: list[Drawn]) -> Finding:
         share,
         MAY_REFUSE,
         verdict if len(drawn) >= ENOUGH else "inconclusive",
-        f"property-tested: {len(drawn)} states",
+        f"property-tested: {counted(len(drawn), 'state')}",
         f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
         + named,
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from shutil import get_terminal_size
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from eomcheck import __version__
 from eomcheck.errors import did_you_mean
@@ -28,6 +29,38 @@ DOORS = {
 
 MOST = 80
 """Help is no wider, however wide the terminal is."""
+
+
+VALUES = {"int": "N", "float": "X", "str": "TEXT", "path": "FILE"}
+"""What typer calls a value -> what help does; the names of options say more of some."""
+FOLDERS = ("--figures", "--folder", "--references", "--suite")
+
+
+def _told(name: str) -> str:
+    """Return an option or argument as help shows it: `--links N`, not `--links <int>`."""
+    found = re.fullmatch(r"(.+) <(.+)>", name)
+    if found is None:
+        return name
+    what, kind = found.groups()
+    if not what.startswith("-"):
+        return what
+    return f"{what} {'FOLDER' if what in FOLDERS else VALUES.get(kind, kind.upper())}"
+
+
+class Command(TyperCommand):
+    """A command, whose help names values by what they are and not by their types in Python."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        write = formatter.write_dl
+        formatter.write_dl = lambda rows, **how: write([(_told(n), x) for n, x in rows], **how)
+        super().format_help(ctx, formatter)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the line that shows how to call it."""
+        pieces = super().collect_usage_pieces(ctx)
+        plain = [re.sub(r"^\{(.*)\}|^\[(\[.*\])\]$", r"\1\2", one) for one in pieces]
+        return [one.replace("END...", "END") for one in plain]
 
 
 class Group(TyperGroup):

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.app import app
+from eomcheck.cli.app import Command, app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     REFERENCES,
@@ -36,7 +36,7 @@ REGISTRIES = ("formulations", "scenes", "engines", "claims")
 """What `eomcheck list` can list."""
 
 
-@app.command()
+@app.command(cls=Command)
 def validate(
     scene: Annotated[
         str | None,
@@ -121,7 +121,7 @@ def validate(
     with (
         stoppable(),
         records_to_report(records, report) as kept,
-        progress("checking", (examples + (1 if one else 2)) * len(kinds)) as advance,
+        progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
     ):
         try:
             if len(kinds) == 1:
@@ -154,7 +154,7 @@ def validate(
         check_compared(engines, findings)
 
 
-@app.command()
+@app.command(cls=Command)
 def prove(
     links: Annotated[
         str | None,
@@ -210,7 +210,7 @@ def prove(
         raise InputError(f"scene = {scene!r}: no identity could be looked at")
 
 
-@app.command("list")
+@app.command("list", cls=Command)
 def list_registry(
     registry: Annotated[
         str,
@@ -238,7 +238,7 @@ def _write_page(records: list[Path], path: Path) -> None:
     print(f"written: {path}")
 
 
-@app.command()
+@app.command(cls=Command)
 def report(
     records: Annotated[
         list[Path],
@@ -295,7 +295,7 @@ def report(
         raise typer.Exit(1)
 
 
-@app.command("export")
+@app.command("export", cls=Command)
 def export_records(
     records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
     file: Annotated[
@@ -322,7 +322,7 @@ def export_records(
     raise_unread(unread)
 
 
-@app.command()
+@app.command(cls=Command)
 def reference(
     names: Annotated[
         list[str] | None,

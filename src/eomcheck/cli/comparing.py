@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.app import app
+from eomcheck.cli.app import Command, app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Json, Seed
 from eomcheck.errors import InputError
@@ -14,7 +14,7 @@ from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, listed
 
 
-@app.command()
+@app.command(cls=Command)
 def compare(
     robot: Annotated[
         str,
@@ -26,7 +26,7 @@ def compare(
     engine: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B",
+            metavar="KEY,KEY",
             help="Library to compare with, or several: a,b. Default all installed.",
             callback=listed,
             autocompletion=completing("engine"),
@@ -56,7 +56,7 @@ def compare(
             f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
         )
     scene = scene_of(robot)
-    with progress("comparing", states) as advance:
+    with progress("comparing libraries at {state}", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:
         write_comparison(found, json)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from eomcheck.cli.app import Command
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     Formulation,
@@ -24,7 +25,7 @@ from eomcheck.lab.options import no_more_than, parameters
 Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 
 
-@draw.command("scene")
+@draw.command("scene", cls=Command)
 def draw_scene(
     path: Annotated[
         Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
@@ -40,7 +41,9 @@ def draw_scene(
     formulation: Annotated[
         str | None,
         typer.Option(
-            help="A .gif: by which it moves. [au]", autocompletion=completing("formulation")
+            metavar="KEY",
+            help="A .gif: by which it moves. [au]",
+            autocompletion=completing("formulation"),
         ),
     ] = None,
 ) -> None:
@@ -66,7 +69,7 @@ def draw_scene(
     print(f"written: {path}")
 
 
-@draw.command("structure")
+@draw.command("structure", cls=Command)
 def draw_structure(
     path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
     formulation: Formulation = "au",

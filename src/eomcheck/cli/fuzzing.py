@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eomcheck.cli.app import app
+from eomcheck.cli.app import Command, app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, interval, listed
+from eomcheck.output import counted
 
 if TYPE_CHECKING:
     from eomcheck.claims.selection import Selection
@@ -43,7 +44,7 @@ def _rations(text: str) -> list[int]:
     return [int(one) for one in text.split(",")]
 
 
-@app.command()
+@app.command(cls=Command)
 def fuzz(
     scene: Kind = "snake",
     links: Annotated[
@@ -52,7 +53,7 @@ def fuzz(
     engine: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B",
+            metavar="KEY,KEY",
             help="Engine to compare with, several: a,b, or your own: FILE.py:CLASS. "
             "Default those that no extra installs; none for no engine.",
             callback=listed,
@@ -63,12 +64,21 @@ def fuzz(
     claim: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B", help="Claim to look at, or several: a,b. Default all.", callback=listed
+            metavar="KEY,KEY",
+            help="Claim to look at, or several: a,b. Default all.",
+            callback=listed,
         ),
     ] = None,
-    time: Annotated[str | None, typer.Option(help="How long: 20s, 10m, 3h. [1m]")] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="How long: 20s, 10m, 3h. [1m, without --states]"),
+    ] = None,
     states: Annotated[
-        int | None, typer.Option(help="Number of states or motions, those in --records included.")
+        int | None,
+        typer.Option(
+            help="Least number of states or motions instead, those in --records included: rounds "
+            "are finished, so that there are more."
+        ),
     ] = None,
     seed: Seed = 0,
     motions: Annotated[
@@ -77,7 +87,7 @@ def fuzz(
     family: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="A,B",
+            metavar="KEY,KEY",
             callback=listed,
             help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
             "the first and the third.",
@@ -87,13 +97,17 @@ def fuzz(
     ration: Annotated[
         str | None,
         typer.Option(
+            metavar="N,N,N,N,N",
             help="One state in how many is looked at by enclosures, balls, engines, full checks, "
-            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]"
+            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]",
         ),
     ] = None,
     executor: Annotated[
         str | None,
-        typer.Option(help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]"),
+        typer.Option(
+            metavar="PLACE",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]",
+        ),
     ] = None,
     records: Kept = None,
     replay: Annotated[
@@ -117,12 +131,12 @@ def fuzz(
         _replay(replay, formulation, scene)
         return
     if time is not None and states is not None:
-        raise InputError("time and states: expected one of them")
+        raise InputError("--time and --states: expected one of them, not both")
     most = None if states is not None else seconds_of(time or "1m")
     if states is not None:
         at_least_one(states=states)
 
-    from eomcheck.console import console, stoppable
+    from eomcheck.console import console, doing, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
     from eomcheck.lab.fuzzing.draws import Stratum
     from eomcheck.lab.fuzzing.finds import functions_named
@@ -154,7 +168,8 @@ def fuzz(
                 plan = _plan(kind, selection, seed, family, climb, ration)
         campaign = Campaign(plan, name, strata, kept)
         try:
-            campaign.run(states, most, executor, Teller())
+            with doing(f"fuzzing {name}"):
+                campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
             interrupted = True
         if keep is not None and campaign.finds:
@@ -274,9 +289,11 @@ def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
     if not path.exists():
         raise InputError(f"{str(path)!r} is no file")
     finds = read_finds(path)
-    with progress("replaying", len(finds)) as advance:
+    with progress("looking again at {find}", len(finds)) as advance:
         still = replayed(finds, formulation or tuple(FORMULATIONS), advance)
-    console.print(f"{len(finds)} finds: {len(finds) - len(still)} hold now, {len(still)} fail")
+    console.print(
+        f"{counted(len(finds), 'find')}: {len(finds) - len(still)} hold now, {len(still)} fail"
+    )
     for find in still:
         console.print(str(find), markup=False)
         print(find.python)

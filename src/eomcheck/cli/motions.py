@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eomcheck.cli.app import app
+from eomcheck.cli.app import Command, app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     ONE,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Speeds = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="U,U",
+        metavar="X,X",
         help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own.",
     ),
 ]
@@ -110,7 +110,7 @@ def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, flo
     return (names[0] if names else scene), t_end
 
 
-@app.command()
+@app.command(cls=Command)
 def simulate(
     words: Annotated[
         list[str],
@@ -125,7 +125,7 @@ def simulate(
     given: Given = None,
     speeds: Speeds = None,
     formulation: Formulations = None,
-    integrator: Annotated[str, typer.Option(help="Integrator.")] = "DOP853",
+    integrator: Annotated[str, typer.Option(metavar="KEY", help="Integrator.")] = "DOP853",
     tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
     max_steps: Annotated[int, typer.Option(help="Give up after so many; 0 for no limit.")] = 0,
     baumgarte: Annotated[
@@ -142,7 +142,9 @@ def simulate(
         typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s. [0.01]"),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of --draws. [0]")] = None,
-    executor: Annotated[str | None, typer.Option(help="Where to compute --draws.")] = None,
+    executor: Annotated[
+        str | None, typer.Option(metavar="PLACE", help="Where to compute --draws.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
 ) -> None:
     """Integrate a motion by each formulation, and print how well it kept energy and constraints.
@@ -196,7 +198,7 @@ def simulate(
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(cls=Command)
 def acceleration(
     name: Annotated[
         str | None,
@@ -225,7 +227,7 @@ def acceleration(
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(cls=Command)
 def constraints(scene: One = ONE, links: Links = None, given: Given = None) -> None:
     """Tell which constraints of a scene are redundant at its start: which the others imply.
 

@@ -13,7 +13,7 @@ import typer
 from eomcheck.cli.complete import completing
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import SCENE_HELP, SET_HELP, listed, no_more_than, parameters
+from eomcheck.lab.options import ONE_HELP, SCENE_HELP, SET_HELP, listed, no_more_than, parameters
 
 if TYPE_CHECKING:
     from eomcheck.lab.store.records import Records
@@ -23,25 +23,21 @@ SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
 _SCENES = completing("scene", more=["all"])
-_ONE = (
-    "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
-    "or a snake: paper, coil, pattern."
-)
 
 Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
 ONE = "paper"
 """The scene of commands that look at one, unless another is named."""
 One = Annotated[
-    str, typer.Option(metavar="SCENE", help=_ONE, autocompletion=completing("scene", "robot"))
+    str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot"))
 ]
 OneOrNot = Annotated[
     str | None,
-    typer.Option(metavar="SCENE", help=_ONE, autocompletion=completing("scene", "robot")),
+    typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot")),
 ]
 Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
 Given = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
 Formulation = Annotated[
-    str, typer.Option(help="Formulation.", autocompletion=completing("formulation"))
+    str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completing("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
 Where = Annotated[
@@ -51,7 +47,7 @@ Where = Annotated[
 Formulations = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="A,B",
+        metavar="KEY,KEY",
         help="Formulation, or several: a,b. Default all.",
         callback=listed,
         autocompletion=completing("formulation"),
@@ -60,7 +56,7 @@ Formulations = Annotated[
 Engines = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="A,B",
+        metavar="KEY,KEY",
         help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
         "Default those that no extra installs.",
         callback=listed,

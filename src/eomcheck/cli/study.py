@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
-from typer.core import TyperCommand
 
-from eomcheck.cli.app import Group
+from eomcheck.cli.app import Command, Group
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     Fresh,
@@ -21,7 +20,7 @@ from eomcheck.cli.options import (
 )
 from eomcheck.errors import UnknownNameError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import listed, numbers
+from eomcheck.lab.options import listed, numbers, whole_numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ class _Studies(Group):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in GROUPS[self.name or ""]:
-            return TyperCommand(cmd_name, help=STUDIES[cmd_name], rich_markup_mode=None)
+            return Command(cmd_name, help=STUDIES[cmd_name], rich_markup_mode=None)
         return super().get_command(ctx, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -98,7 +97,7 @@ def command_of(key: str, drawn: bool = False) -> Any:
     command.__signature__ = Signature([*parameters.values()])  # type: ignore[attr-defined]
     command.__annotations__ = {name: p.annotation for name, p in parameters.items()}
     alone = typer.Typer(rich_markup_mode=None, add_completion=False)
-    alone.command(key, help=STUDIES[key])(command)
+    alone.command(key, cls=Command, help=STUDIES[key])(command)
     return typer.main.get_command(alone)
 
 
@@ -108,7 +107,10 @@ COMPLETED = {
     "engine": completing("engine"),
 }
 """Name of an option -> what completes its values."""
-SHAPES = {"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"}
+SHAPES = {
+    **{"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"},
+    **{"robot": "FILE,FILE", "free": "FILE,FILE"},
+}
 """Name of an option -> what help writes for its value."""
 
 
@@ -122,12 +124,23 @@ def _option(name: str, annotation: Any) -> Any:
     lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
     if lists and name != "set":
         (of,) = lists
-        read = listed if of is str else lambda texts: numbers(name, texts, of) or None
+        kinds = {str: listed, int: lambda texts: _whole(name, texts)}
+        read = kinds.get(of, lambda texts: numbers(name, texts, of) or None)
         kind = list[str] | None
     flag = [f"--{name}"] if kind is bool else []
-    shown = SHAPES.get(name, "A,B" if read else None)
+    listed_as = "KEY,KEY" if str in lists else "X,X" if lists else None
+    shown = SHAPES.get(name, listed_as)
     how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
     return Annotated[kind, typer.Option(*flag, help=said, **how)]
+
+
+def _whole(name: str, texts: list[str] | None) -> list[int] | None:
+    """Return whole numbers; those of links may be ranges, as in all commands."""
+    if name != "links":
+        return numbers(name, texts, int) or None
+    return (
+        list(dict.fromkeys(x for text in listed(texts) or [] for x in whole_numbers(text))) or None
+    )
 
 
 def _run(

@@ -44,6 +44,7 @@ class Comparison:
         scene: the robot, with the parameters of its file.
         versions: key of a library that took part -> its version.
         refused: key of one that did not -> why.
+        missing: keys of those among them that are not installed.
         apart: quantity -> the largest difference of any two at any state (k, k), relative to the
             largest entry; eomcheck first, then as in `versions`.
         findings: the worst one by library and claim, of ours and theirs.
@@ -56,6 +57,7 @@ class Comparison:
     scene: Scene
     versions: dict[str, str] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
     apart: dict[str, Array] = field(default_factory=dict)
     findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
     faults: dict[tuple[str, str], str] = field(default_factory=dict)
@@ -135,6 +137,7 @@ def compare(
             if engines is not None:
                 raise
             found.refused[key] = str(error)
+            found.missing.append(key)
             continue
         try:
             made[key] = kind(scene)

@@ -16,12 +16,17 @@ SCENE_HELP = (
     "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "
     "FILE.py:CLASS."
 )
+ONE_HELP = (
+    "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
+    "or a snake: paper (the paper's robot), coil, pattern."
+)
 SET_HELP = (
     "Parameter that is other than usual, NAME=VALUE, NAME=1,0.5 or NAME=none; repeat for more."
 )
 
 Links = Annotated[str, "Number of links of the random snakes, N or N..M."]
 Kind = Annotated[str, SCENE_HELP]
+One = Annotated[str, ONE_HELP]
 Set = Annotated[list[str] | None, SET_HELP]
 Examples = Annotated[int, "Number of random snakes and states."]
 Repeats = Annotated[int, "Timed runs; the median counts."]

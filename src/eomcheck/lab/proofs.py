@@ -162,7 +162,7 @@ class Proofs:
             for found in self.findings.values():
                 self._keep(found)
             left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
-            with progress("proving", len(left)) as advance:
+            with progress("proving identities of {structure}", len(left)) as advance:
                 for structure, found in self._proved(left):
                     self.findings[structure] = found
                     self._keep(found, unfinished)

@@ -16,13 +16,13 @@ import numpy as np
 
 from eomcheck import __version__
 from eomcheck.console import progress
-from eomcheck.errors import named
+from eomcheck.errors import InputError, named
 from eomcheck.lab.show.sheet import Cell, Sheet
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
 from eomcheck.motion.run import difference
-from eomcheck.motion.stored import Reference, reference_of, save_reference
+from eomcheck.motion.stored import Reference, load_reference, reference_of, save_reference
 from eomcheck.numbers.contract import Array
 from eomcheck.scenes import (
     Andrews,
@@ -141,7 +141,7 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
         return
     # The longest first: begun last, it would be waited for alone.
     items = sorted(cases.items(), key=lambda item: -item[1].minutes)
-    with progress("references", len(items)) as advance:
+    with progress("computing {reference}", len(items)) as advance:
         for _, made in spread(where, _produce_quietly, items):
             advance()
             yield made
@@ -161,7 +161,9 @@ def produce(name: str, case: Case, shown: bool = True) -> Reference:
     scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
     q0, _ = scene.initial_state()
     done = 0
-    with progress(f"{name}, about {case.minutes:g} min" if shown else "", PERCENT) as advance:
+    with progress(
+        f"computing {name}, about {case.minutes:g} min" if shown else "", PERCENT
+    ) as advance:
 
         def watch(t: float) -> None:
             # The second integration takes nearly all the time.
@@ -191,6 +193,24 @@ def case_of(name: str) -> Case:
         UnknownNameError: there is none.
     """
     return named("reference", name, CASES)
+
+
+def stored(name: str, folder: Path) -> Reference:
+    """Return the reference solution that a folder holds under this name.
+
+    Raises:
+        InputError: it holds none, and where there is one, or how to make it; or it cannot be read.
+    """
+    path = folder / f"{name}.json"
+    if not path.exists():
+        made = (
+            f"go to a checkout of eomcheck, say by --references FOLDER where it is, or make it: "
+            f"eomcheck reference {name} --folder FOLDER"
+            if name in CASES
+            else f"references of eomcheck are: {', '.join(CASES)}"
+        )
+        raise InputError(f"the reference solution {str(path)!r} is missing; {made}")
+    return load_reference(path)
 
 
 def write_reference(reference: Reference, folder: Path) -> Path:

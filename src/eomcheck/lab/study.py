@@ -74,7 +74,7 @@ class Study:
         sheets: Records -> tables.
         charts: Records -> charts.
         said: Records -> sentences below the tables; by default why cells are not done.
-        label: of the progress bar, "" where what works off a cell shows its own.
+        label: of `eomcheck.console.progress`, "" where what works off a cell shows its own.
         before: studies whose Records must be known first, with the same options.
         alarm: Records -> whether something was found that must not be (exit code 1).
         files: Records, a folder -> other files written there, beside tables and charts.
@@ -91,7 +91,7 @@ class Study:
     sheets: Callable[[Found], Iterable[Sheet]]
     charts: Callable[[Found], Iterable[Chart]] = nothing
     said: Callable[[Found], Iterable[str]] = unfinished
-    label: str = "measuring"
+    label: str = "measuring {case}"
     before: tuple[Study, ...] = ()
     alarm: Callable[[Found], bool] = lambda found: False
     files: Callable[[Found, Path], Iterable[Path]] = lambda found, folder: ()

@@ -27,6 +27,7 @@ from eomcheck.motion.simulate import check_options, checked_times
 from eomcheck.motion.starts import Start, in_lanes, lanes_of, starts_of, state_vectors
 from eomcheck.motion.trajectory import Trajectory
 from eomcheck.numbers.contract import Array
+from eomcheck.output import counted
 
 OUTPUTS = 101
 """Output times unless the caller gives others."""
@@ -170,7 +171,9 @@ def simulate_many(
     work = partial(_integrated, options)
     submitted = None if executor is None else [executor.submit(work, piece) for piece in pieces]
     found = []
-    with progress(f"{scene.key}, {len(starts)} motions", len(pieces)) as advance:
+    with progress(
+        f"integrating {counted(len(starts), 'motion')} of {scene.key}", len(pieces)
+    ) as advance:
         for i, piece in enumerate(pieces):
             found.append(work(piece) if submitted is None else submitted[i].result())
             advance()

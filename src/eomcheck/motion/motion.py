@@ -73,7 +73,7 @@ class Motion:
             options: of `integrate`.
         """
         self.rates.reset()
-        label = f"{self.formulation.key}: integrating"
+        label = f"integrating by {self.formulation.key}"
         with watched(label, t_end, lambda: self.rates.time):
             return self._solve(t_end, projection, **options)
 
@@ -138,7 +138,7 @@ class Motion:
         }
         rows = max(1, AT_ONCE // max(kernel.size for kernel, *_ in looks))
         first = 0
-        with watched(f"{self.formulation.key}: looking at states", len(t), lambda: first):
+        with watched(f"looking at the states of {self.formulation.key}", len(t), lambda: first):
             for first in range(0, len(t), rows):
                 some = slice(first, first + rows)
                 for kernel, block, names in looks:

@@ -151,7 +151,7 @@ class _Course:
             places |= set(np.flatnonzero(without)[:LOOKED_AT].tolist())
         looks = sorted(place for place in places if place < self.kept)
         place = 0
-        with watched(f"{self.formulation.key}: looking at matrices", count, lambda: place):
+        with watched(f"looking at matrices of {self.formulation.key}", count, lambda: place):
             for place in looks:
                 t = float(found.t[place])
                 try:

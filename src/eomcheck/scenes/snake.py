@@ -54,7 +54,7 @@ PARTS = snake_terms, snake_speeds, snake_chain, snake_energies
 
 
 class Snake(OfLinks, functions=PARTS):
-    """An N-link wheeled snake, N >= 1.
+    """An N-link wheeled snake, N >= 1; the paper's robot has N = 7.
 
     For i >= 2 the generalized speeds (`ml`, `kane`) do not exist where a wheel stands at ±π/2
     against its link, nor for i <= N-2 the paper's partition (`el`, `em`).

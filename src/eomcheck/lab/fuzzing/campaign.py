@@ -24,6 +24,7 @@ from eomcheck.lab.fuzzing.work import Candidate, Population, Result, Round, Work
 from eomcheck.lab.store.records import Record, Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.records import State
+from eomcheck.output import counted
 
 STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
 """Names that Records are read by."""
@@ -115,7 +116,8 @@ class Campaign:
                     break
             if self.rounds and not self.states:
                 raise InputError(
-                    f"scene = {self.name}: no state could be drawn in {self.rounds} rounds: no "
+                    f"scene = {self.name}: no state could be drawn in "
+                    f"{counted(self.rounds, 'round')}: no "
                     "position near those drawn is closed, or no velocity there keeps the "
                     "constraints; the constraints and their Jacobian may not belong together, or "
                     "not be numbers: see eomcheck validate"

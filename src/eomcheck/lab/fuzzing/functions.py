@@ -56,7 +56,7 @@ class FunctionsPlan(NamedTuple):
     @property
     def noun(self) -> str:
         """What reports count."""
-        return "states"
+        return "state"
 
     @property
     def most(self) -> int:

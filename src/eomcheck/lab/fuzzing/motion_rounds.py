@@ -79,7 +79,7 @@ class MotionPlan(NamedTuple):
     @property
     def noun(self) -> str:
         """What reports count."""
-        return "motions"
+        return "motion"
 
     @property
     def most(self) -> int:

@@ -84,7 +84,7 @@ class Plan(NamedTuple):
     @property
     def noun(self) -> str:
         """What reports count."""
-        return "states"
+        return "state"
 
     @property
     def most(self) -> int:

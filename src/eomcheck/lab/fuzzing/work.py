@@ -26,7 +26,7 @@ class Work(Protocol):
 
     @property
     def noun(self) -> str:
-        """What is looked at, as reports count it: "states"."""
+        """What is looked at, as reports count it: "state"."""
         ...
 
     @property

@@ -11,6 +11,7 @@ from eomcheck.console import console
 from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS, Comparison
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
+from eomcheck.output import counted
 
 MOST_LINES = 4
 """Of what a library says while it reads a file."""
@@ -26,9 +27,12 @@ def library_sheet(found: Comparison) -> Sheet:
             for name, table in found.apart.items()
         ]
         rows.append([Cell(version, "name"), *apart, verdict])
-    nothing = [*"-" * len(found.apart), Cell("no answer", "open")]
-    rows += [[Cell(key, "name"), *nothing] for key in found.refused]
-    title = f"{found.scene.name}: {found.scene.n} coordinates, {found.states} states"
+    nothing = "-" * len(found.apart)
+    for key in found.refused:
+        why = "not installed" if key in found.missing else "no answer"
+        rows.append([Cell(key, "name"), *nothing, Cell(why, "open")])
+    size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
+    title = f"{found.scene.name}: {', '.join(size)}"
     heads = ["library", *found.apart, "verdict"]
     note = "Largest difference from eomcheck, relative to the largest entry."
     return Sheet("libraries", title, heads, rows, note=note)
@@ -42,7 +46,9 @@ def pair_sheets(found: Comparison) -> Iterator[Sheet]:
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
         ]
-        yield Sheet(quantity, f"{quantity}, each library beside each other", ["", *names], rows)
+        yield Sheet(
+            quantity, f"{quantity}, each library beside each other", ["library", *names], rows
+        )
 
 
 def sentences(found: Comparison) -> Iterator[str]:
@@ -55,9 +61,11 @@ def sentences(found: Comparison) -> Iterator[str]:
             if found.said[key]:
                 more = len(found.said[key]) - MOST_LINES
                 said = " / ".join(found.said[key][:MOST_LINES])
-                yield f"    It said: {said}" + (f" (and {more} lines more)" if more > 0 else "")
+                yield f"    It said: {said}" + (
+                    f" (and {counted(more, 'line')} more)" if more > 0 else ""
+                )
     for key, why in found.refused.items():
-        yield f"{key} gave no answer: {why}"
+        yield f"{key} {'was left out' if key in found.missing else 'gave no answer'}: {why}"
 
 
 def _cell(x: float) -> str:

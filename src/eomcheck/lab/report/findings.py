@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -21,6 +21,7 @@ from eomcheck.lab.show.templating import number
 from eomcheck.lab.show.text import write_json as write_document
 from eomcheck.lab.store.findings import Kept, kept_of_runs
 from eomcheck.lab.store.records import group
+from eomcheck.output import counted
 
 CELLS = (
     "Cells: largest error observed, in percent of the error allowed (?: nothing could be "
@@ -28,8 +29,8 @@ CELLS = (
 )
 WORST = (
     "worst: largest error observed, in percent of the error allowed (?: nothing could be checked), "
-    "by whom and in which state (scene[links] #state); open: findings that say nothing. --wide "
-    "tells formulations, engines and scenes apart."
+    "by whom and in which state (scene[links] #state); inconclusive: rounding explains any "
+    "difference. --wide tells formulations, engines and scenes apart."
 )
 
 # ---- Tables --------------------------------------------------------------------------------------
@@ -64,8 +65,7 @@ def worst_sheet(claims: Iterable[Judged]) -> Sheet:
     for one in claims:
         worst = one.worst if one.kind in DECIDED and one.text != "0" else None
         by, on = ("·", "·") if worst is None else (worst.subject, where(worst))
-        open_ = f", {one.open} open" if one.open else ""
-        rows.append([_name(one), one.cell, by, on, f"{len(one.rows)}{open_}"])
+        rows.append([_name(one), one.cell, by, on, f"{len(one.rows)}{one.undecided}"])
     columns = ["claim", "worst", "by", "on", "findings"]
     return Sheet("worst", "", columns, rows, note=WORST)
 
@@ -103,13 +103,15 @@ def evidence_sheet(judged: Judged) -> Sheet:
 def _evidence(one: Judged) -> list[str]:
     worst, sure = one.worst, one.failure_probability
     assert worst is not None
-    counted = [one.links, str(one.states or "all"), str(len(one.rows)), str(one.open or "")]
+    cells = [one.links, str(one.states or "all"), str(len(one.rows)), str(one.open or "")]
     if sure is not None:
-        told = f"{len(one.rows)} identities, wrong with a probability below {number(sure)}"
-        return [*counted, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
+        told = (
+            f"{counted(len(one.rows), 'identity')}, wrong with a probability below {number(sure)}"
+        )
+        return [*cells, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
     where = f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.place}"
     link = Cell(where if worst.ratio else "", link=f"#{anchor(worst)}")
-    return [*counted, one.cell, number(worst.observed), number(worst.allowed), link]
+    return [*cells, one.cell, number(worst.observed), number(worst.allowed), link]
 
 
 def proof_sheet(claims: Iterable[Judged]) -> Sheet:
@@ -157,11 +159,17 @@ def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet
         strata: key of a kind of scene -> name of a stratum -> way -> number of states.
     """
     rows = [
-        (scene, name, ", ".join(f"{way} {states}" for way, states in ways.items()))
+        (scene, name, ", ".join(_ways(ways)))
         for scene, of in strata.items()
         for name, ways in of.items()
     ]
     return Sheet("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
+
+
+def _ways(ways: Mapping[str, int]) -> Iterator[str]:
+    """Yield each way with its states in brackets, the first time with the word for them."""
+    for i, (way, states) in enumerate(ways.items()):
+        yield f"{way} ({states if i else counted(states, 'state')})"
 
 
 # ---- On a terminal -------------------------------------------------------------------------------
@@ -177,7 +185,7 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
     """
     engines = ", ".join(engine.version() for engine in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
-    say(f"eomcheck {__version__}, {engines}, {states} states")
+    say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
     rows = kept_of_runs(runs)
     claims = by_claim(rows)
     if len(runs) == 1:
@@ -201,13 +209,11 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         say(finding.as_python())
     print_failures(claims)  # last of all, where a terminal shows it
     if failed := sum(row.verdict == "failed" for row in rows):
-        say(f"{failed} of {len(rows)} findings failed.", "bold red")
+        say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
     else:
         whole = Judged(tuple(rows))
-        passed, unseen = len(rows) - whole.open, len(whole.unseen)
-        others = f", {unseen} not looked at" if unseen else ""
-        said = f"{passed} findings passed, {whole.open - unseen} inconclusive{others}, 0 failed."
-        say(said, "bold green")
+        passed = len(rows) - whole.open
+        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
 
 
 def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
@@ -264,8 +270,9 @@ def print_proofs(proofs: Proofs) -> None:
     done, asked, failed = len(proofs.findings), len(proofs.jobs.scenes), len(of.get("failed", []))
     earlier = f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else ""
     console.print(
-        f"[bold {'red' if failed else 'green'}]{len(of.get('passed', []))} identities proved, "
-        f"{failed} disproved[/] on {done} of {asked} structures{earlier}"
+        f"[bold {'red' if failed else 'green'}]"
+        f"{counted(len(of.get('passed', [])), 'identity')} proved, "
+        f"{failed} disproved[/] on {done} of {counted(asked, 'structure')}{earlier}"
     )
     if "passed" not in of:
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import defaultdict
 
@@ -11,6 +12,7 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import FAMILIES
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets
+from eomcheck.output import counted
 
 EVERY = 10.0
 """Seconds between two lines of progress."""
@@ -34,8 +36,9 @@ class Teller:
         if worst is not None:
             (claim, formulation), candidate = worst
             high = f"; worst {candidate.height:.2g}, {f'{claim} {formulation}'.strip()}"
-        rate = f"{campaign.states} {campaign.plan.noun}, {new / (now - self._start):.0f} a second"
-        console.print(f"{rate}{high}; {len(campaign.finds)} finds", highlight=False)
+        states = counted(campaign.states, campaign.plan.noun)
+        rate = f"{states}, {new / (now - self._start):.0f} a second"
+        console.print(f"{rate}{high}; {counted(len(campaign.finds), 'find')}", highlight=False)
 
 
 def rate_of(campaign: Campaign) -> float:
@@ -47,7 +50,7 @@ def summary_sheet(campaign: Campaign) -> Sheet:
     """Return how many states or motions were looked at, and by what."""
     counts = campaign.counts
     rows = [
-        (campaign.plan.noun, str(campaign.states)),
+        (f"{campaign.plan.noun}s", str(campaign.states)),
         ("a second of CPU time", f"{rate_of(campaign):.0f}"),
         ("rounds", str(campaign.rounds)),
     ]
@@ -59,14 +62,22 @@ def summary_sheet(campaign: Campaign) -> Sheet:
         if x and name not in shown and not name.startswith((CROSSED, STOPPED))
     ]
     rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
-    return Sheet("fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("", ""), rows)
+    return Sheet(
+        "fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("what", "how many"), rows
+    )
 
 
 def strata_sheet(campaign: Campaign) -> Sheet:
     """Return the number of states by structure."""
-    rows = [(one.name, str(campaign.by_stratum[one.name])) for one in campaign.strata]
-    noun = campaign.plan.noun
+    of = campaign.by_stratum
+    rows = [(_said(one.name), str(of[one.name])) for one in campaign.strata]
+    noun = f"{campaign.plan.noun}s"
     return Sheet("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
+
+
+def _said(name: str) -> str:
+    # Files of records know structures by these names, so they stay as they are.
+    return re.sub(r"^1 links\b", "1 link", name)
 
 
 def crossings_sheet(campaign: Campaign) -> Sheet | None:

@@ -14,6 +14,7 @@ from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import Kept
 from eomcheck.lab.store.records import group
+from eomcheck.output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")
 """Levels of evidence, strongest first."""
@@ -71,14 +72,13 @@ class Judged:
         """What a table shows of them."""
         if self.worst is None:
             return Cell(self.text, self.kind)
-        said = f"{self.worst}; {len(self.rows)} findings, {self.open} inconclusive"
+        said = f"{self.worst}; {counted(len(self.rows), 'finding')}{self.undecided}"
         return Cell(self.text, self.kind, said=said)
 
     @property
     def evidence(self) -> str:
         """Levels of evidence, number of Findings, and how many of them say nothing."""
-        open_ = f", {self.open} open" if self.open else ""
-        return f"{', '.join(self.levels)}, {len(self.rows)}{open_}"
+        return f"{', '.join(self.levels)}, {len(self.rows)}{self.undecided}"
 
     @property
     def states(self) -> int:
@@ -89,6 +89,13 @@ class Judged:
     def open(self) -> int:
         """Number of Findings that say nothing: inconclusive, or not looked at."""
         return sum(row.verdict not in DECIDED for row in self.rows)
+
+    @property
+    def undecided(self) -> str:
+        """Those of which nothing was decided: ", 3 inconclusive, 1 not looked at", or ""."""
+        unseen = len(self.unseen)
+        counts = {"inconclusive": self.open - unseen, "not looked at": unseen}
+        return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 
     @property
     def unseen(self) -> list[Kept]:

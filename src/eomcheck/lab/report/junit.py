@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 from eomcheck.files import replacing
 from eomcheck.lab.report.judged import Judged
 from eomcheck.lab.report.overview import Overview
+from eomcheck.output import counted
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML cannot hold."""
@@ -60,8 +61,9 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
         failure.text = _clean(row.python)
     out = ElementTree.SubElement(case, "system-out")
     out.text = _clean(
-        f"{judged.claim.statement} {judged.claim.equations}: {len(judged.rows)} findings, "
-        f"{judged.open} inconclusive, largest error {judged.text} of the error allowed"
+        f"{judged.claim.statement} {judged.claim.equations}: "
+        f"{counted(len(judged.rows), 'finding')}{judged.undecided}, "
+        f"largest error {judged.text} of the error allowed"
     )
 
 

@@ -11,15 +11,24 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.rank import rank_of
-from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
 from eomcheck.lab.show.sheet import Sheet, print_sheets, say
+from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.errors import constraint_error, energy_error
 from eomcheck.motion.many import Trajectories
 from eomcheck.motion.trajectory import Trajectory
 from eomcheck.numbers.contract import Array
+from eomcheck.output import counted
+
+MOST = 12
+"""Coordinates of a state that are told."""
+NOTE = (
+    "error bound: of every entry of q̈, m/s² of lengths and rad/s² of angles; rcond: reciprocal "
+    "condition number of the matrix that is solved, 0 where it is singular."
+)
+KKT = "KKT: the matrix of the equations of motion and the constraints together."
 
 # ---- One state -----------------------------------------------------------------------------------
 
@@ -49,13 +58,28 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
             refusals.append(f"{key} refuses: {refusal}")
             continue
         matrix = min(found.rcond, key=found.rcond.__getitem__)
-        numbers = f"{largest(found.vdot):.10g}", f"{found.error_bound:.2g}"
-        rows.append((key, *numbers, f"{found.rcond[matrix]:.2g}", matrix))
-    columns = ("formulation", "largest |q̈|", "error bound", "smallest rcond", "of")
-    print_sheets([Sheet("accelerations", "", columns, rows)])
-    for refusal in refusals:
-        say(refusal)
+        i = int(np.argmax(np.abs(found.vdot)))
+        most = f"{abs(found.vdot[i]):.10g} {units(scene)[i]}/s²", scene.coordinate_names[i]
+        rows.append((key, *most, f"{found.error_bound:.2g}", f"{found.rcond[matrix]:.2g}", matrix))
+    columns = ("formulation", "largest |q̈|", "of", "error bound", "smallest rcond", "matrix")
+    title = f"{scene.name}: accelerations at its start"
+    print_sheets([Sheet("accelerations", title, columns, rows, note=NOTE if rows else "")])
+    if any(row[-1] == "KKT" for row in rows):
+        say(KKT)
+    for said in (*refusals, _state(scene, q, v)):
+        say(said)
     return len(refusals)
+
+
+def _state(scene: Scene, q: Array, v: Array) -> str:
+    """Return coordinates and velocities with their units, the first ones of many."""
+    names = [*zip(scene.coordinate_names, units(scene), strict=True)][:MOST]
+    more = f" and {scene.n - MOST} more" if scene.n > MOST else ""
+    at = ", ".join(f"{name} = {x:.4g} {unit}" for (name, unit), x in zip(names, q, strict=False))
+    if not v.any():
+        return f"At t = 0 s, at rest: {at}{more}."
+    rates = (f"{name}: {x:.4g} {unit}/s" for (name, unit), x in zip(names, v, strict=False))
+    return f"At t = 0 s: {at}{more}. Their rates: {', '.join(rates)}{more}."
 
 
 def print_constraints(scene: Scene) -> int:
@@ -107,11 +131,12 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
         for one in found
     ]
     energy = "energy error" if scene.conserves_energy else "energy left"
-    kept = "s", energy, "constraint error / (m/s)"
-    columns = ("formulation", "end / s", "steps", "right-hand sides", *kept)
+    kept = "run time (s)", energy, "constraint error (m/s)"
+    columns = ("formulation", "end (s)", "steps", "right-hand sides", *kept)
     said = f"The energy is no error here: {scene.why_not_conserved}."
     note = "" if scene.conserves_energy else said
-    print_sheets([Sheet("motions", "", columns, rows, note=note)])
+    title = f"{scene.name}: motions from its start"
+    print_sheets([Sheet("motions", title, columns, rows, note=note)])
     for one in found:
         if one.status != "finished":
             say(f"{one.key} {one.status}: {one.reason}")
@@ -137,6 +162,8 @@ ACROSS = 3
 def units(scene: Scene) -> list[str]:
     """Return the unit of each coordinate (n,)."""
     angles = set(range(scene.n)[scene.angle_coordinates])
+    if isinstance(scene, Mechanism):  # of which only some need be angles, anywhere in the row
+        angles = {one.coordinate for one in scene.made.topology.slots if not one.slides}
     return ["rad" if i in angles else "m" for i in range(scene.n)]
 
 
@@ -146,8 +173,8 @@ def print_many(found: Trajectories) -> None:
     title = f"{found.key}, t = {found.t[-1]:g} s"
     rows = list(_quantile_rows(found, good)) if good.any() else []
     counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
-    note = f"{len(found)} motions: {counts}; {found.seconds:.2g} s of integration"
-    print_sheets([Sheet("many", title, ("", *QUANTILES), rows, note=note)])
+    note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
+    print_sheets([Sheet("many", title, ("at the end", *QUANTILES), rows, note=note)])
     for i in np.flatnonzero(~good)[:3]:
         say(f"motion {i} {found.status[i]}: {found.reason[i]}")
 
@@ -179,7 +206,7 @@ def chart_of_many(found: Trajectories) -> Chart:
     """Return how far half and all of the motions are from the median, coordinate by coordinate."""
     scene, q = found.scenes[0], found.q[found.status == "finished"]
     shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
-    whole = f"{len(q)} motions of {scene.name} by {found.key}"
+    whole = f"{counted(len(q), 'motion')} of {scene.name} by {found.key}"
     panels: dict[tuple[str, ...], Panel] = {}
     for i in shown:
         name = scene.coordinate_names[i]

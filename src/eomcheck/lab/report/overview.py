@@ -16,6 +16,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.judged import Judged, by_claim, parties
 from eomcheck.lab.store.findings import PROOFS, RUNS, fault_of, kept_in
 from eomcheck.lab.store.records import Record, Records, key_of
+from eomcheck.output import counted
 from eomcheck.scenes import SCENES
 
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
@@ -127,7 +128,7 @@ class Overview:
         """The verdict as a sentence."""
         if self.verdict == "nothing checked":
             return "No claim was checked."
-        of = f"of {_count(len(self.claims), 'claim')}"
+        of = f"of {counted(len(self.claims), 'claim')}"
         if self.verdict == "failed":
             first = ", ".join(judged.claim.id for judged in self.failed)
             fails = "fails" if len(self.failed) == 1 else "fail"
@@ -139,16 +140,16 @@ class Overview:
         checked = [judged for judged in self.claims if judged.kind == "passed"]
         if len(checked) < len(self.claims):
             return f"{len(checked)} {of} hold; on the others nothing could be checked."
-        return f"All {_count(len(checked), 'claim')} hold."
+        return f"All {counted(len(checked), 'claim')} hold."
 
     @property
     def basis(self) -> str:
         """What the verdict rests on, in a sentence."""
-        parts = [f"{len(self.rows)} findings"]
+        parts = [counted(len(self.rows), "finding")]
         if self.states:
-            parts.append(_count(self.states, "state"))
+            parts.append(counted(self.states, "state"))
         if self.structures:
-            parts.append(f"{_count(self.structures, 'structure')} proved")
+            parts.append(f"{counted(self.structures, 'structure')} proved")
         said = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
         return f"{said}; {self.open} inconclusive." if self.open else f"{said}."
 
@@ -173,7 +174,3 @@ def made(record: Record) -> str:
         f"{machine.get('cpu', '?')} ({machine.get('cores', '?')} cores), "
         f"Python {machine.get('python', '?')}"
     )
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -34,7 +34,7 @@ def run_cells(
         work: settings -> Record of this study and these settings. An exception of eomcheck's own
             becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
         fresh: forget what is known of these cells first.
-        label: of the progress bar, by default the name of the study; "" for none.
+        label: of `progress`, by default the name of the study; "" for none.
         where: where untimed cells are worked off, see `eomcheck.lab.store.workers.spread`; None:
             one after another, in this process.
         by: names of settings. Cells that share them go to one process together, in their order.

@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 
 from eomcheck.errors import InputError, WorkerError, required
 from eomcheck.lab.store.provenance import THREADS, sources
+from eomcheck.output import counted
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -140,7 +141,7 @@ def spread(
             alone.extend(suspects)
     if given_up:
         names = "; ".join(_short(task.item) for task in given_up[:3])
-        raise WorkerError(f"{len(given_up)} items killed every worker they were given to: {names}")
+        raise WorkerError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
 
 
 @dataclass(eq=False)

@@ -27,7 +27,7 @@ STUDIES: dict[str, str] = {
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",
-    "motion": "Time a motion of the paper's robot, in machine code and through Python.",
+    "motion": "Time a motion, by default of the paper's robot, in machine code and through Python.",
     "tolerance": "Measure observed / (κ ε scale) per claim: what the constant C of the tolerances "
     "rests on.",
 }

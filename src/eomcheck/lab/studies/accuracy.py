@@ -27,6 +27,7 @@ from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
+from eomcheck.output import counted
 from eomcheck.scenes import Snake
 
 FLOOR = 1e-3
@@ -207,11 +208,11 @@ def said(found: Sequence[Record]) -> Iterator[str]:
     yield from unfinished(found)
     rows, moving = _known(found)
     top = max(_numbers(moving, "ratio"), default=0.0)
+    exact = counted(len(rows) - len(moving), "result")
     yield (
-        f"{len(found)} states; errors against the enclosed truth. {len(rows) - len(moving)} "
-        "results that are exact, as at rest without forces, are left out; where κ is infinite no "
-        f"error is foreseen. Largest error / (κ ε scale): {top:.3g}; the constant C of the "
-        f"tolerances is {C:g}."
+        f"{counted(len(found), 'state')}; errors against the enclosed truth. Left out: {exact} "
+        "without error, as at rest without forces; where κ is infinite no error is foreseen. "
+        f"Largest error / (κ ε scale): {top:.3g}; the constant C of the tolerances is {C:g}."
     )
     for one in rows:
         if one.state:
@@ -251,6 +252,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
 STUDY = Study(
     key="accuracy",
     cells=cells,
+    label="certifying {state}",
     worker=lambda known: _certified,
     sheets=sheets,
     charts=charts,

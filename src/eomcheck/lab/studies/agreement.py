@@ -16,12 +16,13 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Seed, at_least_one
+from eomcheck.lab.options import Links, Seed, at_least_one, interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.snake import joints
 from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
-from eomcheck.lab.study import Study, failed
+from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.output import counted
 from eomcheck.scenes import Snake
 
 REFERENCE = "au"
@@ -46,17 +47,18 @@ class Agreement:
 
 def cells(
     *,
-    links: Annotated[int, "Largest number of links."] = 40,
+    links: Links = "1..40",
     per_size: Annotated[int, "Number of random snakes of each size."] = 3,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
     """Yield a cell for each number of links.
 
     Raises:
-        InputError: no links, or no snakes.
+        InputError: no such numbers of links, or no snakes.
     """
-    at_least_one(**{"links": links, "per-size": per_size})
-    for size in range(1, links + 1):
+    low, high = interval(links)
+    at_least_one(**{"per-size": per_size})
+    for size in range(low, high + 1):
         yield {"links": size, "per size": per_size, "seed": seed}
 
 
@@ -114,7 +116,20 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
         "sign over what is allowed."
     )
-    yield Sheet("agreement", "All formulations on random snakes", columns, rows, note=note)
+    if rows:
+        yield Sheet("agreement", "All formulations on random snakes", columns, rows, note=note)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield what went wrong, and why there is nothing to compare."""
+    yield from unfinished(found)
+    done = [one.settings["per size"] for one in found if one.status == "done"]
+    if done and not rows_of(found, Agreement):
+        # The first of each size is the simplest one, at rest in a straight line.
+        yield (
+            f"Nothing to compare in {counted(sum(done), 'state')}: no acceleration there, or "
+            f"{REFERENCE} refuses. --per-size {max(done) + 1} draws others."
+        )
 
 
 def snake_panel(scene: Snake) -> Panel:
@@ -168,7 +183,8 @@ STUDY = Study(
     worker=lambda known: _compared,
     sheets=sheets,
     charts=charts,
+    said=said,
     alarm=failed,
-    label="comparing",
+    label="comparing formulations on snakes of {size}",
     small=True,
 )

@@ -41,6 +41,9 @@ QUANTITIES = {
 SHOWN = ("mass-matrix", "bias", "engine-acceleration", "engine-multipliers")
 """Those whose differences the tables show; the others cancel in many poses, and are judged only."""
 
+CONSTRAINED = ("engine-acceleration", "engine-multipliers")
+"""Those that constraints which give way change."""
+
 REFERENCE = "au"
 
 
@@ -50,8 +53,9 @@ class Compared:
 
     `relative` is the largest difference from the scene's own, divided by its largest entry, or by
     that of what cancels in it: B with one velocity of the other sign, the unconstrained
-    acceleration. `share` is the largest observed / allowed. Either is None where there is none.
-    `gives_way` says that constraints are compliant: the difference is then one of model.
+    acceleration. `share` is the largest observed / allowed of what could be judged. Either is None
+    where there is none. `gives_way` says that the engine declares its constraints compliant, and
+    has some here: the difference is then one of model.
     """
 
     engine: str
@@ -95,23 +99,23 @@ def _compare(settings: Settings) -> Record:
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     selection = Selection.of([REFERENCE], [key], list(QUANTITIES), scenes=[kind])
-    run, differences, states = Run(), dict[str, float](), 0
+    run, differences, states, held = Run(), dict[str, float](), 0, False
     for scene, state in scene_cases(kind, *(settings[x] for x in ("links", "states", "seed"))):
         if not engine_of(key).represents(scene):
             continue  # some libraries take no body but such as can be, and draws are of all
-        engine, states = engine_of(key)(scene), states + 1
+        engine, states, held = engine_of(key)(scene), states + 1, held or scene.r > 0
         allowed = {one.claim: one.allowed for one in run.look_at(scene, state, selection)}
         for claim, difference, size in _differences(engine, scene, state):
             # What vanishes but for rounding has no size to be relative to.
             if size > allowed.get(claim, 0.0):
                 differences[claim] = max(difference / size, differences.get(claim, 0.0))
-    rows = []
+    rows, compliant = [], held and engine_of(key).compliant
     for claim in CLAIMS:
         mine = [one for one in run.findings if one.claim == claim]
         ratios = [one.ratio for one in mine if one.verdict in DECIDED]
         if ratios or claim in differences:
             failures = sum(one.verdict == "failed" for one in mine)
-            share, gives_way = max(ratios, default=None), not ratios
+            share, gives_way = max(ratios, default=None), compliant and claim in CONSTRAINED
             who = key, version, kind.key, claim, states
             rows.append(Compared(*who, failures, differences.get(claim), share, gives_way))
     if not rows:
@@ -188,10 +192,12 @@ def _cell(rows: Sequence[Compared]) -> Cell:
         return Cell("-", "none")
     if any(one.failed for one in rows):
         return Cell(f"{max(known):.0e} FAIL", "failed")
-    soft = [one.relative for one in rows if one.relative is not None and one.gives_way]
-    hard = [x for x in known if x not in soft]
-    parts = [f"{max(hard):.0e}"] if hard else []
-    return Cell(", ".join([*parts, *([f"{max(soft):.0e} soft"] if soft else [])]))
+    of_kinds: dict[str, list[float]] = {"": [], " inconclusive": [], " soft": []}
+    for one in rows:
+        if one.relative is not None:
+            judged = "" if one.share is not None else " inconclusive"
+            of_kinds[" soft" if one.gives_way else judged].append(one.relative)
+    return Cell(", ".join(f"{max(those):.0e}{kind}" for kind, those in of_kinds.items() if those))
 
 
 def said(found: Sequence[Record]) -> Iterator[str]:
@@ -206,6 +212,8 @@ def said(found: Sequence[Record]) -> Iterator[str]:
             f"Largest error: {max(shares):.1%} of what rounding allows. `soft`: constraints give "
             "way, so that the difference is one of model and not judged."
         )
+    if any(one.share is None and not one.gives_way for one in rows):
+        yield "`inconclusive`: rounding allows so much that nothing was decided."
 
 
 def alarm(found: Sequence[Record]) -> bool:
@@ -219,7 +227,7 @@ STUDY = Study(
     worker=lambda known: _compare,
     sheets=sheets,
     said=said,
-    label="comparing",
+    label="comparing {pair} of engine and scene",
     alarm=alarm,
     reading="A dash: the engine does not say it, or no scene of the kind has it.",
     small=True,

@@ -194,5 +194,5 @@ STUDY = Study(
     sheets=sheets,
     charts=charts,
     said=said,
-    label="integrating",
+    label="integrating {motion}",
 )

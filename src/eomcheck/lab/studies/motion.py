@@ -1,4 +1,4 @@
-"""Time of a whole motion: the paper's robot for 1 s, in machine code and through Python.
+"""Time of a whole motion, of the paper's robot for 1 s, in machine code and through Python.
 
 Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from
 C, SciPy from Python.
@@ -6,19 +6,22 @@ C, SciPy from Python.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eomcheck.console import progress
-from eomcheck.formulations import FORMULATIONS, formulation_of
+from eomcheck.formulations import FORMULATIONS, formulations_for
+from eomcheck.lab.options import One
 from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.motion import Motion
-from eomcheck.scenes import Snake
+from eomcheck.named import scene_of
 
+PAPER = "paper"
 END = 1.0
 """s."""
 TOLERANCE = 1e-12
@@ -35,7 +38,7 @@ class MotionTime:
 
     Attributes:
         formulation: key.
-        seconds: best run by CyRK.
+        seconds: best run by CyRK; NaN where it does not reach the end.
         right_hand_sides: evaluated in it.
         seconds_in_python: best run by SciPy.
     """
@@ -46,24 +49,30 @@ class MotionTime:
     seconds_in_python: float
 
 
-def cells(*, formulation: Formulations = None) -> Iterator[Settings]:
+def cells(*, scene: One = PAPER, formulation: Formulations = None) -> Iterator[Settings]:
     """Yield one cell: all formulations are timed in turn.
 
     Raises:
-        UnknownNameError: no such formulation.
+        InputError: a formulation does not apply to the scene.
+        UnknownNameError: no such scene or formulation.
     """
-    keys = [formulation_of(key).key for key in dict.fromkeys(formulation or FORMULATIONS)]
-    yield {"formulations": keys, "end": END, "tolerance": TOLERANCE}
+    keys = [one.key for one in formulations_for(scene_of(scene), formulation)]
+    how = {"formulations": keys, "end": END, "tolerance": TOLERANCE}
+    yield how if scene == PAPER else how | {"scene": scene}
 
 
 def timed(settings: Settings) -> Record:
-    """Time the paper's robot, released at rest, by some formulations."""
-    keys, scene = settings["formulations"], Snake.paper()
+    """Time the motion of a scene from its start by some formulations."""
+    keys, scene = settings["formulations"], scene_of(settings.get("scene", PAPER))
     found: dict[str, MotionTime] = {}
     motions = []
-    with progress("making code and timing", (1 + ROUNDS) * len(keys)) as advance:
+    with progress("making code and timing it in {step}", (1 + ROUNDS) * len(keys)) as advance:
         for key in keys:
-            motions.append(Motion(scene, FORMULATIONS[key], *scene.initial_state()))
+            motion = Motion(scene, FORMULATIONS[key], *scene.initial_state())
+            if motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE).success:
+                motions.append(motion)
+            else:
+                found[key] = MotionTime(key, math.nan, motion.rates.calls, math.nan)
             advance()
         for _ in range(ROUNDS):
             for motion in motions:
@@ -95,6 +104,7 @@ def _by_scipy(motion: Motion) -> None:
 
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield the time of a motion by CyRK and by SciPy, and their ratio."""
+    known = rows_of(found, MotionTime)
     rows = [
         (
             one.formulation,
@@ -104,12 +114,17 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             seconds_text(one.seconds_in_python),
             f"{one.seconds_in_python / one.seconds:.3g}",
         )
-        for one in rows_of(found, MotionTime)
+        for one in known
+        if math.isfinite(one.seconds)
     ]
+    failed = [one.formulation for one in known if not math.isfinite(one.seconds)]
     columns = ("formulation", "CyRK", "right-hand sides", "each", "SciPy", "ratio")
+    names = dict.fromkeys(one.settings.get("scene", PAPER) for one in found)
+    of = ", ".join("the paper's robot" if name == PAPER else name for name in names)
     note = (
-        f"Best time of {END:g} s of the paper's robot by DOP853, rtol = atol = {TOLERANCE:.0e}, "
+        f"Best time of {END:g} s of {of} by DOP853, rtol = atol = {TOLERANCE:.0e}, "
         "with the same right-hand side in machine code."
+        + (f" Do not reach the end: {', '.join(failed)}." if failed else "")
     )
     yield Sheet("motion", "Time of a motion", columns, rows, note=note)
 

@@ -262,7 +262,7 @@ def _pinocchio_call(scene: Scene, q: Array, u: Array) -> tuple[str, Call]:
 def cells(
     *,
     scene: Kind = "snake",
-    links: Annotated[list[int] | None, "Number of links, or several: 7,100."] = None,
+    links: Annotated[list[int] | None, "Number of links, or several: 7,100 or 2..5."] = None,
     formulation: Formulations = None,
     repeats: Repeats = 15,
     set: Set = None,
@@ -321,7 +321,7 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
                     yield what, size, call
 
         repeats, count = settings["repeats"], len(chosen) * (len(formulations) + 4)
-        with progress("making code and timing", (1 + repeats) * count) as advance:
+        with progress("making code and timing it in {step}", (1 + repeats) * count) as advance:
             timings = time_calls(kind.key, jobs(), repeats, advance)
         return record_of_rows(STUDY.key, settings, timings)
 

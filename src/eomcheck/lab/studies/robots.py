@@ -132,7 +132,9 @@ def _look(settings: Settings) -> Record:
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
         rows.append(Read(called, version, found.verdict(key), apart, why))
-    rows += [Read(called, key, "no answer", {}, why) for key, why in found.refused.items()]
+    for key, why in found.refused.items():
+        verdict = "not installed" if key in found.missing else "no answer"
+        rows.append(Read(called, key, verdict, {}, why))
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
@@ -177,7 +179,7 @@ def _cell(one: Read | None) -> Cell:
     if one is None:
         return Cell("-", "none")
     if not one.apart:
-        return Cell("no answer", "open")
+        return Cell(one.verdict, "open")
     if one.verdict == "agrees":
         return Cell(f"{one.apart['M']:.0e}", "passed")
     return Cell(f"{one.apart['M']:.0e} {one.verdict}", "failed")
@@ -203,7 +205,7 @@ STUDY = Study(
     worker=lambda known: _look,
     sheets=sheets,
     said=said,
-    label="looking at robots",
+    label="looking at {robot}",
     alarm=alarm,
     reading="`no damping`: the library's algorithms leave out the dampers of the file.",
     small=True,

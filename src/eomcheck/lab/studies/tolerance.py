@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from statistics import median
+from typing import Annotated
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
@@ -13,32 +14,50 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.console import progress
+from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
+from eomcheck.lab.options import Examples, Kind, Seed, at_least_one, interval
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.records import Record, Settings
 from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.mechanics.scene import Scene
+from eomcheck.named import kinds_of
 from eomcheck.scenes import Snake
 
 
 def cells(
-    *, links: Links = "1..40", examples: Examples = 200, seed: Seed = 0
+    *,
+    scene: Kind = "snake",
+    links: Annotated[str | None, "Number of links, N or N..M. [1..40]"] = None,
+    examples: Examples = 200,
+    seed: Seed = 0,
 ) -> Iterator[Settings]:
-    """Yield one cell: all states are drawn together.
+    """Yield a cell for each kind of scene: all its states are drawn together.
 
     Raises:
-        InputError: no such numbers of links, or no examples.
+        InputError: no such numbers of links, links of a kind without, or no examples.
+        UnknownNameError: no such scene.
     """
     at_least_one(examples=examples)
-    yield {"links": interval(links), "examples": examples, "seed": seed}
+    for kind in kinds_of(scene):
+        if links is not None and not kind.has_links:
+            raise InputError(f"links = {links!r}: {kind.key} has no number of links to choose")
+        drawn = {"links": interval(links or "1..40"), "examples": examples, "seed": seed}
+        yield drawn if kind is Snake else drawn | {"scene": kind.key}
 
 
-def _ratios(settings: Settings) -> Record:
+def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
+    """Return what finds the ratios of a kind of scene."""
+    kinds = {kind.key: kind for kind in kinds_of(scene)}
+    return lambda settings: _ratios(kinds[settings.get("scene", Snake.key)], settings)
+
+
+def _ratios(kind: type[Scene], settings: Settings) -> Record:
     """Find, per claim, observed / (κ ε scale) of every conclusive Finding."""
-    run, selection, examples = Run(), Selection.of(), settings["examples"]
+    run, selection, examples = Run(), Selection.of(scenes=[kind]), settings["examples"]
     links, seed = settings["links"], settings["seed"]
-    with progress("measuring", examples) as advance:
-        run.explore(scene_cases(Snake, links, examples, seed), selection, advance)
+    with progress("measuring errors at {state}", examples) as advance:
+        run.explore(scene_cases(kind, links, examples, seed), selection, advance)
     ratios: dict[str, list[float]] = defaultdict(list)
     for finding in run.findings:
         if finding.verdict in DECIDED and finding.claim != "refusals":
@@ -48,14 +67,19 @@ def _ratios(settings: Settings) -> Record:
 
 def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     """Yield the median and the largest ratio of each claim."""
+    several = len(found) > 1
     rows = [
-        (claim, str(len(values)), f"{median(values):.2g}", f"{max(values):.2g}")
+        (
+            *([record.settings.get("scene", Snake.key)] if several else []),
+            *(claim, str(len(values)), f"{median(values):.2g}", f"{max(values):.2g}"),
+        )
         for record in found
         for claim in CLAIMS
         if (values := record.series.get(claim))
     ]
     title = "observed / (κ ε scale) of each claim"
-    yield Sheet("tolerance", title, ("claim", "findings", "median", "largest"), rows)
+    columns = ("claim", "findings", "median", "largest")
+    yield Sheet("tolerance", title, ("scene", *columns) if several else columns, rows)
 
 
 def said(found: Sequence[Record]) -> Iterator[str]:
@@ -68,7 +92,7 @@ def said(found: Sequence[Record]) -> Iterator[str]:
 STUDY = Study(
     key="tolerance",
     cells=cells,
-    worker=lambda known: _ratios,
+    worker=worker,
     sheets=sheets,
     said=said,
     label="",

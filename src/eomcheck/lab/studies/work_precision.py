@@ -16,7 +16,7 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.references import CASES
+from eomcheck.lab.references import CASES, stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
@@ -27,8 +27,9 @@ from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.simulate import simulate
-from eomcheck.motion.stored import Reference, load_reference
+from eomcheck.motion.stored import Reference
 from eomcheck.motion.trajectory import Trajectory
+from eomcheck.output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -73,7 +74,7 @@ def cells(
             raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
     # Tolerances innermost: the code made for the first one serves the others.
     for name in reference or ("paper-rest",):
-        scene = load_reference(references / f"{name}.json").scene
+        scene = stored(name, references).scene
         keys = [f.key for f in formulations_for(scene, formulation or None)]
         for key, how, rtol in product(keys, integrators, tolerance or TOLERANCES):
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
@@ -84,7 +85,7 @@ def worker(known: Sequence[Record], *, references: References = REFERENCES) -> W
 
     @cache
     def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
-        reference = load_reference(references / f"{name}.json")
+        reference = stored(name, references)
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
         return reference, *ready(scene, key, q0, velocity(scene, q0, u0), u0)
 
@@ -160,7 +161,7 @@ def pareto_front(records: Iterable[Record]) -> list[Record]:
 
 def summary(records: Sequence[Record]) -> str:
     """Return one paragraph made from the numbers of one scene."""
-    sentences = [f"{len(select(records))} of {len(records)} runs finished."]
+    sentences = [f"{len(select(records))} of {counted(len(records), 'run')} finished."]
     for target in TARGETS:
         best = _best(records, target)
         if not best:
@@ -348,7 +349,7 @@ def _told(record: Record) -> list[str]:
         f"{key}, {integrator}",
         f"tolerance {tolerance}",
         f"run time {seconds_text(_seconds(record))}, {status}",
-        f"{counts['right-hand sides']} right-hand sides, {counts['steps']} steps",
+        ", ".join(counted(counts[f"{what}s"], what) for what in ("right-hand side", "step")),
         *(f"{label} {record.errors[error]:.2e}" for error, label in errors_shown([record]).items()),
     ]
 
@@ -356,6 +357,7 @@ def _told(record: Record) -> list[str]:
 STUDY = Study(
     key="work-precision",
     cells=cells,
+    label="integrating {motion}",
     worker=worker,
     sheets=sheets,
     charts=charts,

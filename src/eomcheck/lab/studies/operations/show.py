@@ -27,6 +27,10 @@ from eomcheck.lab.studies.operations.fits import (
 from eomcheck.lab.study import unfinished
 
 NO_FIT = "no fit"
+OF_CHAIN = (
+    "KKT: the matrix of the equations of motion and the constraints together. s: number of "
+    "quasi-velocities of a chain, 2r for a snake."
+)
 POWERS: tuple[str, ...] = ("", "N", "N²", "N³", "N⁴")
 TOTALS = ("outside of solves", "solves, by LU")
 """The kinds of `KINDS` that are sums of others: they have a table of their own."""
@@ -75,8 +79,8 @@ def order_text(system: SolvedSystem) -> str:
     """Return the order of a system in n and r, or as it was measured where nothing fits."""
     if system.order is None:
         return f"{system.smallest.order} at N = {system.links}"
-    i, j = (str(factor) for factor in system.order)
-    return signed_sum([(i, "n"), (j, "r")], between="")
+    factors = sorted(zip(system.order, "nr", strict=True), key=lambda term: -term[0])
+    return signed_sum([(str(factor), size) for factor, size in factors], between="")
 
 
 def columns_text(system: SolvedSystem) -> str:
@@ -153,7 +157,8 @@ def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
         for s in solved_systems(counted)
     ]
     title = "Systems solved, in their order, beside the paper's Table I"
-    yield Sheet("systems", title, columns, lines)
+    chain = any(s.formulation == "banded" for s in solved_systems(counted))
+    yield Sheet("systems", title, columns, lines, note=OF_CHAIN if chain else "")
 
 
 def _savings(savings: list[Saving]) -> Iterator[Sheet]:

@@ -19,6 +19,7 @@ def _files(found: Sequence[Record], folder: Path) -> list[Path]:
 STUDY = Study(
     key=measure.STUDY,
     cells=measure.cells,
+    label="measuring {case}",
     worker=measure.worker,
     sheets=show.sheets,
     charts=show.charts,

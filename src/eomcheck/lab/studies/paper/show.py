@@ -15,6 +15,7 @@ from eomcheck.lab.studies.operations.show import signed_sum
 from eomcheck.lab.studies.paper.claims import judgements
 from eomcheck.lab.studies.paper.claims.claim import KANE
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
+from eomcheck.output import counted
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""
@@ -53,7 +54,7 @@ def _machine(record: Record) -> str:
 
 def _what(record: Record) -> list[str]:
     settings = record.settings
-    what = [settings["formulation"], f"{settings['links']} links"]
+    what = [settings["formulation"], counted(settings["links"], "link")]
     if settings["cell"] == "motion":
         what.append(str(Solver(settings["integrator"], settings["tolerance"])))
     return what

@@ -8,6 +8,7 @@ from eomcheck.lab.study import Study
 STUDY = Study(
     key=measure.STUDY,
     cells=measure.cells,
+    label="measuring formulations at {state}",
     worker=lambda known: measure.measure,
     spread_by=measure.STATE,
     sheets=show.sheets,

@@ -24,6 +24,7 @@ from eomcheck.lab.studies.stability.measure import (
     method_of,
     outcome,
 )
+from eomcheck.output import counted
 from eomcheck.scenes import Snake
 
 WORDS = {
@@ -152,8 +153,8 @@ def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield how many cells came to which outcome."""
     counts = Counter(outcome(r) for r in found if r.settings["family"] in FAMILIES)
     yield (
-        f"{counts.total()} cells: {counts[Outcome.GOOD]} good (true relative error at most "
-        f"{NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
+        f"{counted(counts.total(), 'cell')}: {counts[Outcome.GOOD]} good (true relative error at "
+        f"most {NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
         f"their error bound tells, {counts[Outcome.SILENT]} silently wrong."
     )
 

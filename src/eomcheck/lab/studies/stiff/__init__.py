@@ -10,7 +10,7 @@ TRUTHS = Study(
     cells=measure.truth_cells,
     worker=lambda known: measure.damped_truth,
     sheets=lambda found: (),
-    label="true motions",
+    label="integrating {true motion}",
 )
 STUDY = Study(
     key=measure.STUDY,
@@ -20,5 +20,5 @@ STUDY = Study(
     sheets=show.sheets,
     charts=show.charts,
     said=show.said,
-    label="integrating",
+    label="integrating {motion}",
 )

@@ -29,13 +29,13 @@ from scipy.integrate import solve_ivp
 
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
+from eomcheck.lab.references import stored
 from eomcheck.lab.run_time import ready, run_time
 from eomcheck.lab.store.records import Record, Settings
 from eomcheck.lab.study import REFERENCES, Quick, References, Work
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.motion import Motion
 from eomcheck.motion.right_hand_side import exact_jacobian
-from eomcheck.motion.stored import load_reference
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
@@ -91,13 +91,15 @@ def cells(
     quick: Quick = False,
     stiffness: Stiffnesses = None,
     formulation: Annotated[list[str] | None, "Formulation, or several: a,b. [kane]"] = None,
+    references: References = REFERENCES,
 ) -> Iterator[Settings]:
     """Yield a cell for each integrator, tolerance, stiffness, formulation and problem.
 
     Raises:
-        InputError: a stiffness that is not positive.
+        InputError: a stiffness that is not positive, or the true undamped motion is not stored.
         UnknownNameError: no such formulation.
     """
+    stored(REFERENCE, references)  # before hours are spent on what needs it
     keys = [f.key for f in formulations_for(Snake, formulation or ["kane"])]
     _, tolerances, in_scipy = QUICK if quick else (DECADES, TOLERANCES, IN_SCIPY_AT)
     for problem, key, k in product(PROBLEMS, keys, stiffnesses_of(quick, stiffness)):
@@ -170,7 +172,7 @@ def _end_state(scene: Snake, key: str, integrator: str, tolerance: float) -> Arr
 
 def scaled_truth(folder: Path) -> Truth:
     """Return the true end of every undamped motion, in units of its own time."""
-    reference = load_reference(folder / f"{REFERENCE}.json")
+    reference = stored(REFERENCE, folder)
     q, v = reference.q[-1], reference.v[-1]
     state = np.concatenate((q, v))
     # √(5000/k) is rounded twice, and with it the end.

@@ -20,6 +20,7 @@ from eomcheck.lab.studies.stiff.measure import (
     STUDY,
     TRUTH,
 )
+from eomcheck.output import counted
 
 TARGETS = (1e-3, 1e-6)
 """Relative errors whose costs are compared."""
@@ -99,7 +100,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
 def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield how many runs were disturbed."""
     shared = sum(map(disturbed, found))
-    yield f"{shared} of {len(select(found, STUDY))} best runs had to share their core."
+    yield f"{shared} of {counted(len(select(found, STUDY)), 'best run')} had to share a core."
 
 
 def _truths(found: Sequence[Record]) -> Sheet:
@@ -146,7 +147,7 @@ def _crossovers(found: Sequence[Record]) -> Sheet:
     return Sheet(
         "stiff-crossover",
         "Implicit integrators are the cheaper ones from this k on, N m/rad",
-        ("", "error", "formulation", "by CPU time", "by right-hand sides"),
+        ("joints", "error", "formulation", "by CPU time", "by right-hand sides"),
         rows,
     )
 
@@ -189,7 +190,7 @@ def _failures(found: Sequence[Record]) -> Sheet:
     rows = [
         (*told, "; ".join(where.format(**r.settings) for r in mine)) for told, mine in alike.items()
     ]
-    columns = ("", "formulation", "integrator", "reason", "k at rtol")
+    columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
     return Sheet("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
 
@@ -240,7 +241,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
 
 def _told(record: Record) -> list[str]:
     how = "{integrator}, tolerance {tolerance:.0e}".format(**record.settings)
-    return [how, f"{1e3 * cost(record):.3g} ms, {cost(record, RATES):.0f} right-hand sides"]
+    return [how, f"{1e3 * cost(record):.3g} ms, {counted(record.counts[RATES], 'right-hand side')}"]
 
 
 def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
