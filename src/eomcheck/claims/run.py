@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 from hypothesis.strategies import SearchStrategy
 
@@ -28,6 +29,39 @@ from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
 from eomcheck.mechanics.scene import Scene, checked_scene
+
+
+class Look(NamedTuple):
+    """What looking at one state gave.
+
+    Attributes:
+        findings: in the order of the claims.
+        seconds: time spent per claim.
+        refused: keys of the formulations that refused the state.
+    """
+
+    findings: Sequence[Finding]
+    seconds: dict[str, float]
+    refused: tuple[str, ...]
+
+
+def look(asked: Asked, state: State, selection: Selection) -> Look:
+    """Look at one state of a scene whose engines are made."""
+    case = case_of(asked, state, selection)
+    broken = case.broken_terms
+    findings = [] if broken is None else [broken]
+    seconds: dict[str, float] = {}
+    for one in selection.claims:
+        start = time.perf_counter()
+        if broken is None and (case.finite or one == "finite-terms"):
+            findings += case.look(CLAIMS[one])
+        seconds[one] = time.perf_counter() - start
+    return Look(findings, seconds, _refused(case) if broken is None and case.finite else ())
+
+
+Cases = Iterable[tuple[Scene, State]]
+Looked = Generator[tuple[Scene, State, Look], None, None]
+"""Cases in their order, each with what was seen in it."""
 
 
 @dataclass
@@ -67,20 +101,24 @@ class Run:
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
+        return self._take(self._look(scene, state, selection))
+
+    def _look(self, scene: Scene, state: State, selection: Selection) -> Look:
         if self._asked is None or self._asked.scene is not scene:
             self._asked = asked_of(scene, selection)  # engines are made once for each scene
-        case = case_of(self._asked, state, selection)
-        new: list[Finding] = []
-        if (broken := case.broken_terms) is not None:
-            new.append(broken)
-        for one in selection.claims:
-            start = time.perf_counter()
-            look = broken is None and (case.finite or one == "finite-terms")
-            new += filter(self._is_new, case.look(CLAIMS[one])) if look else []
-            self.seconds[one] += time.perf_counter() - start
+        return look(self._asked, state, selection)
+
+    def _one_after_another(self, cases: Cases, selection: Selection) -> Looked:
+        for scene, state in cases:
+            yield scene, state, self._look(scene, state, selection)
+
+    def _take(self, seen: Look) -> list[Finding]:
+        new = list(filter(self._is_new, seen.findings))
+        for claim, seconds in seen.seconds.items():
+            self.seconds[claim] += seconds
         self.findings += new
         self.ends.append(len(self.findings))
-        self.refused = _refused(case) if broken is None and case.finite else ()
+        self.refused = seen.refused
         return new
 
     def _is_new(self, finding: Finding) -> bool:
@@ -95,11 +133,12 @@ class Run:
 
     def explore(
         self,
-        cases: Iterable[tuple[Scene, State]],
+        cases: Cases,
         selection: Selection,
         on_case: Callable[[], None] = lambda: None,
         smaller: Callable[[Scene], SearchStrategy[tuple[Scene, State]]] | None = None,
         seed: int = 0,
+        looks: Callable[[Cases, Selection], Looked] | None = None,
     ) -> None:
         """Look at cases; stop at the first failure and look for the smallest.
 
@@ -109,18 +148,21 @@ class Run:
             on_case: called after each case.
             smaller: the cases among which a smaller one is looked for, given a scene that fails.
             seed: of that search.
+            looks: who looks at the cases, by default this process.
         """
-        for scene, state in cases:
-            new = self.look_at(scene, state, selection)
-            state = (new[0].state if new else None) or state
-            self.drawn.append(Drawn(scene, state, self.refused))
-            on_case()
-            failed = next((finding for finding in new if finding.verdict == "failed"), None)
-            if failed is not None:
-                self.minimal = failed
-                if smaller is not None:
-                    self.minimal = smallest_failure(failed, smaller(scene), selection, seed)
-                return
+        with closing((looks or self._one_after_another)(cases, selection)) as looked:
+            for scene, state, seen in looked:
+                new = self._take(seen)
+                state = (new[0].state if new else None) or state
+                self.drawn.append(Drawn(scene, state, self.refused))
+                on_case()
+                self.minimal = next((one for one in new if one.verdict == "failed"), None)
+                if self.minimal is not None:
+                    break
+        if self.minimal is not None and smaller is not None:
+            self.minimal = smallest_failure(
+                self.minimal, smaller(self.minimal.scene), selection, seed
+            )
 
     def look_at_kind(
         self,
@@ -130,6 +172,7 @@ class Run:
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
+        looks: Callable[[Cases, Selection], Looked] | None = None,
     ) -> None:
         """Look at the example of a kind, as it begins and moving, and at `examples` random scenes.
 
@@ -140,6 +183,7 @@ class Run:
             examples: number of random scenes, each in one state.
             seed: of the draws.
             on_case: called after each case.
+            looks: who looks at the random cases, by default this process.
 
         Raises:
             InputError: see `eomcheck.claims.strata.scene_cases`.
@@ -149,7 +193,7 @@ class Run:
         on_case()
         drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
 
-        self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed)
+        self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, looks)
 
     def look_at_scene(
         self,
@@ -158,6 +202,7 @@ class Run:
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
+        looks: Callable[[Cases, Selection], Looked] | None = None,
     ) -> None:
         """Look at a scene as it begins, and in random states.
 
@@ -167,6 +212,7 @@ class Run:
             examples: number of random states.
             seed: of the draws.
             on_case: called after each case.
+            looks: who looks at the random cases, by default this process.
 
         Raises:
             InputError: see `eomcheck.claims.strata.state_cases`.
@@ -174,7 +220,7 @@ class Run:
         drawn = state_cases(scene, examples, seed)
         self.look_at(scene, State(*scene.initial_state()), selection)
         on_case()
-        self.explore(drawn, selection, on_case, states_of, seed)
+        self.explore(drawn, selection, on_case, states_of, seed, looks)
 
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""

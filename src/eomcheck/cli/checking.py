@@ -61,7 +61,7 @@ def validate(
         str | None,
         typer.Option(
             metavar="PLACE",
-            help="Where to compute all scenes: local, local:PROCESSES or dask:ADDRESS. [local]",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [local]",
         ),
     ] = None,
     json: Json = None,
@@ -91,6 +91,7 @@ def validate(
     from eomcheck.engines import engines_among
     from eomcheck.lab.report.findings import print_runs, write_json
     from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
+    from eomcheck.lab.store.states import ours, place_for
     from eomcheck.lab.store.workers import check_place
     from eomcheck.named import ALL, ROBOTS, kinds_of, left_out, scene_of
 
@@ -107,11 +108,14 @@ def validate(
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
-    if executor is not None and len(kinds) == 1:
-        raise InputError(f"executor = {executor!r}: the states of one scene are not spread")
     # With all our scenes an engine is on trial, and not they.
     claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
     selection = Selection.of(formulation, engine, claims, scenes=kinds)
+    if len(kinds) == 1:
+        if executor is None:
+            executor = place_for(examples, kinds, selection.engines)
+        elif not ours(*kinds, *selection.engines):
+            raise InputError(f"executor = {executor!r}: what is in your files stays in one process")
     check_place(executor)
     for made in selection.engines:
         made.version()  # a missing library is bad input, said before anything is computed
@@ -125,7 +129,7 @@ def validate(
     ):
         try:
             if len(kinds) == 1:
-                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one)
+                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
             else:
                 look_at_kinds(runs, *how, advance, kept, executor)
         except KeyboardInterrupt:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eomcheck.kernels.emit import function_texts
 from eomcheck.kernels.layout import FAILURE_TIME, HEADER, Layout, layout_of
-from eomcheck.kernels.machine import Machine, memory
+from eomcheck.kernels.machine import EFFORT, Machine, memory
 from eomcheck.kernels.program import Program
 from eomcheck.kernels.repeat import along
 from eomcheck.numbers.contract import Array
@@ -22,6 +22,7 @@ class Kernel:
         parameters: number of entries of each parameter, by name.
         outputs: number of entries of each output, by name.
         width: lanes.
+        effort: LLVM's in generating code.
     """
 
     def __init__(
@@ -30,12 +31,13 @@ class Kernel:
         parameters: Mapping[str, int],
         outputs: Mapping[str, int],
         width: int = 1,
+        effort: int = EFFORT,
     ):
         self.width, self.parameters, self.outputs = width, dict(parameters), dict(outputs)
         self.layout: Layout = layout_of(program, parameters)
         self.size = sum(self.outputs.values())
         texts = function_texts("kernel", program, self.layout, self.outputs, width)
-        self.machine = Machine(texts)
+        self.machine = Machine(texts, effort)
         self.address = self.machine.address("kernel")
 
     def block(self, parameters: Mapping[str, Array]) -> Array:

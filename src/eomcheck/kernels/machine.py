@@ -32,6 +32,8 @@ def memory(count: int, ahead: int = 0) -> np.ndarray:
 
 EFFORT = 1
 """LLVM's in generating code, of 0 to 3: more brings nothing here."""
+LEAST_EFFORT = 0
+"""For code that runs a few times: there four times as soon, several times as slow, same bits."""
 
 
 class Machine:
@@ -39,10 +41,11 @@ class Machine:
 
     Args:
         functions: the texts of functions, each once.
+        effort: LLVM's.
     """
 
-    def __init__(self, functions: Iterable[str]):
-        machine = target()
+    def __init__(self, functions: Iterable[str], effort: int = EFFORT):
+        machine = target(effort)
         module = llvm.parse_assembly("\n".join((*DECLARED, *dict.fromkeys(functions))))
         self._engine = llvm.create_mcjit_compiler(module, machine)
         self._engine.finalize_object()
@@ -67,12 +70,12 @@ def _is_arm() -> bool:
     return llvm.get_process_triple().startswith(("aarch64", "arm64"))
 
 
-def target() -> llvm.TargetMachine:
-    """Return the machine that code is generated for: this one."""
+def target(effort: int) -> llvm.TargetMachine:
+    """Return the machine that code is generated for, with this effort: this one."""
     name, known, _ = features()
     _name_libm()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=name, features=known, opt=EFFORT, reloc="default", codemodel="jitdefault", jit=True
+        cpu=name, features=known, opt=effort, reloc="default", codemodel="jitdefault", jit=True
     )
 
 

@@ -20,6 +20,7 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.base import Choice
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.layout import CALLS, FAILED, FAILURE_TIME, TIME
+from eomcheck.kernels.machine import EFFORT, LEAST_EFFORT
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back
 from eomcheck.motion.state import state_of, state_size, state_vector, take_speeds
@@ -93,6 +94,7 @@ def kernel_of(
     also: str = "",
     width: int = 1,
     choice: Choice | None = None,
+    effort: int = EFFORT,
 ) -> Kernel:
     """Return the kernel of a right-hand side.
 
@@ -103,6 +105,7 @@ def kernel_of(
         also: a further output, as for `rates_on`.
         width: lanes.
         choice: of the partition, as for `rates_on`.
+        effort: LLVM's in generating code.
 
     Raises:
         NotRationalError: a function of the scene branches on a value.
@@ -116,7 +119,7 @@ def kernel_of(
         if formulation.multipliers and scene.r > 0:
             outputs["multipliers"] = scene.r
     options = {"stabilized": stabilized, "also": also, "choice": choice}
-    return traced_kernel(rates_on, scene, formulation, outputs, width, **options)
+    return traced_kernel(rates_on, scene, formulation, outputs, width, effort, **options)
 
 
 class RightHandSide:
@@ -205,7 +208,7 @@ def acceleration_in_machine_code(
         RefusedError: which constraints are independent is not clear.
     """
     choice = choice_for(at, formulation)
-    kernel = kernel_of(at.scene, formulation, also=ACCELERATION, choice=choice)
+    kernel = kernel_of(at.scene, formulation, also=ACCELERATION, choice=choice, effort=LEAST_EFFORT)
     state = state_of(at, formulation) if y is None else y
     return kernel(block_of(kernel, at.scene), np.array([at.t]), state)["vdot"]
 

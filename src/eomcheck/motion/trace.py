@@ -14,6 +14,7 @@ import numpy as np
 from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.machine import EFFORT
 from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.state import number_of_speeds, state_size
@@ -94,6 +95,7 @@ def traced_kernel(
     formulation: Formulation,
     outputs: dict[str, int],
     width: int = 1,
+    effort: int = EFFORT,
     **options: Any,
 ) -> Kernel:
     """Return the kernel of a trace, made once for scenes of this kind, terms and sizes.
@@ -104,12 +106,13 @@ def traced_kernel(
         formulation: the formulation.
         outputs: number of entries of each output, by name.
         width: lanes.
+        effort: LLVM's in generating code.
         options: as in `kernel_of`.
     """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
     size = state_size(scene, formulation)
     kind = type(scene), formulation, tuple(sizes.items()), size, scene.n, scene.r, scene.s
-    key = trace, kind, tuple(outputs.items()), width, tuple(options.items())
+    key = trace, kind, tuple(outputs.items()), width, effort, tuple(options.items())
     kernel = _kernels.pop(key, None)
     if kernel is None:
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
@@ -117,7 +120,7 @@ def traced_kernel(
             parameters[FEEDBACK] = 1
         along = formulation.linear and options.get("also") != JACOBIAN
         program = _program(lambda one: trace(one, formulation, **options), scene, along)
-        kernel = Kernel(program, parameters, outputs, width)
+        kernel = Kernel(program, parameters, outputs, width, effort)
     _kernels[key] = kernel
     if len(_kernels) > KEPT:
         del _kernels[next(iter(_kernels))]

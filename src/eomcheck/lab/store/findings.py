@@ -19,6 +19,7 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import links_of
 from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.states import looked_at
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import kinds_of
@@ -243,11 +244,14 @@ def look_at_kind(
     on_case: Callable[[], None],
     records: Records | None = None,
     one: Scene | None = None,
+    where: str | None = None,
 ) -> None:
     """Run the claims on one kind of scene to the end; keep what is found in `records`, if given.
 
     See `Run.look_at_kind`, and `Run.look_at_scene` for `one` scene of the kind in place of random
-    ones. What was found until an interruption stays in `run` and `records`.
+    ones. What was found until an interruption stays in `run` and `records`. States are looked at in
+    this process, or in those that `where` names, see `eomcheck.lab.store.workers.executor`; what is
+    found is the same.
     """
     keeper = Keeper(records, kind, run, selection, links, examples, seed)
 
@@ -255,11 +259,12 @@ def look_at_kind(
         keeper.save()
         on_case()
 
+    looks = None if where is None else partial(looked_at, where)
     try:
         if one is None:
-            run.look_at_kind(kind, selection, links, examples, seed, after_case)
+            run.look_at_kind(kind, selection, links, examples, seed, after_case, looks)
         else:
-            run.look_at_scene(one, selection, examples, seed, after_case)
+            run.look_at_scene(one, selection, examples, seed, after_case, looks)
     finally:
         run.finish(selection)
     keeper.finish()

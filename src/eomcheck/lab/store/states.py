@@ -1,0 +1,68 @@
+"""The states of one validation spread over processes; what is found is as in one process."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Sequence
+from functools import lru_cache, partial
+
+from eomcheck.claims.run import Cases, Look, Looked, look
+from eomcheck.claims.selection import Asked, Selection, asked_of
+from eomcheck.engines import Engine
+from eomcheck.lab.store.workers import spread
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+
+STATES_OF_ONE = 30
+"""A process is started for so many states: its start takes as long as some ten of them."""
+
+
+def place_for(
+    examples: int, kinds: Sequence[type[Scene]], engines: Sequence[type[Engine]]
+) -> str | None:
+    """Return where so many states are looked at if nobody says: in more processes than this?
+
+    Processes can import what is ours; a scene or an engine in somebody's file may be known here
+    only.
+    """
+    processes = min(os.cpu_count() or 1, examples // STATES_OF_ONE)
+    return f"local:{processes}" if processes > 1 and ours(*kinds, *engines) else None
+
+
+def ours(*classes: type) -> bool:
+    """Return whether all of these are of this package."""
+    return all(one.__module__.startswith("eomcheck.") for one in classes)
+
+
+def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
+    """Look at cases in the processes that `where` names, and yield them in their order.
+
+    Args:
+        where: see `eomcheck.lab.store.workers.executor`.
+        cases: scenes in states.
+        selection: what takes part.
+
+    Raises:
+        WorkerError, InputError, EngineError: see `eomcheck.lab.store.workers.spread`.
+    """
+    drawn = list(cases)
+    items = ((i, pickle.dumps(scene), state) for i, (scene, state) in enumerate(drawn))
+    early: dict[int, Look] = {}
+    following = 0
+    for (i, *_), seen in spread(where, partial(_look, selection=selection), items):
+        early[i] = seen
+        while following in early:
+            yield *drawn[following], early.pop(following)
+            following += 1
+
+
+def _look(item: tuple[int, bytes, State], selection: Selection) -> Look:
+    _, scene, state = item
+    return look(_asked(scene, selection), state, selection)
+
+
+@lru_cache(1)
+def _asked(scene: bytes, selection: Selection) -> Asked:
+    """Return a scene with its engines, which states that follow each other may share."""
+    return asked_of(pickle.loads(scene), selection)
