@@ -21,16 +21,17 @@ for told in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "T
 T = TypeVar("T")
 
 slow = [HealthCheck.too_slow, HealthCheck.data_too_large]
-settings.register_profile(
-    "ci",
-    max_examples=40,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=slow,
-)
-settings.register_profile("fuzz", max_examples=1000, deadline=None, suppress_health_check=slow)
-settings.load_profile("ci")
+always = settings(deadline=None, suppress_health_check=slow)
+
+
+def load_ci(examples: int) -> None:
+    """Load the profile `ci` with so many examples."""
+    settings.register_profile("ci", always, max_examples=examples, derandomize=True, database=None)
+    settings.load_profile("ci")
+
+
+load_ci(20)
+settings.register_profile("fuzz", always, max_examples=1000)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -46,14 +47,15 @@ def sized(request: pytest.FixtureRequest) -> Callable[[T, T], T]:
 
 @pytest.hookimpl(trylast=True)  # whatever else chooses has chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep every n-th case of a test marked `sampled(n)`; the others are for the night."""
+    """Leave for the night all of a test marked `night`, and most cases of one `sampled(n)`."""
     if config.getoption("--all"):
         return
     seen: Counter[str] = Counter()
     left: list[pytest.Item] = []
     for item in items:
         marker, test = item.get_closest_marker("sampled"), item.nodeid.partition("[")[0]
-        if marker is not None and seen[test] % marker.args[0]:
+        skipped = marker is not None and seen[test] % marker.args[0]
+        if skipped or item.get_closest_marker("night"):
             left.append(item)
         seen[test] += 1
     config.hook.pytest_deselected(items=left)
@@ -67,6 +69,9 @@ def pytest_configure(config: pytest.Config) -> None:
     Otherwise what is drawn would depend on every edit, and on the modules imported before.
     """
     config.addinivalue_line("markers", "sampled(n): every n-th case, all of them with --all")
+    config.addinivalue_line("markers", "night: with --all only")
+    if config.getoption("--all"):
+        load_ci(40)
     if config.getoption("--hypothesis-profile", None) in (None, "ci"):
         assert hasattr(providers, "is_local_module_file")
         providers.is_local_module_file = lambda path: False

@@ -74,6 +74,7 @@ def test_a_fault_is_named_or_caught_or_survives():
     assert attempt(UNSEEN).outcome == "survived"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("change", "says"),
     [

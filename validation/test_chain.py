@@ -208,7 +208,7 @@ def moved(name: str, tolerance: float, with_v: bool, project: bool) -> tuple[flo
     return error, max(sideways), found.nfev
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_quasi_velocities_need_no_projection(name: str, tolerance: float):

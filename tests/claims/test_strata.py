@@ -230,6 +230,7 @@ def test_a_velocity_that_is_wrong_for_one_link_only_is_found_by_default():
     assert failure.claim in ("speeds-velocity", "null-space-speeds")
 
 
+@pytest.mark.night
 def test_a_fault_of_gw_for_one_link_only_is_found_by_default(monkeypatch: pytest.MonkeyPatch):
     right = FORMULATIONS["gw"]
 

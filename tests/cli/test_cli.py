@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck import cli
-from eomcheck.claims.run import Run
+from eomcheck.claims import run as run_of_claims
 from eomcheck.cli.checking import REGISTRIES
 from eomcheck.errors import WorkerError
 from eomcheck.formulations import FORMULATIONS
@@ -46,8 +47,11 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         ),
         (["validate", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["validate", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
-        (["validate", "--executor", "local"], "the states of one scene are not spread"),
         (["validate", "--scene", "all", "--executor", "ray:1"], "expected local, local:NUMBER"),
+        (
+            ["validate", "--scene", "tests/lab/test_states.py:HeavyInside", "--executor", "local"],
+            "executor = 'local': a scene or an engine of your own is looked at in one process",
+        ),
         (["fuzz", "--links", "0"], "links = '0'"),
         (["fuzz", "--time", "5"], "time = '5', expected a time such as 20s"),
         (["fuzz", "--time", "0s"], "time = '0s'"),
@@ -254,14 +258,14 @@ def test_a_failing_claim_is_exit_code_1_with_a_minimal_state_that_can_be_pasted(
 
 
 def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys, tmp_path):
-    look_at = Run.look_at
+    look, looks = run_of_claims.look, count()
 
-    def interrupted(self, *arguments):
-        if self.cases == 3:
+    def interrupted(*arguments):
+        if next(looks) == 3:
             raise KeyboardInterrupt
-        return look_at(self, *arguments)
+        return look(*arguments)
 
-    monkeypatch.setattr(Run, "look_at", interrupted)
+    monkeypatch.setattr(run_of_claims, "look", interrupted)
     file = tmp_path / "findings.json"
     arguments = ["validate", "--links", "2", "--examples", "9", "--json", str(file)]
     assert run(*arguments, monkeypatch=monkeypatch) == 130

@@ -132,6 +132,7 @@ class Hole(Snake, functions=()):
         return found._replace(B=found.B + found.B * share)
 
 
+@pytest.mark.night
 def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
     monkeypatch.setattr(rounds, "MOST_JUDGED", 4)
 

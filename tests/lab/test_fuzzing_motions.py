@@ -96,6 +96,7 @@ def test_fast_scenes_are_moved_for_a_shorter_time():
 # ---- What is wrong -------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tmp_path: Path):
     case = turning()
     assert failures_of_motion(case, FEW, 5.0) == []

@@ -189,6 +189,7 @@ def of_engine(engine: type, **options) -> Plan:
     return Plan(**(usual | {"engines": (engine,)} | options))
 
 
+@pytest.mark.night
 def test_an_engine_of_ones_own_is_climbed_to_among_ordinary_states():
     def asked(climbing: bool) -> tuple[int, int]:
         population, count, finds = {}, 0, 0

@@ -62,7 +62,7 @@ def test_every_identity_is_proved(kind: type[Mechanism]):
         assert ("position-rate" in proved) == (kind is not Skate)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(6)
 @every_kind
 def test_drawn_states_pass_every_claim_with_two_engines(kind: type[Mechanism]):
     findings = eomcheck.validate(kind(), examples=2, seed=1)
@@ -239,7 +239,7 @@ def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
     assert all(np.shape(part.at) == (d,) for part in sketch.parts if isinstance(part, Center))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("key", ["Arm", "FourBar", "Free", "Lifted"])
 def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
     kind, run = ALL[key], Run()

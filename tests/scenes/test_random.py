@@ -82,6 +82,7 @@ def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
             assert {name: found[name] for name in ways} == ways
 
 
+@pytest.mark.sampled(2)
 def test_draws_have_every_pair_of_strata_and_hardly_rest(cases):
     kind = type(cases[0][0])
     wanted = [ways for n in range(1, 13) for ways in strata(kind, n)]
@@ -265,6 +266,7 @@ SEEN = [one for one in Selection.of().claims if one != "machine-code"]
 """Machine code takes longer than all else of a scene that is looked at in one state."""
 
 
+@pytest.mark.sampled(2)
 @both_kinds
 def test_formulations_and_engines_agree_on_random_scenes(kind, sized):
     run, selection, count = Run(), Selection.of(claims=SEEN, scenes=[kind]), sized(12, 5)

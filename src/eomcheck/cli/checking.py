@@ -115,7 +115,8 @@ def validate(
         if executor is None:
             executor = place_for(examples, kinds, selection.engines)
         elif not ours(*kinds, *selection.engines):
-            raise InputError(f"executor = {executor!r}: what is in your files stays in one process")
+            own = "a scene or an engine of your own is looked at in one process"
+            raise InputError(f"executor = {executor!r}: {own}")
     check_place(executor)
     for made in selection.engines:
         made.version()  # a missing library is bad input, said before anything is computed

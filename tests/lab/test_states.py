@@ -1,0 +1,111 @@
+"""One scene's states in several processes: found, kept and stopped at as in one."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
+from eomcheck.claims.strata import scene_cases
+from eomcheck.lab.store import states
+from eomcheck.lab.store.findings import kept_in, look_at_kind
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.states import STATES_OF_ONE, looked_at, ours, place_for
+from eomcheck.scenes import SCENES, Sleigh
+
+SELECTION = Selection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])
+
+
+class HeavyInside(Sleigh):
+    """A sleigh whose kinetic energy is twice what its mass matrix says where it turns fast."""
+
+    @staticmethod
+    def energies(parameters, angle, q, v):
+        """Return T and U, J."""
+        kinetic, potential = Sleigh.energies(parameters, angle, q, v)
+        return (2 * kinetic if v[2] > 2 else kinetic), potential
+
+
+def looked(where: str | None, kind=Sleigh, on_case=lambda: None, path: Path | None = None) -> Run:
+    run = Run()
+    how = SELECTION, (1, 1), 12, 0, on_case
+    if path is None:
+        look_at_kind(kind, run, *how, where=where)
+    else:
+        with Records(path) as records:
+            look_at_kind(kind, run, *how, records, where=where)
+    return run
+
+
+def test_two_processes_find_and_keep_what_one_does(tmp_path: Path):
+    cases: list[int] = []
+    runs, kept = [], []
+    for number, where in enumerate((None, "local:2")):
+        path = tmp_path / f"{number}.db"
+        runs.append(looked(where, on_case=lambda: cases.append(1), path=path))
+        with Records(path) as records:
+            kept.append(kept_in(records.all()))
+    one, two = runs
+    assert [f.as_dict() for f in one.findings] == [f.as_dict() for f in two.findings]
+    assert one.ends == two.ends and len(cases) == one.cases + two.cases == 2 * 14
+    assert one.strata == two.strata and one.seconds.keys() == two.seconds.keys()
+    assert [drawn.refused for drawn in one.drawn] == [drawn.refused for drawn in two.drawn]
+    assert kept[0] == kept[1] and len(kept[0]) == len(one.findings)
+
+
+def test_two_processes_stop_where_one_does_and_at_the_same_smallest_failure():
+    one, two = looked(None, HeavyInside), looked("local:2", HeavyInside)
+    assert one.minimal is not None and two.minimal is not None
+    assert one.minimal.claim == "kinetic-energy"
+    assert one.minimal.as_dict() == two.minimal.as_dict()
+    assert 1 < one.cases == two.cases < 14
+    assert not multiprocessing.active_children()
+
+
+def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
+    cases: list[int] = []
+
+    def interrupted() -> None:
+        cases.append(1)
+        if len(cases) == 4:
+            raise KeyboardInterrupt
+
+    run = Run()
+    with pytest.raises(KeyboardInterrupt):
+        look_at_kind(Sleigh, run, SELECTION, (1, 1), 12, 0, interrupted, where="local:2")
+    assert run.cases == 4 and run.findings
+    assert not multiprocessing.active_children()
+
+
+def test_looks_come_in_the_order_of_the_cases(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(
+        states, "spread", lambda _, look, items: ((x, look(x)) for x in reversed(list(items)))
+    )
+    cases = list(scene_cases(SCENES["snake"], (1, 3), 5, seed=0))
+    for (scene, state), (other, same, seen) in zip(
+        cases, looked_at("local:2", cases, SELECTION), strict=True
+    ):
+        assert other is scene and same is state
+        assert {f.scene.structure for f in seen.findings} == {scene.structure}
+        assert all(np.array_equal(f.state.q, state.q) for f in seen.findings)
+
+
+def test_many_states_of_what_is_ours_are_spread_unless_one_core_is_all(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    for cores, examples, expected in (
+        (2, 4 * STATES_OF_ONE, "local:2"),
+        (64, 4 * STATES_OF_ONE, "local:4"),
+        (64, 2 * STATES_OF_ONE - 1, None),
+        (1, 4 * STATES_OF_ONE, None),
+        (None, 4 * STATES_OF_ONE, None),
+    ):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        assert place_for(examples, [Sleigh], SELECTION.engines) == expected
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    assert not ours(HeavyInside)
+    assert place_for(4 * STATES_OF_ONE, [HeavyInside], ()) is None
