@@ -60,7 +60,7 @@ def test_a_scene_with_a_clock_is_drawn_at_many_times():
     assert min(times) < 2.0 < 8.0 < max(times)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_both_halves_of_every_range_are_drawn(kind):
     links = 3 if kind.has_links else None

@@ -170,6 +170,7 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
     }
 
 
+@pytest.mark.sampled(2)
 @both
 def test_random_scenes_are_moved_too(kind):
     here = MotionPlan(kind, 0, tuple(FORMULATIONS), (ORDINARY,), batch=4)

@@ -91,6 +91,7 @@ def drifted() -> Trajectory:
     return simulate(RING, "uk", 2.0, **LOOSE)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("stabilized", [{"baumgarte": 20.0}, {"projection": 0.05}])
 def test_stabilization_holds_redundant_rows_too(stabilized: dict):
     loose, held = drifted(), simulate(RING, "uk", 2.0, **LOOSE, **stabilized)

@@ -74,7 +74,7 @@ def degrees(scene: Scene) -> list[tuple[Key, int, int]]:
     return [(key, m, bound) for (key, bound), m in zip(stated, measured, strict=True)]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @scenes
 def test_no_measured_degree_exceeds_the_bound(scene: Scene):
     found = degrees(scene)

@@ -13,7 +13,7 @@ from eomcheck.testing import check, check_functions, from_scene
 TREES = 120
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("first", range(0, TREES, 30))
 def test_no_random_tree_is_refused(first: int):
     for seed in range(first, first + 30):
@@ -25,7 +25,7 @@ def test_no_random_tree_is_refused(first: int):
         assert {"bias-of-mass-matrix", "kinetic-energy", "motion", "power-balance"} <= looked_at
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("key", SCENES)
 def test_no_scene_is_refused(key: str):
     found = check(from_scene(SCENES[key].example()), states=1, seed=3)
