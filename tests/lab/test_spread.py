@@ -102,6 +102,20 @@ def test_nothing_is_no_work():
     assert list(spread(None, len, [])) == []
 
 
+def test_items_are_taken_as_they_are_handed_over():
+    taken: list[str] = []
+
+    def items() -> Iterator[str]:
+        for text in ("a" * i for i in range(100)):
+            taken.append(text)
+            yield text
+
+    results = spread("local:2", len, items())
+    next(results)
+    assert len(taken) <= 4
+    assert len(list(results)) == 99
+
+
 def test_workers_have_one_blas_thread_and_do_not_hear_ctrl_c(work, monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,19 @@ def test_looks_come_in_the_order_of_the_cases(monkeypatch: pytest.MonkeyPatch):
         assert other is scene and same is state
         assert {f.scene.structure for f in seen.findings} == {scene.structure}
         assert all(np.array_equal(f.state.q, state.q) for f in seen.findings)
+
+
+def test_cases_are_drawn_as_they_are_looked_at():
+    drawn: list[int] = []
+
+    def cases():
+        for i, case in enumerate(scene_cases(Sleigh, (1, 1), 40, seed=0)):
+            drawn.append(i)
+            yield case
+
+    with closing(looked_at("local:2", cases(), SELECTION)) as looks:
+        next(looks)
+        assert len(drawn) < 20
 
 
 def test_many_states_of_what_is_ours_are_spread_unless_one_core_is_all(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 from eomcheck.claims.run import Cases, Look, Looked, look
 from eomcheck.claims.selection import Asked, Selection, asked_of
@@ -46,20 +47,32 @@ def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
     Raises:
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.workers.spread`.
     """
-    drawn = list(cases)
-    items = ((i, pickle.dumps(scene), state) for i, (scene, state) in enumerate(drawn))
+    handed: dict[int, tuple[Scene, State]] = {}
     early: dict[int, Look] = {}
     following = 0
-    for (i, *_), seen in spread(where, partial(_look, selection=selection), items):
-        early[i] = seen
+
+    def items() -> Iterator[_Item]:
+        for i, (scene, state) in enumerate(cases):
+            handed[i] = scene, state
+            yield _Item(i, pickle.dumps(scene), state, f"{scene.structure} in {state}")
+
+    for item, seen in spread(where, partial(_look, selection=selection), items()):
+        early[item.number] = seen
         while following in early:
-            yield *drawn[following], early.pop(following)
+            yield *handed.pop(following), early.pop(following)
             following += 1
 
 
-def _look(item: tuple[int, bytes, State], selection: Selection) -> Look:
-    _, scene, state = item
-    return look(_asked(scene, selection), state, selection)
+class _Item(NamedTuple):
+    number: int
+    scene: bytes
+    state: State
+    structure: str
+    """What is said of it where it kills its process."""
+
+
+def _look(item: _Item, selection: Selection) -> Look:
+    return look(_asked(item.scene, selection), item.state, selection)
 
 
 @lru_cache(1)

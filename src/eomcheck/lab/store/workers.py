@@ -27,6 +27,7 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, TypeVar
 
 from eomcheck.errors import InputError, WorkerError, required
@@ -101,9 +102,9 @@ def spread(
 ) -> Iterator[tuple[Item, Result]]:
     """Yield (item, function(item)), in the order in which they finish.
 
-    An item whose worker dies is given to another. One that kills every worker it is given to, the
-    last time alone, is left out and reported after all the others. An exception of `function` ends
-    everything.
+    Items are taken as they are handed over. One whose worker dies is given to another. One that
+    kills every worker it is given to, the last time alone, is left out and reported after all the
+    others. An exception of `function` ends everything.
 
     Args:
         where: see `executor`.
@@ -115,17 +116,20 @@ def spread(
         InputError, EngineError: see `executor`.
     """
     place = place_of(where)
-    queue = deque(_Task(item) for item in items)
+    source = map(_Task, items)
+    queue = deque(islice(source, 1))
     alone: deque[_Task] = deque()
     given_up: list[_Task] = []
     progressed = True
     while queue or alone:
-        batch, here = (queue, place) if queue else (alone, Local(1, ahead=0))
+        batch, here, more = (
+            (queue, place, source) if queue else (alone, Local(1, ahead=0), iter(()))
+        )
         with here.open() as pool:
             if not progressed:
                 _check_start(pool)
             progressed = False
-            for task, outcome in _work_off(pool, here, function, batch):
+            for task, outcome in _work_off(pool, here, function, batch, more):
                 progressed = True
                 if isinstance(outcome, _Killed):
                     given_up.append(task)
@@ -139,6 +143,7 @@ def spread(
             for task in suspects:
                 queue.remove(task)
             alone.extend(suspects)
+            queue.extend(islice(source, 0 if queue else 1))
     if given_up:
         names = "; ".join(_short(task.item) for task in given_up[:3])
         raise WorkerError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
@@ -155,19 +160,27 @@ class _Killed:
 
 
 def _work_off(
-    pool: Executor, place: Place, function: Callable, queue: deque[_Task]
+    pool: Executor, place: Place, function: Callable, queue: deque[_Task], more: Iterator[_Task]
 ) -> Iterator[tuple[_Task, Any]]:
-    """Yield (task, result) until the queue is empty or the pool broken; then it holds the rest."""
+    """Yield (task, result) until queue and `more` are empty, or the pool broken.
+
+    Then the queue holds what was taken and not done.
+    """
     running: dict[Future, _Task] = {}
     broken = False
-    while running or (queue and not broken):
-        while queue and not broken and len(running) < place.width:
+    while True:
+        while not broken and len(running) < place.width:
+            queue.extend(islice(more, 0 if queue else 1))
+            if not queue:
+                break
             try:
                 future = pool.submit(*place.call(function, queue[0].item))
             except BrokenExecutor:
                 broken = True
             else:
                 running[future] = queue.popleft()
+        if not running:
+            return
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             task = running.pop(future)
             try:
