@@ -135,6 +135,8 @@ class Scene(ABC):
     """Names of the coordinates where all scenes of the kind have the same."""
     drawn_coordinates: ClassVar[tuple[Range, ...] | None] = None
     """What they are drawn from, see `coordinate_ranges`."""
+    pictured: ClassVar[tuple[float, ...]] = ()
+    """Pose q (n,) that a picture of the kind shows; empty for the initial one."""
     named_constraints: ClassVar[tuple[str, ...]] = ()
     """Names of the constraints where all scenes of the kind have the same."""
 
@@ -346,7 +348,7 @@ class Scene(ABC):
             links: number of links, for a kind of scene that has one.
         """
         scene = cls.example() if links is None else next(cls.structures(links))
-        return scene, scene.initial_state()[0]
+        return scene, np.array(cls.pictured) if cls.pictured else scene.initial_state()[0]
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch | None:
         """Return what a picture of it in the pose q (n,) is made of; None where nobody said."""

@@ -21,22 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
-from eomcheck.mechanics.sketch import (
-    Arrow,
-    Body,
-    Center,
-    Constraint,
-    Joint,
-    Sketch,
-    Spring,
-    Trail,
-    direction,
-    turned_by,
-)
 from eomcheck.numbers.contract import Array
 
 TURNS = {"K1": "β", "K2": "θ", "K5": "δ", "K4": "φ", "K7": "ε", "K6": "Ω", "K3": "γ"}
@@ -131,11 +120,11 @@ class Andrews(Described, description=description, closed=True):
         scene = cls()
         return scene, scene.pose + np.array([-0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9])
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the bodies from joint to tip, by their centres of mass; angles to their x axes."""
         tip: dict[str, Any] = {}
         parts: list[Any] = [
-            Joint(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
+            draw.Joint(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
         ]
         turn = {GROUND: 0.0}
         for body, name in TURNS.items():
@@ -143,17 +132,20 @@ class Andrews(Described, description=description, closed=True):
             angle, start = q[NAMES.index(name)], turn[on]
             base = tip[on] if on in tip else self.pins[PINS_OF[body]]
             turn[body] = start + angle
-            axes = np.array([direction(turn[body]), direction(turn[body] + np.pi / 2)])
+            axes = np.array([draw.direction(turn[body]), draw.direction(turn[body] + np.pi / 2)])
             center, tip[body] = base + self.center[k] @ axes, base + self.tip[k] @ axes
             corners = [base, tip[body]]
             if body == "K3":
                 hook = base + self.hook @ axes
                 corners = [base, hook, tip[body]]
-                parts += [Spring(hook, self.anchor, "spring"), Joint(self.anchor, True, "C")]
-            parts += [Body(corners, body, closed=body == "K3"), Center(center)]
-            parts += [] if on == GROUND else [Joint(base)]
-            parts += [turned_by(name, base, angle, 0.0075, start=start)]
-            parts += [Arrow("", base, 0.0085 * axes[0])]
-        parts += [Joint(tip["K2"], name="P"), Trail(tip["K2"])]
-        parts += [Constraint("P closes three loops", tip["K2"], tuple(range(6)))]
-        return Sketch(tuple(parts))
+                parts += [
+                    draw.Spring(hook, self.anchor, "spring"),
+                    draw.Joint(self.anchor, True, "C"),
+                ]
+            parts += [draw.Body(corners, body, closed=body == "K3"), draw.Center(center)]
+            parts += [] if on == GROUND else [draw.Joint(base)]
+            parts += [draw.turned_by(name, base, angle, 0.0075, start=start)]
+            parts += [draw.Arrow("", base, 0.0085 * axes[0])]
+        parts += [draw.Joint(tip["K2"], name="P"), draw.Trail(tip["K2"])]
+        parts += [draw.Constraint("P closes three loops", tip["K2"], tuple(range(6)))]
+        return draw.Sketch(tuple(parts))

@@ -28,24 +28,11 @@ import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
-from eomcheck.mechanics.sketch import (
-    Angle,
-    Arrow,
-    Body,
-    Center,
-    Constraint,
-    Disk,
-    Distance,
-    Joint,
-    Plane,
-    Sketch,
-    Trail,
-    fixed_axes,
-)
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.pivots import EPS
@@ -241,7 +228,7 @@ class Bicycle(Described, description=description, closed=True):
         q[:2], q[HEADING], q[LEAN], q[STEER] = (1.7, 0.9), -0.5, np.pi / 2 - 0.25, 0.35
         return cls(), q
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return wheels and frames, and each angle about its own axis."""
         # `frames` of the bicycle itself are moments of inertia.
         frames, (east, north, up) = Described.frames(self, q), np.eye(3)
@@ -259,23 +246,28 @@ class Bicycle(Described, description=description, closed=True):
         front = hub + self.radius[1] * lowest / np.linalg.norm(lowest)
         corners = [(-0.2, -0.3), (2.4, -0.3), (2.4, 2.0), (-0.2, 2.0)]
         parts = (
-            *(Plane([np.array([x, y, 0.0]) for x, y in corners]), *fixed_axes(0.4, 3)),
-            Disk(rear, b[2], float(self.radius[0])),
-            Disk(hub, g[2], float(self.radius[1])),
-            Body((rear, low, high, rider, rear), "rear frame"),
-            *(Body((hub, low + 0.05 * g[0], high + 0.12 * steering), "fork"), Joint(rear)),
-            *(Joint(hub), Center(rider, "rider"), Distance("", pivot, high + 0.3 * steering)),
-            *(Distance("x", q[1] * north, foot), Distance("y", q[0] * east, foot)),
-            *(Distance("z", foot, rear), Arrow("h", touch, 0.75 * heading), Trail(touch)),
-            *(Angle("θ", touch, east, north, q[HEADING], 0.6), Trail(front)),
-            Arrow("", touch, 0.7 * east),
-            *(Angle("ψ", rear, up, -across, q[LEAN], 0.5), Arrow("", rear, 0.6 * up)),
-            Arrow("axle", rear, 0.6 * b[2]),
-            Angle("φ", rear, heading, np.cross(b[2], heading), q[PITCH], 0.18),
-            Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[STEER], 0.3),
-            Angle("β_r", rear, b[0], b[1], 0.0, 0.8 * self.radius[0]),
-            Angle("β_f", hub, g[0], g[1], 0.0, 0.8 * self.radius[1]),
-            Constraint("rear wheel rolls", touch, (0, 1, 2)),
-            Constraint("front wheel rolls", front, (5, 3, 4)),
+            *(draw.Plane([np.array([x, y, 0.0]) for x, y in corners]), *draw.fixed_axes(0.4, 3)),
+            draw.Disk(rear, b[2], float(self.radius[0])),
+            draw.Disk(hub, g[2], float(self.radius[1])),
+            draw.Body((rear, low, high, rider, rear), "rear frame"),
+            draw.Body((hub, low + 0.05 * g[0], high + 0.12 * steering), "fork"),
+            draw.Joint(rear),
+            draw.Joint(hub),
+            draw.Center(rider, "rider"),
+            draw.Distance("", pivot, high + 0.3 * steering),
+            *(draw.Distance("x", q[1] * north, foot), draw.Distance("y", q[0] * east, foot)),
+            draw.Distance("z", foot, rear),
+            draw.Arrow("h", touch, 0.75 * heading),
+            draw.Trail(touch),
+            *(draw.Angle("θ", touch, east, north, q[HEADING], 0.6), draw.Trail(front)),
+            draw.Arrow("", touch, 0.7 * east),
+            *(draw.Angle("ψ", rear, up, -across, q[LEAN], 0.5), draw.Arrow("", rear, 0.6 * up)),
+            draw.Arrow("axle", rear, 0.6 * b[2]),
+            draw.Angle("φ", rear, heading, np.cross(b[2], heading), q[PITCH], 0.18),
+            draw.Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[STEER], 0.3),
+            draw.Angle("β_r", rear, b[0], b[1], 0.0, 0.8 * self.radius[0]),
+            draw.Angle("β_f", hub, g[0], g[1], 0.0, 0.8 * self.radius[1]),
+            draw.Constraint("rear wheel rolls", touch, (0, 1, 2)),
+            draw.Constraint("front wheel rolls", front, (5, 3, 4)),
         )
-        return Sketch(parts, azimuth=-1.05, elevation=0.3)
+        return draw.Sketch(parts, azimuth=-1.05, elevation=0.3)

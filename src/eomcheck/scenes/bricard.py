@@ -25,23 +25,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.mechanics.sketch import (
-    Angle,
-    Arrow,
-    Body,
-    Center,
-    Constraint,
-    Joint,
-    Part,
-    Sketch,
-    Trail,
-    fixed_axes,
-)
 from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
@@ -171,22 +160,22 @@ class Bricard(Described, description=description, closed=True):
         scene = cls(angle=0.5)
         return scene, scene.initial_state()[0]
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return rods and hinges from P_1 to P_6, and the ground from P_6 back to P_1."""
         length, at, before = float(self.length), np.zeros(3), np.eye(3)
         frames = self.frames(q)
-        parts: list[Part] = [*fixed_axes(0.3 * length, 3)]
+        parts: list[draw.Part] = [*draw.fixed_axes(0.3 * length, 3)]
         for k in range(RODS):
             axes = frames[f"rod {k + 1}"][1]
             end = at + SENSE[k] * length * axes[ALONG[k]]
-            parts += [Body((at, end), f"rod {k + 1}"), Center((at + end) / 2)]
-            parts += [Joint(at, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
+            parts += [draw.Body((at, end), f"rod {k + 1}"), draw.Center((at + end) / 2)]
+            parts += [draw.Joint(at, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
             level, across = SENSE[k] * before[SECOND[k]], -SENSE[k] * before[FIRST[k]]
             turn = q[NAMES.index(f"θ_{k + 1}")]
-            parts += [Angle(f"θ_{k + 1}", at, level, across, turn, 0.4 * length)]
+            parts += [draw.Angle(f"θ_{k + 1}", at, level, across, turn, 0.4 * length)]
             at, before = end, axes
-        parts += [Joint(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])), Trail(at / 2)]
-        parts += [Constraint("the ring closes", at, tuple(range(self.r)))]
+        parts += [draw.Joint(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])), draw.Trail(at / 2)]
+        parts += [draw.Constraint("the ring closes", at, tuple(range(self.r)))]
         corner = length * np.array([0.0, -0.75, 0.0])
-        parts += [Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
-        return Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)
+        parts += [draw.Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
+        return draw.Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)

@@ -15,20 +15,10 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import whole_number
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
-from eomcheck.mechanics.sketch import (
-    Arrow,
-    Body,
-    Center,
-    Joint,
-    Sketch,
-    Trail,
-    direction,
-    fixed_axes,
-    turned_by,
-)
 from eomcheck.numbers.contract import Array
 
 
@@ -90,16 +80,16 @@ class ChainPendulum(Described, OfLinks, description=description):
         scene = cls.rods(3 if links is None else links)
         return scene, -1.2 + 0.9 * np.linspace(-0.5, 1.0, scene.links)
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the links from the pin on."""
         size, at = self.length.mean(), np.zeros(2)
-        parts = [*fixed_axes(0.5 * size), Joint(at, ground=True)]
+        parts = [*draw.fixed_axes(0.5 * size), draw.Joint(at, ground=True)]
         for i, angle in enumerate(q):
-            end = at + self.length[i] * direction(angle)
-            parts += [Body((at, end), f"link {i + 1}"), Center((at + end) / 2)]
-            parts += [turned_by(f"θ_{i + 1}", at, angle, 0.3 * size)]
-            parts += [Joint(at)] if i else []
+            end = at + self.length[i] * draw.direction(angle)
+            parts += [draw.Body((at, end), f"link {i + 1}"), draw.Center((at + end) / 2)]
+            parts += [draw.turned_by(f"θ_{i + 1}", at, angle, 0.3 * size)]
+            parts += [draw.Joint(at)] if i else []
             at = end
         if self.gravity is not None:
-            parts += [Arrow("g", (-0.6 * size, -0.3 * size), (0, -0.5 * size), frame=False)]
-        return Sketch((*parts, Trail(at)))
+            parts += [draw.Arrow("g", (-0.6 * size, -0.3 * size), (0, -0.5 * size), frame=False)]
+        return draw.Sketch((*parts, draw.Trail(at)))

@@ -20,23 +20,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.sketch import (
-    Angle,
-    Arrow,
-    Body,
-    Disk,
-    Distance,
-    Joint,
-    Sketch,
-    Spring,
-    Trail,
-    fixed_axes,
-)
 from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
@@ -111,6 +100,7 @@ class FlyballGovernor(Described, description=description, damped=True):
 
     key = "flyball-governor"
     named_coordinates = NAMES
+    pictured = 0.35, 0.6, 0.55, 0.75
     drawn_coordinates = Range(0.0, 0.6), ANY_ANGLE, Range(-1.2, 1.2), Range(-1.2, 1.2)
     conserves_energy = True
     angle_coordinates = slice(1, None)
@@ -153,12 +143,7 @@ class FlyballGovernor(Described, description=description, damped=True):
         exchange = np.eye(4)[[0, 1, 3, 2]]
         yield Symmetry("exchange", self, exchange @ q, exchange @ v, exchange)
 
-    @classmethod
-    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
-        """Return the governor of the benchmark, turned a little, its arms at different angles."""
-        return cls.example(), np.array([0.35, 0.6, 0.55, 0.75])
-
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return shaft, slider, arms with balls, and springs."""
         s, turn, *angles = q
         top, up = float(self.top), np.array([0.0, 0.0, 1.0])
@@ -166,21 +151,29 @@ class FlyballGovernor(Described, description=description, damped=True):
         out, slider = np.array([np.cos(turn), np.sin(turn), 0.0]), s * up
         beam = [side * self.hinge * out + top * up for side in (1, -1)]
         parts: list[Any] = [
-            *(*fixed_axes(0.22, 3), Body((0.0 * up, 1.1 * top * up), "shaft"), Body(beam)),
-            Body(
+            *draw.fixed_axes(0.22, 3),
+            draw.Body((0.0 * up, 1.1 * top * up), "shaft"),
+            draw.Body(beam),
+            draw.Body(
                 [slider + 0.08 * (a * out + b * np.cross(up, out)) for a, b in SQUARE],
                 *("slider", True),
             ),
-            Distance("s", -0.3 * y, s * up - 0.3 * y),
-            Angle("ψ", 0.0 * up, x, y, turn, 0.45),
-            Arrow("g", -0.36 * x - 0.26 * y + 0.2 * up, -0.25 * up, frame=False),
+            draw.Distance("s", -0.3 * y, s * up - 0.3 * y),
+            draw.Angle("ψ", 0.0 * up, x, y, turn, 0.45),
+            draw.Arrow("g", -0.36 * x - 0.26 * y + 0.2 * up, -0.25 * up, frame=False),
         ]
         for i, (side, angle) in enumerate(zip((1, -1), angles, strict=True)):
             hinge, level = beam[i], side * out
             along = np.cos(angle) * level - np.sin(angle) * up
             ball, hook = hinge + self.center * along, hinge + self.attachment * along
-            parts += [Body((hinge, ball), f"arm {i + 1}"), Joint(hinge, axis=np.cross(level, up))]
-            parts += [Disk(ball, np.cross(up, out), 0.09, f"ball {i + 1}", ball=True), Trail(ball)]
-            parts += [Spring(slider + self.hinge * level, hook, "spring" if i else "")]
-            parts += [Angle(f"θ_{i + 1}", hinge, level, -up, angle, 0.3)]
-        return Sketch(tuple(parts), azimuth=-0.95, elevation=0.3)
+            parts += [
+                draw.Body((hinge, ball), f"arm {i + 1}"),
+                draw.Joint(hinge, axis=np.cross(level, up)),
+            ]
+            parts += [
+                draw.Disk(ball, np.cross(up, out), 0.09, f"ball {i + 1}", ball=True),
+                draw.Trail(ball),
+            ]
+            parts += [draw.Spring(slider + self.hinge * level, hook, "spring" if i else "")]
+            parts += [draw.Angle(f"θ_{i + 1}", hinge, level, -up, angle, 0.3)]
+        return draw.Sketch(tuple(parts), azimuth=-0.95, elevation=0.3)

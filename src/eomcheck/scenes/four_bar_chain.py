@@ -21,23 +21,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import whole_number
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.mechanics.sketch import (
-    Arrow,
-    Body,
-    Center,
-    Constraint,
-    Joint,
-    Sketch,
-    Trail,
-    direction,
-    fixed_axes,
-    turned_by,
-)
 from eomcheck.numbers.contract import Arithmetic, Array
 
 
@@ -170,23 +159,23 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
         scene = replace(cls.rods(3 if links is None else links), angle=1.1)
         return scene, scene.initial_state()[0]
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return rods from left to right, each coupler from the tip before it."""
         N, length, span = self.windows, float(self.length), float(self.span)
         feet = [np.array([k * span, 0.0]) for k in range(N + 1)]
-        tips = [feet[k] + length * direction(q[k - 1]) for k in range(N + 1)]
-        parts = [*fixed_axes(0.4 * span)]
+        tips = [feet[k] + length * draw.direction(q[k - 1]) for k in range(N + 1)]
+        parts = [*draw.fixed_axes(0.4 * span)]
         for k in range(N + 1):
-            parts += [Body((feet[k], tips[k]), f"rod {k}"), Joint(feet[k], ground=True)]
-            parts += [Center((feet[k] + tips[k]) / 2), Joint(tips[k])]
-            parts += [turned_by(f"θ_{k}", feet[k], q[k - 1], 0.28 * length)]
+            parts += [draw.Body((feet[k], tips[k]), f"rod {k}"), draw.Joint(feet[k], ground=True)]
+            parts += [draw.Center((feet[k] + tips[k]) / 2), draw.Joint(tips[k])]
+            parts += [draw.turned_by(f"θ_{k}", feet[k], q[k - 1], 0.28 * length)]
         for k in range(1, N + 1):
-            start, end = tips[k - 1], tips[k - 1] + span * direction(q[N + k - 1])
-            parts += [Body((start, end), f"coupler {k}"), Center((start + end) / 2)]
-            parts += [turned_by(f"φ_{k}", start, q[N + k - 1], 0.35 * span)]
+            start, end = tips[k - 1], tips[k - 1] + span * draw.direction(q[N + k - 1])
+            parts += [draw.Body((start, end), f"coupler {k}"), draw.Center((start + end) / 2)]
+            parts += [draw.turned_by(f"φ_{k}", start, q[N + k - 1], 0.35 * span)]
             middle, rows = (feet[k - 1] + end) / 2, (2 * k - 2, 2 * k - 1)
             more = () if self.repeated is None or k < N else (2 * N,)
-            parts += [Constraint(f"window {k}", middle, (*rows, *more))]
+            parts += [draw.Constraint(f"window {k}", middle, (*rows, *more))]
         if self.gravity is not None:
-            parts += [Arrow("g", (-0.4 * span, 0.9 * length), (0, -0.4 * length), frame=False)]
-        return Sketch((*parts, Trail(tips[0])))
+            parts += [draw.Arrow("g", (-0.4 * span, 0.9 * length), (0, -0.4 * length), frame=False)]
+        return draw.Sketch((*parts, draw.Trail(tips[0])))

@@ -20,21 +20,9 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
-from eomcheck.mechanics.sketch import (
-    Angle,
-    Arrow,
-    Body,
-    Constraint,
-    Disk,
-    Distance,
-    Joint,
-    Plane,
-    Sketch,
-    Trail,
-    fixed_axes,
-)
 from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
@@ -194,6 +182,7 @@ class RollingDisk(Parametric, functions=globals()):
 
     key = "rolling-disk"
     named_coordinates = "x", "y", "ψ", "θ", "φ"
+    pictured = 1.05, 1.05, 0.7, 0.45, 0.8
     drawn_coordinates = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
     named_constraints = "along", "across"
     conserves_energy = True
@@ -241,13 +230,7 @@ class RollingDisk(Parametric, functions=globals()):
         yield plane.translation(self, q, v)
         yield plane.mirror(self, q, v, kept=(0, 4))
 
-    @classmethod
-    def sketched(cls, links: int | None = None) -> tuple[RollingDisk, Array]:
-        """Return the disk turned, leaning, and spun a little."""
-        scene = cls()
-        return scene, np.array([2.1 * scene.radius, 2.1 * scene.radius, 0.7, 0.45, 0.8])
-
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the disk on the plane, its angles, and the axes e_1, e_2, e_3."""
         x, y, heading, lean, spin = q
         east, north, up = np.eye(3)
@@ -261,16 +244,17 @@ class RollingDisk(Parametric, functions=globals()):
         rim = np.cos(spin) * e3 + np.sin(spin) * e1
         corners = [(-0.6, -0.6), (3.6, -0.6), (3.6, 3.6), (-0.6, 3.6)]
         parts = (
-            Plane([R * np.array([a, b, 0.0]) for a, b in corners]),
-            *(*fixed_axes(0.8 * R, 3), Disk(center, e2, R, "disk"), Joint(center)),
-            *(Distance("x", y * north, foot), Distance("y", x * east, foot)),
-            *(Angle("ψ", contact, east, north, heading, 1.1 * R), Arrow("", contact, 1.3 * R * e1)),
-            Angle("θ", contact, up, np.cross(e1, up), lean, 1.75 * R),
-            Arrow("", contact, 1.85 * R * up),
-            Angle("φ", center, e3, e1, spin, 0.55 * R),
-            Body((center, center + R * rim)),
-            *(Arrow("e_1", center, 1.3 * R * e1), Arrow("e_2", center, 0.9 * R * e2)),
-            *(Arrow("e_3", center, 1.35 * R * e3), Trail(contact)),
-            Constraint("no slip", contact, (0, 1)),
+            draw.Plane([R * np.array([a, b, 0.0]) for a, b in corners]),
+            *(*draw.fixed_axes(0.8 * R, 3), draw.Disk(center, e2, R, "disk"), draw.Joint(center)),
+            *(draw.Distance("x", y * north, foot), draw.Distance("y", x * east, foot)),
+            draw.Angle("ψ", contact, east, north, heading, 1.1 * R),
+            draw.Arrow("", contact, 1.3 * R * e1),
+            draw.Angle("θ", contact, up, np.cross(e1, up), lean, 1.75 * R),
+            draw.Arrow("", contact, 1.85 * R * up),
+            draw.Angle("φ", center, e3, e1, spin, 0.55 * R),
+            draw.Body((center, center + R * rim)),
+            *(draw.Arrow("e_1", center, 1.3 * R * e1), draw.Arrow("e_2", center, 0.9 * R * e2)),
+            *(draw.Arrow("e_3", center, 1.35 * R * e3), draw.Trail(contact)),
+            draw.Constraint("no slip", contact, (0, 1)),
         )
-        return Sketch(parts, azimuth=-1.85, elevation=0.4)
+        return draw.Sketch(parts, azimuth=-1.85, elevation=0.4)

@@ -14,23 +14,9 @@ from typing import Any
 import numpy as np
 
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms
-from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.sketch import (
-    Arrow,
-    Body,
-    Center,
-    Constraint,
-    Distance,
-    Sketch,
-    Trail,
-    Wheel,
-    direction,
-    fixed_axes,
-    place,
-    turned_by,
-)
 from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Array
 
@@ -119,6 +105,7 @@ class Sleigh(Parametric, functions=globals()):
     rate: Any = parameter("θ̇ at t = 0", "rad/s", default=1.0, read=False)
 
     key = "sleigh"
+    pictured = 0.55, 0.4, 0.5
     named_coordinates = "x", "y", "θ"
     named_constraints = ("edge",)
     conserves_energy = True
@@ -141,24 +128,19 @@ class Sleigh(Parametric, functions=globals()):
         joints = "px", "py", "rz"
         return planar_tree((-1, 0, 1), joints, np.zeros((3, 3)), mass, center, inertia, np.eye(3))
 
-    @classmethod
-    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
-        """Return the sleigh away from the origin, turned."""
-        scene = cls()
-        return scene, np.array([1.1 * abs(scene.offset), 0.8 * abs(scene.offset), 0.5])
-
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the body about its centre of mass, and the edge."""
-        edge, along, across = q[:2], direction(q[2]), direction(q[2] + np.pi / 2)
+        edge, along, across = q[:2], draw.direction(q[2]), draw.direction(q[2] + np.pi / 2)
         center, size = edge + self.offset * along, abs(float(self.offset))
         hull = ((-1.5, -0.45), (0.9, -0.45), (1.4, 0.0), (0.9, 0.45), (-1.5, 0.45))
         parts = (
-            *(*fixed_axes(0.5 * size), *place(*edge), Trail(edge)),
-            Body([center + size * (x * along + y * across) for x, y in hull], "sleigh", True),
-            *(Wheel(edge, along, 0.45 * size, edge=True), Center(center, "centre of mass")),
-            *(Constraint("edge", edge, (0,)), turned_by("θ", edge, q[2], 0.8 * size)),
-            Distance("ℓ", edge - 0.2 * size * across, center - 0.2 * size * across),
-            Arrow("t", edge + 1.45 * size * along, 0.6 * size * along),
-            Arrow("n", edge, 0.8 * size * across),
+            *(*draw.fixed_axes(0.5 * size), *draw.place(*edge), draw.Trail(edge)),
+            draw.Body([center + size * (x * along + y * across) for x, y in hull], "sleigh", True),
+            draw.Wheel(edge, along, 0.45 * size, edge=True),
+            draw.Center(center, "centre of mass"),
+            *(draw.Constraint("edge", edge, (0,)), draw.turned_by("θ", edge, q[2], 0.8 * size)),
+            draw.Distance("ℓ", edge - 0.2 * size * across, center - 0.2 * size * across),
+            draw.Arrow("t", edge + 1.45 * size * along, 0.6 * size * along),
+            draw.Arrow("n", edge, 0.8 * size * across),
         )
-        return Sketch(parts)
+        return draw.Sketch(parts)

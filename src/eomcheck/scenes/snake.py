@@ -20,6 +20,7 @@ import numpy as np
 
 from eomcheck.errors import RefusedError, whole_number
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import (
     OfLinks,
     of_joints,
@@ -28,19 +29,6 @@ from eomcheck.mechanics.parameters import (
     stretched,
 )
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.mechanics.sketch import (
-    Body,
-    Center,
-    Constraint,
-    Joint,
-    Sketch,
-    Trail,
-    Wheel,
-    direction,
-    fixed_axes,
-    place,
-    turned_by,
-)
 from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
@@ -226,20 +214,23 @@ class Snake(OfLinks, functions=PARTS):
         pose = 0.45 + 2.4 / scene.links * np.arange(scene.links)
         return replace(scene, wheel_angle=angle), np.r_[0.9, 0.7, pose] * scene.length.mean()
 
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return links from the free tip on, and a wheel across each axle."""
         x, y, *theta = q
         size = self.length.mean()
-        parts, at = [*fixed_axes(0.5 * size), *place(x, y), Trail(q[:2])], q[:2]
+        parts, at = [*draw.fixed_axes(0.5 * size), *draw.place(x, y), draw.Trail(q[:2])], q[:2]
         for i, angle in enumerate(theta):
-            end = at + self.length[i] * direction(angle)
+            end = at + self.length[i] * draw.direction(angle)
             wheel, middle = angle + self.wheel_angle[i], (at + end) / 2
-            parts += [Body((at, end), f"link {i + 1}"), Joint(at) if i else Joint(at, name="head")]
-            parts += [Wheel(middle, direction(wheel), 0.3 * size), Center(middle)]
-            parts += [Constraint(f"wheel {i + 1}", middle, (i,))]
-            parts += [turned_by(f"θ_{i + 1}", at, angle, 0.32 * size)]
+            parts += [
+                draw.Body((at, end), f"link {i + 1}"),
+                draw.Joint(at) if i else draw.Joint(at, name="head"),
+            ]
+            parts += [draw.Wheel(middle, draw.direction(wheel), 0.3 * size), draw.Center(middle)]
+            parts += [draw.Constraint(f"wheel {i + 1}", middle, (i,))]
+            parts += [draw.turned_by(f"θ_{i + 1}", at, angle, 0.32 * size)]
             if i == 0:
                 turn = self.wheel_angle[i]
-                parts += [turned_by("α_1", middle, turn, 0.3 * size, start=angle)]
+                parts += [draw.turned_by("α_1", middle, turn, 0.3 * size, start=angle)]
             at = end
-        return Sketch(tuple(parts))
+        return draw.Sketch(tuple(parts))

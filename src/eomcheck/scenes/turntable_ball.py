@@ -19,19 +19,10 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.mechanics import plane
+from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.sketch import (
-    Angle,
-    Arrow,
-    Constraint,
-    Disk,
-    Distance,
-    Sketch,
-    Trail,
-    fixed_axes,
-)
 from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.contract import Arithmetic, Array
 
@@ -222,6 +213,7 @@ class TurntableBall(Parametric, functions=globals()):
 
     key = "turntable-ball"
     named_coordinates = "x", "y", "ψ", "θ", "φ"
+    pictured = 0.55, 0.475, 0.6, 0.5, 0.7
     drawn_coordinates = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
     named_constraints = "along x", "along y"
     conserves_energy = False
@@ -263,13 +255,7 @@ class TurntableBall(Parametric, functions=globals()):
         swing = None if self.swing is None else -self.swing
         yield plane.mirror(replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4))
 
-    @classmethod
-    def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
-        """Return the ball off the axis, turned by all three angles."""
-        scene = cls()
-        return scene, np.r_[np.array([2.2, 1.9]) * scene.radius, 0.6, 0.5, 0.7]
-
-    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+    def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return table and ball, with the angles at the centre of the ball."""
         x, y, heading, lean, spin = q
         east, north, up = np.eye(3)
@@ -280,17 +266,17 @@ class TurntableBall(Parametric, functions=globals()):
         foot = np.array([x, y, 0.0])
         center = foot + R * up
         parts = (
-            Disk(0.0 * up, up, 4.0 * R, "turntable"),
-            *(*fixed_axes(0.9 * R, 3), Disk(center, up, R, "ball", ball=True)),
-            *(Distance("x", y * north, foot), Distance("y", x * east, foot)),
-            *(Angle("ψ", center, east, north, heading, 1.5 * R), Arrow("", center, 1.7 * R * east)),
-            *(
-                Angle("θ", center, up, np.cross(e1, up), lean, 1.5 * R),
-                Arrow("", center, 1.7 * R * up),
-            ),
-            *(Angle("φ", center, e3, e1, spin, 1.25 * R), Arrow("e_1", center, 1.8 * R * e1)),
-            *(Arrow("e_2", center, 1.8 * R * e2), Arrow("e_3", center, 1.8 * R * e3)),
-            Angle("Ω", 0.0 * up, east, north, 0.9, 3.5 * R),
-            *(Trail(center), Constraint("no slip", foot, (0, 1))),
+            draw.Disk(0.0 * up, up, 4.0 * R, "turntable"),
+            *(*draw.fixed_axes(0.9 * R, 3), draw.Disk(center, up, R, "ball", ball=True)),
+            *(draw.Distance("x", y * north, foot), draw.Distance("y", x * east, foot)),
+            draw.Angle("ψ", center, east, north, heading, 1.5 * R),
+            draw.Arrow("", center, 1.7 * R * east),
+            draw.Angle("θ", center, up, np.cross(e1, up), lean, 1.5 * R),
+            draw.Arrow("", center, 1.7 * R * up),
+            draw.Angle("φ", center, e3, e1, spin, 1.25 * R),
+            draw.Arrow("e_1", center, 1.8 * R * e1),
+            *(draw.Arrow("e_2", center, 1.8 * R * e2), draw.Arrow("e_3", center, 1.8 * R * e3)),
+            draw.Angle("Ω", 0.0 * up, east, north, 0.9, 3.5 * R),
+            *(draw.Trail(center), draw.Constraint("no slip", foot, (0, 1))),
         )
-        return Sketch(parts, azimuth=-1.75, elevation=0.45)
+        return draw.Sketch(parts, azimuth=-1.75, elevation=0.45)
