@@ -224,9 +224,8 @@ class Together(_Copies):
         with suppress(TypeError):
             return _called(self.noise, function, *arguments)
         with np.errstate(all="ignore"):
-            return self._stacked(
-                one_by_one(self._noises, lambda i, noise: function(*_part(arguments, i, noise)))
-            )
+            alone = one_by_one(self._noises, lambda i, one: function(*_part(arguments, i, one)))
+            return self._stacked(alone)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
         """Return the records of all copies as one; what are no doubles are the same in all."""

@@ -328,7 +328,6 @@ class Scene(ABC):
 
     def refuse_speeds(self, q: Array) -> None:
         """Raise `RefusedError` if the natural generalized speeds do not exist at q (n,)."""
-        return
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield the motions of the whole scene that must not change its dynamics."""
