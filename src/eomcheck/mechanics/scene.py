@@ -328,6 +328,7 @@ class Scene(ABC):
 
     def refuse_speeds(self, q: Array) -> None:
         """Raise `RefusedError` if the natural generalized speeds do not exist at q (n,)."""
+        return
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield the motions of the whole scene that must not change its dynamics."""
@@ -368,11 +369,7 @@ FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" 
 
 
 def checked_scene(scene: Any) -> Scene:
-    """Return `scene`.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Return `scene`; raise `InputError` where it is none."""
     if not isinstance(scene, Scene):
         raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
     return scene
