@@ -85,6 +85,7 @@ class Pendulum(Parametric, functions=globals()):
     named_coordinates, named_constraints = ("x", "y"), ("rod",)
     drawn_coordinates = Range(-2.0, 2.0), Range(-2.0, 2.0)
     holonomic = slice(None)  # every row, which is the default
+    pictured = 0.6, -0.9  # the pose q of its picture
 
     def initial_state(self):
         return np.array([float(self.length), 0.0]), np.zeros(2)
@@ -94,7 +95,3 @@ class Pendulum(Parametric, functions=globals()):
         return Sketch(
             (*fixed_axes(0.4), *rod, Joint(np.zeros(2), ground=True), *place(*q), Trail(q))
         )
-
-    @classmethod
-    def sketched(cls, links=None):  # which scene, in which pose
-        return cls(), np.array([0.6, -0.9])

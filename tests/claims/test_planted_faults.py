@@ -12,10 +12,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import COMPOSED, DESCRIBED, FAULTS, PARTS, SHARED, Fault, changed
+from tests.faults import COMPOSED, DESCRIBED, FAULTS, PACKAGE, PARTS, SHARED, Fault, changed
 from tests.samples import random_scene, random_state
 
-import eomcheck
 from eomcheck.claims import CLAIMS, Finding, speeds
 from eomcheck.claims.selection import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
@@ -23,7 +22,6 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
 from eomcheck.scenes import SCENES, Snake
 
-PACKAGE = Path(eomcheck.__file__).parent
 KINDS = {
     Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind for kind in SCENES.values()
 }
@@ -160,6 +158,12 @@ def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.M
     assert failure is not None, "not caught"
     assert failure.claim == fault.claim, str(failure)
     assert fault.says in str(failure)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
+def test_a_fault_still_has_its_place(fault: Fault):
+    """The faults themselves are planted by night."""
+    assert changed(fault) != (PACKAGE / fault.file).read_text(encoding="utf-8")
 
 
 def test_at_least_25_different_faults_are_planted():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eomcheck import acceleration
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.described.build import mechanism
@@ -19,7 +20,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.counting import Counting, Tally
 from eomcheck.numbers.finite_field import FiniteField, random_prime
-from eomcheck.scenes import Bicycle, ChainPendulum, Snake
+from eomcheck.scenes import Bicycle, ChainPendulum, FlyballGovernor, Snake
 
 ROD = (1.0 / 12.0,) * 3
 
@@ -160,3 +161,12 @@ def test_a_plane_that_stands_costs_nothing_whatever_else_moves(told: Callable, p
     a = Evaluation(rolls(told), np.ones(7), np.ones(7)).terms.a
     assert a is not None
     assert (a[:, 6] == 0).all()
+
+
+def test_scenes_in_turn_are_each_read_with_their_own_numbers():
+    """Readings in doubles are remembered."""
+    light, heavy = (FlyballGovernor(center=x) for x in (0.3, 0.5))
+    q, v = light.initial_state()
+    found = [acceleration(one, "au", q, v).vdot for one in (light, heavy, light)]
+    assert np.abs(found[0] - found[1]).max() > 1e-3
+    assert np.array_equal(found[0], found[2])

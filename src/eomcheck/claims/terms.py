@@ -150,8 +150,10 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     if residual is None or at.terms.a is None:
         return
 
+    parameters = objects(at.parameters)
+
     def rates(qdot: Array, clock: bool = True) -> Array:
-        return rate(residual(objects(at.parameters), *at.moving(qdot, clock)))
+        return rate(residual(parameters, *at.moving(qdot, clock)))
 
     if look.exact:
         v = look.free.v
