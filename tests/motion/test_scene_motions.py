@@ -11,9 +11,12 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
+from eomcheck.kernels.machine import EFFORT, LEAST_EFFORT
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.motion import Motion
+from eomcheck.motion.right_hand_side import kernel_of
 from eomcheck.motion.simulate import simulate
+from eomcheck.motion.trace import ACCELERATION, block_of
 from eomcheck.scenes import SCENES
 
 
@@ -42,6 +45,21 @@ def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple
         assert np.abs(found - expected).max() <= allowed
         return
     assert np.abs(found - expected.vdot).max() <= allowed
+
+
+@pytest.mark.sampled(6)
+def test_with_how_much_effort_code_is_generated_changes_no_bit(moved: tuple[type[Scene], str]):
+    kind, key = moved
+    scene, (q, v, t) = ordinary(kind)
+    motion, formulation = Motion(scene, FORMULATIONS[key], q, v), FORMULATIONS[key]
+    found = []
+    for effort in (EFFORT, LEAST_EFFORT):
+        kernel = kernel_of(
+            scene, formulation, also=ACCELERATION, choice=motion.choice, effort=effort
+        )
+        found.append(kernel(block_of(kernel, scene), np.array([t]), motion.y0))
+    for name, x in found[0].items():
+        assert np.isfinite(x).all() and np.array_equal(x, found[1][name]), name
 
 
 @pytest.mark.sampled(5)
