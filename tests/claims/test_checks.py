@@ -185,3 +185,11 @@ def test_machine_code_without_a_number_fails_where_digits_are_left(told, monkeyp
     found = eomcheck.check(scene, q, np.zeros(3), engines=[], claims=["machine-code"])
     verdicts = {f.subject: f.verdict for f in found}
     assert verdicts["ml"] == ("failed" if told else "inconclusive")
+
+
+def test_machine_code_without_a_quotient_of_a_subnormal_entry_is_said_to_overflow():
+    mass, length = (0.0004329230760201283, 0.0055295506018819135), (0.0004329230760201283, 1.0)
+    scene = Snake(mass, length, [46841.133322153655] * 2, None, [0.0, -2.225073858507203e-309])
+    found = eomcheck.check(scene, np.zeros(4), np.zeros(4), engines=[], claims=["machine-code"])
+    (el,) = (f for f in found if f.subject == "el")
+    assert (el.verdict, el.detail) == ("inconclusive", "overflows in machine code: NaN")

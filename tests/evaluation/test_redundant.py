@@ -17,6 +17,7 @@ from eomcheck.claims.refusals import independent_rcond, judged
 from eomcheck.errors import InputError
 from eomcheck.evaluation import rank as rank_module
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
 from eomcheck.evaluation.redundant import CONTRADICTION
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
@@ -187,6 +188,20 @@ def test_nothing_is_solved_for_rows_that_are_independent():
     found, expected = (acceleration(snake, key, q, v) for key in ("uk", "au"))
     assert (found.vdot == expected.vdot).all() and (found.multipliers == expected.multipliers).all()
     assert list(found.rcond) == ["M_UK"]
+
+
+def test_what_a_claim_solves_by_itself_is_kept_for_its_copies():
+    """They take what elimination rounds from the original's factors."""
+    at = Evaluation(*STATES["bricard"])
+    uk = FORMULATIONS["uk"]
+    M, _, _, a, gamma, _ = at.terms
+    given = M, at.F, a, gamma, at.v, at.partition_for(uk, pivoted=False)
+    _, digits = at.solved("as a claim does", uk.solution, *given)
+    kept = at.solves["as a claim does", False]
+    assert digits and set(kept) == {"M_UK", "a_k fit", "1 + G GT"}
+    (copy,) = perturbed_copies(at)[:1]
+    with copy.watched(("as a claim does", False)) as watch:
+        assert watch.like.keys() == kept.keys()
 
 
 def test_a_mass_matrix_may_be_singular_where_constraints_hold_the_rest():
