@@ -18,7 +18,7 @@ SOFT = Snake(ONE, ONE, ONE / 12, 200.0 * ONE[1:], [0.1, 0.2, 0.3])
 START = {"q0": [0.0, 0.0, 0.1, 0.5, 1.0], "u0": [1.0, 0.5]}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("key", "name"),
     [

@@ -179,6 +179,7 @@ def test_the_culprit_is_who_comes_nearest_to_what_is_allowed(monkeypatch, capsys
     assert {claim for claim, subjects in told.items() if printed[claim] in subjects} == set(told)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("columns", "most"), [("40", 40), ("80", 80), (None, 140), ("3", 140)])
 def test_columns_is_honoured_where_output_is_piped_and_so_is_no_color(columns, most):
     environment = {name: x for name, x in os.environ.items() if name != "COLUMNS"}
@@ -194,6 +195,7 @@ def test_columns_is_honoured_where_output_is_piped_and_so_is_no_color(columns, m
     assert not [x for x in colors if re.search(r"\b(3|4|9)[0-7]\b", x)], "bold is no colour"
 
 
+@pytest.mark.night
 def test_what_tests_compare_does_not_depend_on_who_looks_at_them():
     test = "tests/cli/test_cli.py::test_a_refusal_names_the_matrix_and_its_rcond_and_is_exit_code_1"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider"]

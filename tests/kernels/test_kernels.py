@@ -105,7 +105,7 @@ def rate(snake: Snake, key: str, q: Array, v: Array) -> tuple[Array, Array]:
 # ---- What the public path says -------------------------------------------------------------------
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("key", FORMULATIONS)
 @snakes
 def test_machine_code_gives_the_acceleration_of_the_public_path(snake, key):
@@ -149,6 +149,7 @@ def test_scene_functions_give_in_machine_code_what_they_give_in_python(snake):
                 assert np.abs(found - expected).max(initial=0.0) <= spread, (name, i)
 
 
+@pytest.mark.sampled(2)
 @every_formulation
 def test_a_kernel_is_made_once_for_all_snakes_of_one_structure(key):
     formulation, scene = FORMULATIONS[key], SNAKES[3]
@@ -486,7 +487,7 @@ def assert_lanes_are_single_runs(scene: Scene, key: str, at: Evaluation, width: 
         assert np.isfinite(alone).all() == (width == 2 or lane < width - 1)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("links", range(1, 13))
 @every_formulation
 def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):

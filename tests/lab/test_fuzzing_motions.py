@@ -233,6 +233,7 @@ def test_poses_are_crossed_where_the_determinant_changes_its_sign():
 # ---- Campaigns -----------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
     strata = strata_of(Sleigh, ())
     here = plan(Sleigh, batch=4, climbing=True)

@@ -152,6 +152,7 @@ def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
     assert "mechanism(" in kept.python
 
 
+@pytest.mark.night
 @both
 def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Path):
     strata, here = strata_of_any(kind, (1,))[:1], plan(kind, claims=("kinetic-energy",), batch=2)

@@ -268,6 +268,7 @@ def test_a_motion_that_failed_is_compared_with_nothing_and_named():
 # ---- Tables and figures --------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_tables_and_figures_are_written(tmp_path: Path):
     records = made_up()
     check_sheets_fit(sheets(records))

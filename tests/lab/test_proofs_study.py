@@ -118,6 +118,7 @@ def test_a_seed_of_the_system_is_kept_when_a_run_goes_on(tmp_path: Path):
     assert second.taken_over == 1
 
 
+@pytest.mark.night
 def test_processes_prove_the_same_as_one(monkeypatch: pytest.MonkeyPatch):
     one = Proofs(jobs(links=(2, 3)))
     one.run()

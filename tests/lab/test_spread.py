@@ -312,6 +312,7 @@ def wait_for_workers(address: str) -> None:
         client.wait_for_workers(2, timeout=40)
 
 
+@pytest.mark.night
 @pytest.mark.usefixtures("deadline")
 def test_nothing_is_lost_when_a_dask_worker_is_killed_midway(work, notes: Path, cluster):
     where, (_, *workers) = cluster
@@ -353,6 +354,7 @@ def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
         check_place(where)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("deadline")
 @pytest.mark.parametrize("address", ["127.0.0.1:9", "tcp://127.0.0.1:9", "nonsense://x", "a:b:c"])
 def test_a_scheduler_that_does_not_answer_is_bad_input_and_soon(address, monkeypatch):

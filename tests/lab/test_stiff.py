@@ -73,7 +73,7 @@ def test_every_formulation_has_an_exact_jacobian(key, links):
     assert_approached(motion, motion.y0, exact)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_every_scene_is_differentiated_on_the_tape_by_every_formulation(kind, sized):
     """The tapes are run in Python: code of so many operations takes its time to make."""

@@ -140,6 +140,7 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     close("all")
 
 
+@pytest.mark.night
 def test_several_scenes_are_drawn_block_by_block_under_one_legend(drawn: Callable):
     other = [
         record("kane", 1e-3, 1e-4, reference="free-3"),
@@ -262,6 +263,7 @@ cli.main()
 """
 
 
+@pytest.mark.night
 def test_kill_9_of_the_study_loses_at_most_the_cell_in_flight_and_repeats_nothing(tmp_path: Path):
     path, log = tmp_path / "records.db", tmp_path / "log"
     command = [sys.executable, "-c", CLI, str(log), "study", "work-precision", str(path)]

@@ -62,7 +62,7 @@ def test_every_identity_is_proved(kind: type[Mechanism]):
         assert ("position-rate" in proved) == (kind is not Skate)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @every_kind
 def test_drawn_states_pass_every_claim_with_two_engines(kind: type[Mechanism]):
     findings = eomcheck.validate(kind(), examples=2, seed=1)

@@ -20,7 +20,7 @@ from eomcheck.motion.trace import ACCELERATION, block_of
 from eomcheck.scenes import SCENES
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
     kind, key = moved
     scene, (q, v, t) = ordinary(kind)

@@ -207,7 +207,7 @@ def test_every_formulation_starts_with_the_published_accelerations(key: str):
         assert np.abs(found.multipliers + published_forces).max() < 1e-10
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 def test_every_formulation_ends_where_the_reference_of_the_test_set_ends(mover: str):
     motion = simulate(SCENE, mover, END, rtol=1e-13, atol=1e-13)
     assert motion.status == "finished", motion.reason

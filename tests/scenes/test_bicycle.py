@@ -86,7 +86,7 @@ def slopes(key: str, speed: float) -> np.ndarray:
     return (4.0 * differences(1e-3) - differences(2e-3)) / 3.0
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @every_formulation
 @pytest.mark.parametrize("speed", EIGENVALUES)
 def test_every_formulation_leans_and_steers_as_the_linear_benchmark_says(key: str, speed: float):
@@ -103,7 +103,7 @@ def test_every_formulation_leans_and_steers_as_the_linear_benchmark_says(key: st
 # ---- Motion --------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 def test_every_formulation_rolls_on_and_keeps_energy_and_wheels_on_the_ground(mover: str):
     motion = simulate(SCENE, mover, 2.0, rtol=1e-11, atol=1e-11)
     assert motion.status == "finished", motion.reason

@@ -395,6 +395,7 @@ def test_draws_shrink_to_the_simplest_that_there_are():
     assert (link.mass, link.center, smallest.gravity) == (1.0, (0.0, 0.0, 0.0), None)
 
 
+@pytest.mark.night
 def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
     def follows(scene) -> bool:
         return any(one.follows is not None for one in scene.made.description.joints)

@@ -58,7 +58,7 @@ def test_ordinary_scenes_and_states_pass_every_claim(kind: type[Scene], data):
     assert [str(f) for f in findings if f.verdict == "failed"] == []
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @kinds
 def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type[Scene]):
     scene, state = ordinary(kind)

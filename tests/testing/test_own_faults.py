@@ -421,6 +421,7 @@ def findings_of(own: str, change: dict[str, Any] | None = None, **options: Any):
     return check_functions(**(given(own) | (change or {})), **options)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("own", ["cart", "drive"])
 @pytest.mark.parametrize("seed", range(3))
 def test_right_functions_pass(own: str, seed: int):
