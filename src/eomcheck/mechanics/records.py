@@ -137,7 +137,7 @@ class Symmetry(NamedTuple):
     q: Array
     v: Array
     image: Array
-    """(n, n): the moved scene has v̇ = image @ (v̇ of the scene as it was)."""
+    """(n, n), with which the moved scene has v̇ = image @ (v̇ of the scene as it was)."""
 
 
 class Range(NamedTuple):

@@ -86,7 +86,7 @@ def check_functions(
             see `eomcheck.testing.Functions`.
 
     Returns:
-        One Finding per claim and subject, that of the state where it is worst: the largest error
+        One Finding per claim and subject, that of the state where it is worst, by the largest error
         per allowed error among failures, or else among what passed.
 
     Raises:

@@ -68,13 +68,13 @@ class Joint(NamedTuple):
     armature: float | None = None
     """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
     follows: tuple[str, float, float] | None = None
-    """Another joint, ratio and shift: its coordinate is ratio times the other's, plus shift."""
+    """Another joint, ratio and shift; its coordinate is ratio times the other's, plus shift."""
     absolute: bool = False
     """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
     torque: float | None = None
     """A constant one along its coordinate, N m or N; None without."""
     symmetric: bool = False
-    """Whether all that it turns is alike all round its axis, as wheels are: then half of the
+    """Whether all that it turns is alike all round its axis, as wheels are; then half of the
     equations need no sine of it. Of a `Description` alone; the other half checks it."""
 
 
@@ -167,7 +167,7 @@ def on_quadric(
         link: what the point belongs to.
         other: what the surface belongs to.
         bends: 1/m.
-        level: m.
+        level: a length, m.
         slopes: of the surface where s is 0.
         at: the point, m.
         at_other: where s is 0, m.
@@ -263,7 +263,7 @@ def rolling_ball(
         name: of the constraint; rows add what they are about.
         link: what the ball belongs to.
         other: what the plane belongs to; it may move.
-        radius: m.
+        radius: of the ball, m.
         at: centre of the ball.
         at_other: a point of the plane.
         across: its normal, to the side of the ball.
