@@ -61,6 +61,16 @@ def _many(noun: re.Match) -> str:
 
 
 @contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Name what goes on inside the block, for `said_at_work`; there is no bar."""
+    _now.append(what)
+    try:
+        yield
+    finally:
+        _now.pop()
+
+
+@contextmanager
 def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progress]:
     """Show a bar on standard error, a terminal; without a label, or within another, show none.
 
@@ -70,9 +80,8 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
     said, label = (_NOUN.sub(how, label) for how in (_with(total), _many))
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
-    _now.append(said or _now[-1])
     try:
-        with Progress(
+        showing = Progress(
             TextColumn(label),
             BarColumn(),
             *columns,
@@ -81,11 +90,11 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
             transient=True,
             disable=not shown,
             speed_estimate_period=PERIOD,
-        ) as bar:
+        )
+        with doing(said or _now[-1]), showing as bar:
             bar.add_task(label, total=total)
             yield bar
     finally:
-        _now.pop()
         if shown:
             _showing.release()
 
@@ -112,16 +121,6 @@ def said_at_work(what: str) -> Iterator[None]:
         yield
     finally:
         over.set()
-
-
-@contextmanager
-def doing(what: str) -> Iterator[None]:
-    """Name what goes on inside the block, for `said_at_work`; there is no bar."""
-    _now.append(what)
-    try:
-        yield
-    finally:
-        _now.pop()
 
 
 @contextmanager

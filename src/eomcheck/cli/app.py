@@ -63,6 +63,14 @@ class Command(TyperCommand):
         return [one.replace("END...", "END") for one in plain]
 
 
+class CommandLine(typer.Typer):
+    """What commands join; each is a `Command`."""
+
+    def command(self, name: str | None = None, **how: Any) -> Any:
+        """Return the decorator that adds a command."""
+        return super().command(name, cls=Command, **how)
+
+
 class Group(TyperGroup):
     """Commands, whose help says the first sentence of each, whole, in lines that fit."""
 
@@ -112,7 +120,7 @@ def help_width() -> int:
     return min(get_terminal_size().columns, MOST) - 2
 
 
-app = typer.Typer(
+app = CommandLine(
     name="eomcheck",
     cls=Group,
     help="gradcheck for equations of motion: are they right, how accurate are they, what do they "

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.app import Command, app
+from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     REFERENCES,
@@ -36,7 +36,7 @@ REGISTRIES = ("formulations", "scenes", "engines", "claims")
 """What `eomcheck list` can list."""
 
 
-@app.command(cls=Command)
+@app.command()
 def validate(
     scene: Annotated[
         str | None,
@@ -159,7 +159,7 @@ def validate(
         check_compared(engines, findings)
 
 
-@app.command(cls=Command)
+@app.command()
 def prove(
     links: Annotated[
         str | None,
@@ -215,7 +215,7 @@ def prove(
         raise InputError(f"scene = {scene!r}: no identity could be looked at")
 
 
-@app.command("list", cls=Command)
+@app.command("list")
 def list_registry(
     registry: Annotated[
         str,
@@ -243,7 +243,7 @@ def _write_page(records: list[Path], path: Path) -> None:
     print(f"written: {path}")
 
 
-@app.command(cls=Command)
+@app.command()
 def report(
     records: Annotated[
         list[Path],
@@ -300,7 +300,7 @@ def report(
         raise typer.Exit(1)
 
 
-@app.command("export", cls=Command)
+@app.command("export")
 def export_records(
     records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
     file: Annotated[
@@ -327,7 +327,7 @@ def export_records(
     raise_unread(unread)
 
 
-@app.command(cls=Command)
+@app.command()
 def reference(
     names: Annotated[
         list[str] | None,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.app import Command, app
+from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Json, Seed
 from eomcheck.errors import InputError
@@ -14,7 +14,7 @@ from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, listed
 
 
-@app.command(cls=Command)
+@app.command()
 def compare(
     robot: Annotated[
         str,

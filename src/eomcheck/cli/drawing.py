@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from eomcheck.cli.app import Command
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     Formulation,
@@ -25,7 +24,7 @@ from eomcheck.lab.options import no_more_than, parameters
 Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 
 
-@draw.command("scene", cls=Command)
+@draw.command("scene")
 def draw_scene(
     path: Annotated[
         Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
@@ -69,7 +68,7 @@ def draw_scene(
     print(f"written: {path}")
 
 
-@draw.command("structure", cls=Command)
+@draw.command("structure")
 def draw_structure(
     path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
     formulation: Formulation = "au",

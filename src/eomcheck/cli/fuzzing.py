@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eomcheck.cli.app import Command, app
+from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
@@ -44,7 +44,7 @@ def _rations(text: str) -> list[int]:
     return [int(one) for one in text.split(",")]
 
 
-@app.command(cls=Command)
+@app.command()
 def fuzz(
     scene: Kind = "snake",
     links: Annotated[

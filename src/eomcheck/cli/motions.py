@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eomcheck.cli.app import Command, app
+from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     ONE,
@@ -110,7 +110,7 @@ def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, flo
     return (names[0] if names else scene), t_end
 
 
-@app.command(cls=Command)
+@app.command()
 def simulate(
     words: Annotated[
         list[str],
@@ -198,7 +198,7 @@ def simulate(
         raise typer.Exit(1)
 
 
-@app.command(cls=Command)
+@app.command()
 def acceleration(
     name: Annotated[
         str | None,
@@ -227,7 +227,7 @@ def acceleration(
         raise typer.Exit(1)
 
 
-@app.command(cls=Command)
+@app.command()
 def constraints(scene: One = ONE, links: Links = None, given: Given = None) -> None:
     """Tell which constraints of a scene are redundant at its start: which the others imply.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
-from eomcheck.cli.app import Command, Group
+from eomcheck.cli.app import Command, CommandLine, Group
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
     Fresh,
@@ -62,7 +62,7 @@ GROUPS = {
 """Group of commands -> the studies in it."""
 
 study, bench, draw = (
-    typer.Typer(name=name, help=help, no_args_is_help=True, cls=_Studies)
+    CommandLine(name=name, help=help, no_args_is_help=True, cls=_Studies)
     for name, help in (
         ("study", "Study what formulations deliver and cost."),
         ("bench", "Measure run times and tolerances."),
@@ -96,8 +96,8 @@ def command_of(key: str, drawn: bool = False) -> Any:
         parameters[name] = parameter.replace(annotation=_option(name, parameter.annotation))
     command.__signature__ = Signature([*parameters.values()])  # type: ignore[attr-defined]
     command.__annotations__ = {name: p.annotation for name, p in parameters.items()}
-    alone = typer.Typer(rich_markup_mode=None, add_completion=False)
-    alone.command(key, cls=Command, help=STUDIES[key])(command)
+    alone = CommandLine(rich_markup_mode=None, add_completion=False)
+    alone.command(key, help=STUDIES[key])(command)
     return typer.main.get_command(alone)
 
 

@@ -85,7 +85,9 @@ class Comparison:
         return bool(self.of(library)) or any(key == library for key, _ in self.faults)
 
     def verdict(self, library: str) -> str:
-        """Return a word or two on a library that answered."""
+        """Return a word or two on a library."""
+        if library in self.refused:
+            return "not installed" if library in self.missing else "no answer"
         if not self.differs(library):
             return "agrees"
         labels = [one.label for one in self.why[library]]

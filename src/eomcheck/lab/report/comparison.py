@@ -28,9 +28,9 @@ def library_sheet(found: Comparison) -> Sheet:
         ]
         rows.append([Cell(version, "name"), *apart, verdict])
     nothing = "-" * len(found.apart)
-    for key in found.refused:
-        why = "not installed" if key in found.missing else "no answer"
-        rows.append([Cell(key, "name"), *nothing, Cell(why, "open")])
+    rows += [
+        [Cell(key, "name"), *nothing, Cell(found.verdict(key), "open")] for key in found.refused
+    ]
     size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
     title = f"{found.scene.name}: {', '.join(size)}"
     heads = ["library", *found.apart, "verdict"]

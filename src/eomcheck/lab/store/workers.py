@@ -117,11 +117,11 @@ def spread(
     """
     place = place_of(where)
     source = map(_Task, items)
-    queue = deque(islice(source, 1))
+    queue: deque[_Task] = deque()
     alone: deque[_Task] = deque()
     given_up: list[_Task] = []
     progressed = True
-    while queue or alone:
+    while _refilled(queue, source) or alone:
         batch, here, more = (
             (queue, place, source) if queue else (alone, Local(1, ahead=0), iter(()))
         )
@@ -143,7 +143,6 @@ def spread(
             for task in suspects:
                 queue.remove(task)
             alone.extend(suspects)
-            queue.extend(islice(source, 0 if queue else 1))
     if given_up:
         names = "; ".join(_short(task.item) for task in given_up[:3])
         raise WorkerError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
@@ -169,10 +168,7 @@ def _work_off(
     running: dict[Future, _Task] = {}
     broken = False
     while True:
-        while not broken and len(running) < place.width:
-            queue.extend(islice(more, 0 if queue else 1))
-            if not queue:
-                break
+        while not broken and len(running) < place.width and _refilled(queue, more):
             try:
                 future = pool.submit(*place.call(function, queue[0].item))
             except BrokenExecutor:
@@ -198,6 +194,13 @@ def _work_off(
                     raise
                 result = _Killed()
             yield task, result
+
+
+def _refilled(queue: deque[_Task], source: Iterator[_Task]) -> deque[_Task]:
+    """Take the next task where the queue has none left, and return the queue."""
+    if not queue:
+        queue.extend(islice(source, 1))
+    return queue
 
 
 def _check_start(pool: Executor) -> None:

@@ -132,9 +132,7 @@ def _look(settings: Settings) -> Record:
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
         rows.append(Read(called, version, found.verdict(key), apart, why))
-    for key, why in found.refused.items():
-        verdict = "not installed" if key in found.missing else "no answer"
-        rows.append(Read(called, key, verdict, {}, why))
+    rows += [Read(called, key, found.verdict(key), {}, why) for key, why in found.refused.items()]
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 

@@ -227,21 +227,21 @@ def read(description: Callable, parameters: Any) -> Understood:
     counted, or rounds in its own way.
     """
     global _remembered
-    if not all(map(_is_doubles, parameters)):
-        return _read(description, parameters)
     for by, of, understood in _remembered:
         if by is description and of is parameters:
             return understood
     understood = _read(description, parameters)
-    _remembered = ((description, parameters, understood), *_remembered[: REMEMBERED - 1])
+    if all(map(_is_doubles, parameters)):
+        _remembered = ((description, parameters, understood), *_remembered[: REMEMBERED - 1])
     return understood
 
 
 def _is_doubles(x: Any) -> bool:
     """Return whether x is None or an array of doubles, or of objects that are doubles."""
-    if x is None or (type(x) is np.ndarray and x.dtype == np.float64):
-        return True
-    return type(x) is np.ndarray and all(type(one) is float for one in x.flat)
+    return x is None or (
+        type(x) is np.ndarray
+        and (x.dtype == np.float64 or all(type(one) is float for one in x.flat))
+    )
 
 
 def _read(description: Callable, parameters: Any) -> Understood:
