@@ -46,7 +46,7 @@ def error(at: Evaluation, key: str, truth: eomcheck.Enclosure) -> float:
 # ---- How far a result moves ----------------------------------------------------------------------
 
 
-def size_alone(at, quantity, coordinates=False, solved=False):
+def size_alone(at, quantity, coordinates=False, solved=False, **_):
     found = sensitivity_of(at, quantity, coordinates, solved)
     return largest(np.asarray(quantity(at))) if np.isfinite(found) else found
 
@@ -63,6 +63,9 @@ def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constrai
 # ---- What elimination does to each right-hand side -----------------------------------------------
 
 
+NOTHING_OF_FACTORS = patch.object(factors.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
+
+
 class NoFactors(factors.Factors):
     def times(self, x):
         return np.zeros_like(x)
@@ -70,7 +73,7 @@ class NoFactors(factors.Factors):
 
 def without_factors(*arguments, solve=linear._moved_solve):
     """Solve with A, b and x moved alone; condition numbers are as they are."""
-    with patch.object(linear, "Factors", NoFactors), patch.object(factors, "Factors", NoFactors):
+    with patch.object(linear, "Factors", NoFactors), NOTHING_OF_FACTORS:
         return solve(*arguments)
 
 
@@ -95,8 +98,7 @@ def test_factors_of_copies_bound_no_error_of_what_is_eliminated_by_an_entry_of_r
     scene, (q, v, _) = with_an_entry_of_nothing_but_rounding()
     truth = eomcheck.enclose(scene, "ml", q, v=v, digits=20)
     at = Evaluation(scene, q, v)
-    nothing = patch.object(factors.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
-    assert bound(at, "ml", nothing) < error(at, "ml", truth) < bound(at, "ml")
+    assert bound(at, "ml", NOTHING_OF_FACTORS) < error(at, "ml", truth) < bound(at, "ml")
 
 
 # ---- Velocities that violate the constraints, within what is let pass ----------------------------

@@ -69,11 +69,11 @@ class _Rates:
 
     def _along_v(self, function: Callable, of: Callable, vdot: Array) -> Any:
         e = self._e
-        return e.differentiated(function, of, e.parameters, e.prepared, e.q, e.v, vdot)
+        return e.run(function, of, e.parameters, e.prepared, e.q, e.v, vdot)
 
     def _along_q(self, function: Callable, of: Callable) -> Any:
         e = self._e
-        return e.differentiated(function, of, e.parameters, *e.prepared_and_rates(), e.q, e.v)
+        return e.run(function, of, e.parameters, *e.prepared_and_rates(e.v), e.q, e.v)
 
     @cached_property
     def _power_of_q(self) -> Any:

@@ -124,7 +124,7 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
     told = measured_where(look.speeds_told)
     if at.speeds.W is not None:
-        here = at.parameters, *at.prepared_and_rates(), at.q, at.v, at.u
+        here = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
         names = (at.scene.coordinate_names,)

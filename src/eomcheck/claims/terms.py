@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import constant, duals, rate
-from eomcheck.numbers.entries import objects
+from eomcheck.numbers.entries import map_record, objects
 
 
 @check("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
@@ -136,6 +136,13 @@ def constraint_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
     return _constraints("c", look.free)
 
 
+def _rate_of_positions(
+    residual: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
+) -> Array:
+    """Return how fast residuals change, of what is prepared and its rates, q (n,) and q̇ (n,)."""
+    return rate(residual(objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+
+
 @claim(
     "position-rate",
     "dΦ/dt = a q̇ + b, Φ = 0 where closed",
@@ -150,10 +157,9 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     if residual is None or at.terms.a is None:
         return
 
-    parameters = objects(at.parameters)
-
     def rates(qdot: Array, clock: bool = True) -> Array:
-        return rate(residual(parameters, *at.moving(qdot, clock)))
+        here = at.parameters, *at.prepared_and_rates(qdot, clock), at.q, qdot
+        return at.run(_rate_of_positions, residual, *here)
 
     if look.exact:
         v = look.free.v

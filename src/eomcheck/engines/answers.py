@@ -82,6 +82,8 @@ class Answers:
     def disturb(self, method: str, q: Array, v: Array, t: float) -> None:
         """Ask at other states, so that an answer that is kept where it should not be shows.
 
+        Of our own engines a test says that nothing is.
+
         Last of all by `method` itself where only the velocity is another one. What comes of it
         does not matter.
         """

@@ -22,7 +22,7 @@ def position_residual(at: Evaluation) -> Array:
     function = at.scene.position_residual
     if function is None:
         return np.zeros(0)
-    return at.call(function, at.parameters, at.prepared, at.q)
+    return at.run(function, at.parameters, at.prepared, at.q)
 
 
 def newton(at: Evaluation, q: Array, kept: Any = None) -> tuple[Array, float, bool]:

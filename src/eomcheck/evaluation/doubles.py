@@ -7,7 +7,7 @@ is measured by perturbed copies, see `eomcheck.evaluation.sensitivity`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -58,10 +58,12 @@ class Acceleration:
     error_bound: float
 
 
-def _prepared_while(prepare: Callable, parameters: Any, made: tuple, *state: Array) -> Any:
-    """Return what is prepared, and how fast it changes, of angles and roots, q, v and t (1,)."""
-    q, v, t = state
-    return values_and_rates(prepare(Replay(made), parameters, duals(q, v), Dual(t[0], 1)))
+def _prepared_while(
+    prepare: Callable, clock: int, parameters: Any, made: tuple, *state: Array
+) -> Any:
+    """Return what is prepared, and how fast it changes, of angles and roots, q, q̇ and t (1,)."""
+    q, qdot, t = state
+    return values_and_rates(prepare(Replay(made), parameters, duals(q, qdot), Dual(t[0], clock)))
 
 
 class Evaluation(Quantities):
@@ -105,18 +107,17 @@ class Evaluation(Quantities):
         with np.errstate(all="ignore"):
             return function(*arguments)
 
-    def differentiated(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that makes dual numbers on the way, in machine code if it can."""
-        with suppress(TypeError):
+    def run(self, function: Callable, *arguments) -> Any:
+        """Call a generic function on doubles, in machine code where that is faster."""
+        with np.errstate(all="ignore"):
             return MOVES.unmoved(function, *arguments)
-        return self.call(function, *arguments)
 
-    def prepared_and_rates(self) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes, in doubles."""
+    def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
+        """Return what is prepared, and how fast it changes, in doubles; see `moving`."""
         self.prepared  # noqa: B018  (what it is made of is needed)
         t = self.t if lanes_in(self.t) else np.full(1, self.t)
-        here = self.parameters, tuple(self._made), self.q, self.v, t.reshape(1)
-        return map_record(doubles, self.differentiated(_prepared_while, self.scene.prepare, *here))
+        here = self.parameters, tuple(self._made), self.q, qdot, t.reshape(1)
+        return map_record(doubles, self.run(_prepared_while, self.scene.prepare, int(clock), *here))
 
     def kept(self, function: Callable[[Evaluation], T]) -> T:
         """Return function(self), found when it is first asked for."""
@@ -149,7 +150,7 @@ class Evaluation(Quantities):
         # A partition solves for velocities: in Python, where a singular matrix is refused.
         with self.watched(SPEEDS) as watch, np.errstate(all="ignore"):
             here = self.parameters, self.prepared, self.q, self.u
-            found = self.call(self.scene.kinematics, *here)
+            found = self.run(self.scene.kinematics, *here)
         self.speeds_solved(watch)
         return found
 

@@ -88,8 +88,8 @@ class LaneEvaluation(Evaluation):
         """Watch the matrices that are solved."""
         return watching(conditions=self.conditions)
 
-    def differentiated(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that makes dual numbers on the way."""
+    def run(self, function: Callable, *arguments) -> Any:
+        """Call a generic function, on lanes: see `call`."""
         return self.call(function, *arguments)
 
     def _packed(self, x: Any) -> Any:

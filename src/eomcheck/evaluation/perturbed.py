@@ -62,8 +62,8 @@ class Moved(Evaluation):
         """Return `record`, perturbed."""
         return self.noise.record(record)
 
-    def differentiated(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that makes dual numbers on the way, each operation perturbed."""
+    def run(self, function: Callable, *arguments) -> Any:
+        """Call a generic function, each operation perturbed: see `call`."""
         return self.call(function, *arguments)
 
     def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
@@ -205,12 +205,15 @@ class Together(_Copies):
         self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
         self._original, self._copies = original, copies
         self.noise = self._noises = Noises([copy.noise for copy in copies])
+        self._read: dict[Key, Solution] = {}
 
     def of_what_is_read(self, formulation: Formulation, pivoted: bool) -> Solution:
         """Return what `formulation` makes of the copies' numbers, rounding as doubles do."""
         partition, key = self.partition_for(formulation, pivoted), (formulation.key, pivoted)
-        with self._noises.still(), self.watched(key), np.errstate(all="ignore"):
-            return self.solution(formulation, partition)
+        if key not in self._read:
+            with self._noises.still(), self.watched(key), np.errstate(all="ignore"):
+                self._read[key] = self.solution(formulation, partition)
+        return self._read[key]
 
     def part(self, place: int, record: Any) -> Any:
         """Return what a record holds of the copy at `place`."""

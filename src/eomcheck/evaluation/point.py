@@ -108,8 +108,8 @@ class Quantities:
         """Call a generic function."""
         return function(*arguments)
 
-    def differentiated(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that makes dual numbers on the way."""
+    def run(self, function: Callable, *arguments) -> Any:
+        """Call a generic function that does one operation after another: a scene's, say."""
         return self.call(function, *arguments)
 
     def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
@@ -162,9 +162,9 @@ class Quantities:
         replay = Replay(self._made)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
-    def prepared_and_rates(self) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes while q changes at v."""
-        prepared, _ = self.moving(self.v)
+    def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
+        """Return what is prepared, and how fast it changes; see `moving`."""
+        prepared, _ = self.moving(qdot, clock)
         return values_and_rates(prepared)
 
     @quantity
@@ -175,13 +175,13 @@ class Quantities:
     @quantity
     def u(self) -> Array:
         """Generalized speeds (p,): those of v."""
-        return self.call(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
+        return self.run(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
 
     @quantity
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b."""
         arguments = self.parameters, self.prepared, self.q, self.v
-        return self.keep(self.call(self.scene.terms, *arguments))
+        return self.keep(self.run(self.scene.terms, *arguments))
 
     @quantity
     def F(self) -> Array:
@@ -193,31 +193,31 @@ class Quantities:
     def kinematics(self) -> Any:
         """What speeds and bodies share."""
         arguments = self.parameters, self.prepared, self.q, self.u
-        return self.keep(self.call(self.scene.kinematics, *arguments))
+        return self.keep(self.run(self.scene.kinematics, *arguments))
 
     @quantity
     def speeds(self) -> Speeds:
         """W, rest, offset."""
         arguments = self.parameters, self.prepared, self.kinematics
-        return self.keep(self.call(self.scene.speeds, *arguments))
+        return self.keep(self.run(self.scene.speeds, *arguments))
 
     @quantity
     def bodies(self) -> Bodies:
         """Partial velocities and what goes with them."""
         arguments = self.parameters, self.prepared, self.kinematics
-        return self.keep(self.call(self.scene.bodies, *arguments))
+        return self.keep(self.run(self.scene.bodies, *arguments))
 
     @quantity
     def x(self) -> Array:
         """Quasi-velocities (s,) of a chain: those of v."""
         arguments = self.parameters, self.prepared, self.q, self.v
-        return self.keep(self.call(self.scene.quasi_velocities, *arguments))
+        return self.keep(self.run(self.scene.quasi_velocities, *arguments))
 
     @quantity
     def chain(self) -> Chain:
         """The bodies as a chain."""
         arguments = self.parameters, self.prepared, self.q, self.x
-        return self.keep(self.call(self.scene.chain, *arguments))
+        return self.keep(self.run(self.scene.chain, *arguments))
 
     def dissipation(self, v: Array) -> Any:
         """Return R at the velocity v (n,), of any numbers; None where nothing is dissipated."""
@@ -235,7 +235,7 @@ class Quantities:
         """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
         if self.scene.qdot is None:
             return self.velocity
-        return self.call(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
+        return self.run(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
 
     @quantity
     def partition(self) -> Partition:

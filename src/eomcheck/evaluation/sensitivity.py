@@ -33,6 +33,7 @@ def sensitivity_of(
     quantity: Callable[[Evaluation], Any],
     coordinates: bool = False,
     solved: bool = False,
+    together: bool = False,
 ) -> float:
     """Return how strongly rounding can change a quantity, κ · scale.
 
@@ -45,13 +46,15 @@ def sensitivity_of(
         quantity: what is looked at, of `at` and of its copies.
         coordinates: whether the coordinates are perturbed too.
         solved: whether it is the result of a solve.
+        together: whether the copies have it side by side, with an axis for them in front.
     """
     here = np.asarray(quantity(at))
     size = largest(here)
     with np.errstate(all="ignore"):
         try:
             copies = perturbed_copies(at, coordinates)
-            changes = [largest(np.asarray(_of(copy, quantity)) - here) for copy in copies]
+            each = quantity(copies[0].together) if together else (_of(x, quantity) for x in copies)
+            changes = [largest(np.asarray(moved) - here) for moved in each]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
     return float(amplified(size, np.array(changes), solved))
@@ -106,6 +109,7 @@ def acceleration_sensitivity(
         lambda e: getattr(e.acceleration(formulation, pivoted), part),
         coordinates,
         solved=True,
+        together=True,
     )
     if np.isinf(found) or not _determined(at, formulation, coordinates, pivoted):
         return float("inf")
@@ -121,8 +125,8 @@ def _of_what_is_read(
     who climbs to a small error bound comes to where it has.
     """
     here = getattr(at.acceleration(formulation, pivoted), part)
-    copies = perturbed_copies(at, coordinates)[:SAMPLES]
-    moved = getattr(copies[0].together.of_what_is_read(formulation, pivoted), part)
+    together = perturbed_copies(at, coordinates)[0].together
+    moved = getattr(together.of_what_is_read(formulation, pivoted), part)
     with np.errstate(all="ignore"):
         return largest(here) + largest(np.asarray(moved)[:SAMPLES] - here) / STEP
 
@@ -147,9 +151,10 @@ def _determined(at: Evaluation, formulation: Formulation, coordinates: bool, piv
     """
     key = (formulation.key, pivoted)
     here = at.solves[key]
-    for copy in perturbed_copies(at, coordinates)[:SAMPLES]:
-        for name, solve in copy.solves[key].items():
-            change = abs(solve.log_determinant - here[name].log_determinant) * np.log(2.0)
-            if solve.sign != here[name].sign or not allowed_error(change / STEP) <= INCONCLUSIVE:
-                return False
+    for name, solve in perturbed_copies(at, coordinates)[0].together.solves[key].items():
+        signs, logs = solve.sign[:SAMPLES], solve.log_determinant[:SAMPLES]
+        changes = np.abs(logs - here[name].log_determinant) * np.log(2.0)
+        told = (signs == here[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
+        if not told.all():
+            return False
     return True

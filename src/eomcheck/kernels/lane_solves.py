@@ -17,6 +17,7 @@ from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
 from eomcheck.numbers.factors import (
     ROUNDS,
     Factors,
+    Rounding,
     column_scale,
     determinant,
     order_of,
@@ -111,19 +112,6 @@ class LaneFactors(NamedTuple):
         return out.swapaxes(-1, -2)
 
 
-class LaneRounding(NamedTuple):
-    """What elimination rounds of matrices, one a lane; see `eomcheck.numbers.linear.Rounding`."""
-
-    sizes: Factors
-    scale: np.ndarray
-    row_scale: np.ndarray
-
-    def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
-        """Return |L||U| x for x >= 0 (L, k) or (L, k, m), both scaled as told (L, k)."""
-        size = times_rows(x, scale / self.scale)
-        return times_rows(self.sizes.times(size), row_scale / self.row_scale)
-
-
 def _eliminated(A: np.ndarray, pivots: np.ndarray) -> np.ndarray:
     """Return the factors of A (L, k, k), as `getrf` has them, with given pivots."""
     lu = np.take_along_axis(A, order_of(pivots)[..., None], axis=1)
@@ -150,7 +138,7 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
         diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
         sizes = Factors(factors.lu, factors.pivots - 1)
         det = determinant(diagonal, factors.pivots - 1, scale, row_scale)
-        rounding: Any = LaneRounding(sizes, scale, row_scale)
+        rounding = Rounding(sizes, scale, row_scale)
         x = factors.solve(b)
         if noise is None:
             rcond = np.ones(count)

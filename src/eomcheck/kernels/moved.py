@@ -34,6 +34,9 @@ ADD, SUB, MUL, DIV, NEG = range(5)
 MOST = 2**21
 """Places in all lists that are kept, but for the newest list."""
 
+FEW = 128
+"""Operations that Python does in less time than it takes to have them done in machine code."""
+
 
 class _Still(Noise):
     """The noise that moves nothing."""
@@ -65,28 +68,37 @@ class Moves:
         Raises:
             TypeError: the function does more than rational operations and solves.
         """
-        doubles: list[Array] = []
-        key = function, _gather(arguments, len(noise.shape), doubles)
-        try:
-            listed = self._known[key]
-        except KeyError:
-            listed = None
-            with suppress(TypeError):
-                listed = _List(function, arguments, len(noise.shape))
-            self._keep(key, listed)
-        if listed is None:
-            raise TypeError(f"{function.__qualname__} does more than rational operations")
-        return listed.run(noise, doubles)
+        listed, doubles = self._listed(function, arguments, len(noise.shape))
+        return _known(function, listed).run(noise, doubles)
 
     def unmoved(self, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles as it is, with the bits that Python gives.
 
         What it makes of objects on the way, such as dual numbers, costs nothing the second time.
-
-        Raises:
-            TypeError: as `run`.
+        Python does what has few operations, what is more than rational ones and solves, and what
+        overflows: of 0 times infinity a list keeps nothing.
         """
-        return self.run(STILL, function, *arguments)
+        listed, doubles = self._listed(function, arguments, 0)
+        if listed is not None and len(listed.operations) >= FEW:
+            found = listed.run(STILL, doubles)
+            if _is_finite(found):
+                return found
+        return function(*arguments)
+
+    def _listed(
+        self, function: Callable, arguments: tuple, front: int
+    ) -> tuple[_List | None, list[Any]]:
+        """Return the list of a function, None if there is none, and the doubles that it reads."""
+        doubles: list[Any] = []
+        key = function, _gather(arguments, front, doubles)
+        try:
+            return self._known[key], doubles
+        except KeyError:
+            listed = None
+            with suppress(TypeError):
+                listed = _List(function, arguments, front)
+            self._keep(key, listed)
+        return listed, doubles
 
     def _keep(self, key: Hashable, listed: _List | None) -> None:
         with self._lock:
@@ -102,19 +114,22 @@ class Moves:
         Raises:
             TypeError: as `run`.
         """
-        doubles: list[Any] = []
-        key = function, _gather(arguments, 0, doubles)
-        if key not in self._known:
-            listed = None
-            with suppress(TypeError):
-                listed = _List(function, arguments, 0)
-            self._keep(key, listed)
-        listed = self._known[key]
-        if listed is None:
-            raise TypeError(f"{function.__qualname__} does more than rational operations")
         from eomcheck.kernels.lane_runs import run_in_lanes
 
-        return run_in_lanes(listed, noise, doubles)
+        listed, doubles = self._listed(function, arguments, 0)
+        return run_in_lanes(_known(function, listed), noise, doubles)
+
+
+def _known(function: Callable, listed: _List | None) -> _List:
+    if listed is None:
+        raise TypeError(f"{function.__qualname__} does more than rational operations")
+    return listed
+
+
+def _is_finite(record: Any) -> bool:
+    if isinstance(record, tuple):
+        return all(map(_is_finite, record))
+    return record is None or bool(np.isfinite(record).all())
 
 
 def _is_moved(x: Any) -> bool:

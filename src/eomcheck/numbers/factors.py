@@ -45,18 +45,16 @@ class Factors:
 
 
 class Rounding(NamedTuple):
-    """What elimination rounds of a matrix: its factors (k, k) and pivots, and how it was scaled."""
+    """What elimination rounds of a matrix: |L| and |U|, and how it was scaled (..., k)."""
 
-    lu: np.ndarray
-    pivots: np.ndarray
+    sizes: Factors
     scale: np.ndarray
     row_scale: np.ndarray
 
     def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
         """Return |L||U| x for x >= 0 (..., k) or (..., k, m), both scaled as told (..., k)."""
         size = times_rows(x, scale / self.scale)
-        columns = size if x.ndim > scale.ndim else size[..., None]
-        rounded = Factors(self.lu, self.pivots).times(columns)
+        rounded = self.sizes.times(size if x.ndim > scale.ndim else size[..., None])
         return times_rows(rounded.reshape(x.shape), row_scale / self.row_scale)
 
 
@@ -70,7 +68,7 @@ ROUNDS = 20
 """Most rounds of the iteration for a spectral radius; three to five are common."""
 
 
-def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
+def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: Factors) -> float:
     """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
 
     |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
@@ -79,13 +77,13 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray) -> float:
     """
     if not (np.isfinite(lu).all() and np.diagonal(lu).all()):
         return 0.0
-    size, factors = len(lu), Factors(lu, pivots)
+    size = len(lu)
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
     if not np.isfinite(inverse).all():
         return 0.0
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
-        product = inverse @ factors.times(weights)
+        product = inverse @ sizes.times(weights)
         # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
         before, radius = radius, min(radius, float((product / weights).max()))
         if radius > 0.9 * before:

@@ -240,8 +240,8 @@ def _lapack_solve(A, b, name):
     A, b, scale, row_scale = scaled(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
-    rcond = reciprocal_condition(lu, pivots)
-    rounding = Rounding(lu, pivots, scale, row_scale)
+    sizes = Factors(lu, pivots)
+    rcond, rounding = reciprocal_condition(lu, pivots, sizes), Rounding(sizes, scale, row_scale)
     record(Solve(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
     return times_rows(_getrs(lu, pivots, b)[0], scale)
 
@@ -276,21 +276,23 @@ were moved are subnormal, with which machines calculate a hundred times more slo
 
 
 def _factored(A, like):
-    """Return the factors of A (..., n, n) and their pivots (..., n): `like`, if that is given."""
+    """Return the factors of A (..., n, n) and their pivots (..., n), or `like` (n,) if given."""
     if A.ndim > 2:
         each = [_factored(one, like) for one in A]
-        return np.stack([lu for lu, _ in each]), np.stack([pivots for _, pivots in each])
+        pivots = np.stack([pivots for _, pivots in each]) if like is None else like
+        return np.stack([lu for lu, _ in each]), pivots
     lu, pivots, _ = _getrf(A)
-    if like is not None and not np.array_equal(pivots, like):
-        return _eliminated(A, like), like
-    return lu, pivots
+    if like is None:
+        return lu, pivots
+    return (lu if (pivots == like).all() else _eliminated(A, like)), like
 
 
 def _substituted(lu, pivots, b):
     """Return the solutions for b (..., n) or (..., n, m)."""
-    if lu.ndim > 2:
-        return np.stack([_getrs(*one)[0] for one in zip(lu, pivots, b, strict=True)])
-    return _getrs(lu, pivots, b)[0]
+    if lu.ndim == 2:
+        return _getrs(lu, pivots, b)[0]
+    each = pivots if pivots.ndim > 1 else len(lu) * (pivots,)
+    return np.stack([_getrs(*one)[0] for one in zip(lu, each, b, strict=True)])
 
 
 def like_present(name):
