@@ -13,6 +13,7 @@ in one position alone, that is a singular one: what they say there does not tell
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,9 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.closing import newton
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Partition
+from eomcheck.kernels.preparing import preparation
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import scale_of
 
@@ -132,9 +135,15 @@ def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
         floor = np.zeros(at.scene.n)
         floor[at.scene.angle_coordinates] = least
         size = np.maximum(np.abs(at.q), floor)
-        near = at.elsewhere(at.q + size * noise.changes(size.shape))
-        near.parameters = noise.record(at.parameters)
-    return near.terms.a
+        q = at.q + size * noise.changes(size.shape)
+        parameters = noise.record(at.parameters)
+    given = map_record(np.asarray, parameters), q, at.v, np.full(1, at.t)
+    return at.run(_rows, at.scene.prepare, at.scene.terms, *given)
+
+
+def _rows(prepare: Callable, terms: Callable, parameters: Any, q: Array, v: Array, t: Array) -> Any:
+    prepared, _ = preparation(prepare)(parameters, q, t)
+    return terms(parameters, prepared, q, v).a
 
 
 def _shares(R: Array, rank: int, k: int) -> Array:
