@@ -20,7 +20,8 @@ from eomcheck.cli.checking import REGISTRIES
 from eomcheck.errors import WorkerError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.findings import RUNS
-from eomcheck.lab.store.records import Records, record_of_rows
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import rhs
 from eomcheck.scenes import SCENES, Snake
 

@@ -15,7 +15,8 @@ from eomcheck.errors import InputError
 from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import STUDIES
 from eomcheck.motion.stored import load_reference
 

@@ -14,7 +14,9 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, kept_of, record_of
-from eomcheck.lab.store.records import Record, Records, select
+from eomcheck.lab.store.groups import select
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.scenes import Snake
 
 SNAKE = Snake.coil(2)

@@ -12,7 +12,8 @@ from tests.widths import check_sheets_fit
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
 from eomcheck.lab.studies.paper import measure as paper
 from eomcheck.lab.studies.paper.claims.claim import (

@@ -23,7 +23,9 @@ from eomcheck.lab.report.records import columns, record_sheet
 from eomcheck.lab.store import cells as module
 from eomcheck.lab.store.cells import run_cells
 from eomcheck.lab.store.provenance import blas_threads, machine, versions
-from eomcheck.lab.store.records import Record, Records, key_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.settings import key_of
 
 
 @pytest.fixture
@@ -98,7 +100,7 @@ def test_threads_that_nothing_sets_are_unknown(monkeypatch):
 def test_versions_are_read_without_importing_libraries():
     code = (
         "import sys\n"
-        "from eomcheck.lab.store.records import Record; print(Record('s', {}).versions);"
+        "from eomcheck.lab.store.record import Record; print(Record('s', {}).versions);"
         "print(*{'numpy', 'scipy', 'numba', 'casadi', 'CyRK', 'distributed'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -21,7 +21,8 @@ from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.scenes import SCENES
 

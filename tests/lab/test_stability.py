@@ -21,7 +21,8 @@ from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.show.sheet import print_sheets
 from eomcheck.lab.store import cells as store
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.lab.studies.stability.families.base import decades

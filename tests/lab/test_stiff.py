@@ -16,7 +16,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.show.sheet import print_sheets
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.stiff import STUDY
 from eomcheck.lab.studies.stiff import measure as stiff
 from eomcheck.lab.studies.stiff.measure import COMPILED, scene_of

@@ -16,7 +16,9 @@ from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
-from eomcheck.lab.store.records import Record, Records, record_of_rows
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, engines, motion, study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement

@@ -22,7 +22,8 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show import by_matplotlib
 from eomcheck.lab.show.sheet import print_sheets
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import work_precision
 from eomcheck.lab.studies.work_precision import (
     ERRORS,

@@ -24,7 +24,7 @@ from eomcheck.lab.options import listed, numbers, whole_numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
-    from eomcheck.lab.store.records import Record
+    from eomcheck.lab.store.record import Record
     from eomcheck.lab.study import Study
 
 Picture = Annotated[Path, typer.Argument(help="File to write, .png, .svg or .pdf.")]

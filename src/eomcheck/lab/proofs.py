@@ -17,8 +17,10 @@ from eomcheck.errors import InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.lab.show.text import write_json
 from eomcheck.lab.store.findings import PROOFS, Kept, kept_in, kept_of, record_of
+from eomcheck.lab.store.groups import group
 from eomcheck.lab.store.provenance import sources
-from eomcheck.lab.store.records import Record, Records, group
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import ALL, kinds_of

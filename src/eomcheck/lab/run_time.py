@@ -19,7 +19,7 @@ import numpy as np
 
 from eomcheck.formulations import formulation_of
 from eomcheck.lab.store.provenance import machine
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.motion import Motion
 

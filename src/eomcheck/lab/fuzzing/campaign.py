@@ -21,7 +21,8 @@ from eomcheck.lab.fuzzing.draws import Stratum
 from eomcheck.lab.fuzzing.finds import Find, case_of, cause_of, parameters_of
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.fuzzing.work import Candidate, Population, Result, Round, Work
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.records import State
 from eomcheck.output import counted

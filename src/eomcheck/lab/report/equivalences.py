@@ -26,7 +26,7 @@ from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.show.templating import render
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import PROOFS, RUNS, STATES
-from eomcheck.lab.store.records import group
+from eomcheck.lab.store.groups import group
 from eomcheck.scenes import SCENES
 
 PROVED = LEVELS[0]

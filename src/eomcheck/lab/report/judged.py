@@ -13,7 +13,7 @@ from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.findings import Kept
-from eomcheck.lab.store.records import group
+from eomcheck.lab.store.groups import group
 from eomcheck.output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")

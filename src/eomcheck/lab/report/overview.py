@@ -15,7 +15,9 @@ from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.judged import Judged, by_claim, parties
 from eomcheck.lab.store.findings import PROOFS, RUNS, fault_of, kept_in
-from eomcheck.lab.store.records import Record, Records, key_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.settings import key_of
 from eomcheck.output import counted
 from eomcheck.scenes import SCENES
 

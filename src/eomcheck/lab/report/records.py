@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 
 GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
 """Fields with names of their own: one column per name, `errors.energy`."""

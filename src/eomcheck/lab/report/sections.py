@@ -11,7 +11,7 @@ from eomcheck.lab.report.findings import digits_sheet, strata_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import STUDIES, study_of
 
 T = TypeVar("T")

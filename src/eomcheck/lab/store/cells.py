@@ -7,7 +7,10 @@ from functools import partial
 
 from eomcheck.console import progress
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.lab.store.records import Record, Records, Settings, group, key_of
+from eomcheck.lab.store.groups import group
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.settings import Settings, key_of
 from eomcheck.lab.store.workers import spread
 
 

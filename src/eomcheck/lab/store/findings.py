@@ -18,7 +18,8 @@ from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import links_of
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.states import looked_at
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene

@@ -3,149 +3,25 @@
 from __future__ import annotations
 
 import json
-import os
-import sqlite3
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Literal, Self, TypeVar, get_args
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
 
 from eomcheck.errors import InputError
-from eomcheck.lab.store.provenance import blas_threads, machine, now, versions
-
-Settings = dict[str, Any]
-"""What a study varies -> its value in this cell; values are numbers, text, None, lists, dicts."""
-
-Status = Literal["done", "failed", "refused"]
-
-Row = TypeVar("Row")
-Thing = TypeVar("Thing")
-
-APPLICATION = int.from_bytes(b"eomc", "big")
-"""SQLite's application id: tells our files from those of others."""
-SCHEMA = 1
-BUSY_SECONDS = 60.0
-"""How long a writer waits for another one. A write takes milliseconds."""
-
-TEXTS = "study", "reason", "when"
-"""Fields of a Record that are text."""
+from eomcheck.lab.store.file import RecordsFile
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings, canonical, key_of
 
 LAST_ID = 2**63 - 1
 """No row of SQLite has a larger number."""
 
-_TABLE = """
-CREATE TABLE IF NOT EXISTS records (
-    id INTEGER PRIMARY KEY,
-    study TEXT NOT NULL,
-    settings TEXT NOT NULL,
-    record TEXT NOT NULL,
-    UNIQUE (study, settings)
-)
-"""
 _ADD = """
 INSERT INTO records (study, settings, record) VALUES (?, ?, ?)
 ON CONFLICT (study, settings) DO UPDATE SET record = excluded.record
 """
 
 
-@dataclass(frozen=True)
-class Record:
-    """One cell of a study. What is not given is that of this process, now.
-
-    Attributes:
-        study: which study.
-        settings: what the study varies: scene, formulation, integrator, rtol, ...
-        status: "done", "failed" (it went wrong) or "refused" (an honest "cannot").
-        reason: why, where it is not done.
-        seconds: best run time, or None where nothing was timed.
-        quartiles: lower and upper quartile of the run times.
-        cpu_seconds: CPU time of the best run, less than `seconds` where it had to share its core.
-        runs: number of timed runs.
-        compile_seconds: what compiling took, apart from `seconds`.
-        counts: right-hand sides, steps, ...
-        errors: kind of error -> its size; infinities and NaN are kept.
-        series: what was found over time, or over coordinates -> its values, a list (of lists).
-        machine: cpu, cores, os, python; of a timed cell also core and load, see `RunTime`.
-        versions: of eomcheck (and the digest of its sources) and of the libraries installed.
-        threads: BLAS threads that the environment sets, None if it does not.
-        when: UTC, ISO 8601.
-    """
-
-    study: str
-    settings: Settings
-    status: Status = "done"
-    reason: str = ""
-    seconds: float | None = None
-    quartiles: tuple[float, float] | None = None
-    cpu_seconds: float | None = None
-    runs: int = 0
-    compile_seconds: float | None = None
-    counts: dict[str, int] = field(default_factory=dict)
-    errors: dict[str, float] = field(default_factory=dict)
-    series: dict[str, list] = field(default_factory=dict)
-    machine: dict[str, Any] = field(default_factory=machine)
-    versions: dict[str, str] = field(default_factory=versions)
-    threads: int | None = field(default_factory=blas_threads)
-    when: str = field(default_factory=now)
-
-    def __post_init__(self):
-        if self.status not in get_args(Status):
-            raise InputError(f"status = {self.status!r}, expected one of {get_args(Status)}")
-        for kind, names in ((str, TEXTS), (dict, ("machine", "versions"))):
-            for name in names:
-                if not isinstance(getattr(self, name), kind):
-                    raise InputError(f"{name} = {getattr(self, name)!r}, expected {kind.__name__}")
-        # What is read back must equal what was written: no tuples, no scalars of numpy.
-        plain: dict[str, Any] = {
-            "settings": json.loads(_json("settings", self.settings)),
-            "series": json.loads(_json("series", self.series)),
-            "counts": {name: int(value) for name, value in self.counts.items()},
-            "errors": {name: float(value) for name, value in self.errors.items()},
-        }
-        for name in ("seconds", "cpu_seconds", "compile_seconds"):
-            value = getattr(self, name)
-            plain[name] = None if value is None else float(value)
-        if self.quartiles is not None:
-            low, high = self.quartiles
-            plain["quartiles"] = (float(low), float(high))
-        for name, value in plain.items():
-            object.__setattr__(self, name, value)
-
-
-def _json(what: str, given: object) -> str:
-    """Return JSON (with Python's Infinity and NaN), sorted.
-
-    Raises:
-        InputError: something in `given` would not come back as it is; the message says `what`.
-    """
-    if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
-        raise InputError(f"{what} = {given!r}, expected a dict with names as keys")
-    try:
-        return json.dumps(given, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} = {given!r}: {error}") from None
-
-
-def key_of(settings: Settings) -> str:
-    """Return the canonical JSON of settings: names sorted, and 1.0 is 1."""
-    return _json("settings", _canonical(settings))
-
-
-def _canonical(value: Any) -> Any:
-    match value:
-        case dict():
-            return {name: _canonical(entry) for name, entry in value.items()}
-        case list() | tuple():
-            return [_canonical(entry) for entry in value]
-        case float() if value.is_integer() and abs(value) <= 2**53:
-            return int(value)
-        case _:
-            return value
-
-
-class Records:
+class Records(RecordsFile):
     """The Records in one SQLite file; the key is the study and its settings.
 
     Each `add` is one transaction: `kill -9` loses nothing that was added. Two processes may write
@@ -161,116 +37,6 @@ class Records:
         InputError: the file cannot be used, is damaged, or is not one of Records. Methods raise it
             too.
     """
-
-    def __init__(
-        self,
-        path: str | Path | None,
-        *,
-        readonly: bool = False,
-        unread: list[str] | None = None,
-    ):
-        self.path, self._unread = Path(":memory:" if path is None else path), unread
-        if readonly and not os.path.isfile(self.path):  # noqa: PTH113 - False where it cannot be known
-            raise InputError(f"{str(path)!r}: no such file")
-        mode = "rw" if readonly else "rwc"
-        if readonly and self._fixed():
-            mode = "ro&immutable=1"
-        where = ":memory:" if path is None else f"{self.path.absolute().as_uri()}?mode={mode}"
-        with self._sqlite():
-            self._connection = sqlite3.connect(
-                where, timeout=BUSY_SECONDS, isolation_level=None, uri=True
-            )
-        try:
-            self._open(readonly)
-        except BaseException:
-            self.close()
-            raise
-
-    def _fixed(self) -> bool:
-        """Return whether nobody can write here, not even SQLite its log, and none is left over."""
-        log = self.path.with_name(f"{self.path.name}-wal")
-        here = os.access(self.path, os.W_OK) and os.access(self.path.absolute().parent, os.W_OK)
-        return not here and not (log.exists() and log.stat().st_size)
-
-    def _open(self, readonly: bool) -> None:
-        if readonly:
-            # Not mode=ro: that leaves the files of SQLite's log behind.
-            self._rows("PRAGMA query_only = ON")
-        tables = self._value("SELECT count(*) FROM sqlite_master")
-        if tables == self._value("PRAGMA application_id") == 0 and not readonly:
-            self._make()
-        if self._value("PRAGMA application_id") != APPLICATION:
-            raise InputError(f"{str(self.path)!r} is not a file of records")
-        schema = self._value("PRAGMA user_version")
-        if schema != SCHEMA:
-            raise InputError(
-                f"{str(self.path)!r} has records of version {schema}, "
-                f"this eomcheck reads version {SCHEMA}"
-            )
-        fault = self._value("PRAGMA quick_check(1)")
-        if fault != "ok":
-            self._note(str(fault))
-
-    def _note(self, fault: str) -> None:
-        """Note that something cannot be read, or raise InputError."""
-        said = f"{str(self.path)!r} is damaged: {' '.join(fault.split())}"
-        if self._unread is None:
-            raise InputError(said)
-        self._unread.append(said)
-
-    def _make(self) -> None:
-        deadline = time.monotonic() + BUSY_SECONDS
-        while True:
-            try:
-                self._connection.execute("PRAGMA journal_mode = WAL")
-                break
-            except sqlite3.OperationalError as error:
-                # Here SQLite does not wait for another process that makes the same file.
-                if "locked" not in str(error) or time.monotonic() > deadline:
-                    raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
-                time.sleep(0.02)
-            except sqlite3.DatabaseError as error:
-                raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
-        with self._transaction():  # idempotent: another process may have been here
-            self._rows(_TABLE)
-            self._rows(f"PRAGMA application_id = {APPLICATION}")
-            self._rows(f"PRAGMA user_version = {SCHEMA}")
-
-    @contextmanager
-    def _sqlite(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.OperationalError as error:
-            raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
-        except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise InputError(f"{str(self.path)!r} is not a file of records: {error}") from None
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        self._rows("BEGIN IMMEDIATE")
-        try:
-            yield
-        except BaseException:
-            self._connection.rollback()
-            raise
-        self._rows("COMMIT")
-
-    def _rows(self, sql: str, values: Sequence[object] = ()) -> list[tuple]:
-        with self._sqlite():
-            return self._connection.execute(sql, values).fetchall()
-
-    def _value(self, sql: str) -> Any:
-        return self._rows(sql)[0][0]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
 
     def __len__(self) -> int:
         return self._value("SELECT count(*) FROM records")
@@ -297,12 +63,12 @@ class Records:
                 if self._unread is None:
                     raise
                 self._note(f"{text[:60]!r} is no record")
-        wanted = _canonical(settings).items()
+        wanted = canonical(settings).items()
         return [
             record
             for record in records
             if all(
-                name in record.settings and _canonical(record.settings[name]) == value
+                name in record.settings and canonical(record.settings[name]) == value
                 for name, value in wanted
             )
         ]
@@ -348,45 +114,3 @@ class Records:
             return Record(**json.loads(text))
         except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
-
-
-def select(records: Iterable[Record], study: str | None = None, **settings: Any) -> list[Record]:
-    """Return the finished Records, with a run time, of a study and with these settings."""
-    return [
-        r
-        for r in records
-        if study in (None, r.study)
-        and r.seconds is not None
-        and settings.items() <= r.settings.items()
-    ]
-
-
-def values(records: Iterable[Record], name: str) -> list[Any]:
-    """Return what a setting is in the Records that have it, each value once."""
-    return list(dict.fromkeys(r.settings[name] for r in records if name in r.settings))
-
-
-def group(things: Iterable[Thing], key: Callable[[Thing], Any]) -> dict[Any, list[Thing]]:
-    """Return things by `key`, in order."""
-    groups: dict[Any, list[Thing]] = {}
-    for thing in things:
-        groups.setdefault(key(thing), []).append(thing)
-    return groups
-
-
-def by_setting(records: Iterable[Record], name: str) -> dict[Any, list[Record]]:
-    """Return Records by what a setting is in them, in order."""
-    return group(records, lambda record: record.settings[name])
-
-
-def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Record:
-    """Return the Record of a cell in which several things are found, each a dataclass of one kind.
-
-    Its series `rows` holds them, fields by name.
-    """
-    return Record(study, settings, series={"rows": [asdict(row) for row in rows]})
-
-
-def rows_of(records: Iterable[Record], kind: type[Row]) -> list[Row]:
-    """Return what `record_of_rows` was given, in order; of Records that are not done, nothing."""
-    return [kind(**row) for record in records for row in record.series.get("rows", ())]

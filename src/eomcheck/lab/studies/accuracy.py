@@ -23,7 +23,9 @@ from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.store.groups import record_of_rows, rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observe import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code

@@ -21,7 +21,9 @@ from eomcheck.lab.options import Links, Seed, at_least_one, interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.snake import joints
-from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
+from eomcheck.lab.store.groups import group, record_of_rows, rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
 

@@ -21,7 +21,9 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.options import Seed, at_least_one, interval
 from eomcheck.lab.show.sheet import Cell, Sheet
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.store.groups import record_of_rows, rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

@@ -20,7 +20,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.errors import constraint_error, drift_of

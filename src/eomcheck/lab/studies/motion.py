@@ -16,7 +16,9 @@ from eomcheck.lab.options import One
 from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.store.groups import record_of_rows, rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.motion import Motion
 from eomcheck.named import scene_of

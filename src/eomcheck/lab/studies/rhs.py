@@ -38,7 +38,9 @@ from eomcheck.lab.options import Kind, Repeats, Set, at_least_one, parameters
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record, Settings, group, record_of_rows, rows_of
+from eomcheck.lab.store.groups import group, record_of_rows, rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene

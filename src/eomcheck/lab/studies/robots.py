@@ -16,7 +16,9 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparing import QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
 from eomcheck.lab.show.sheet import Cell, Sheet
-from eomcheck.lab.store.records import Record, Settings, rows_of
+from eomcheck.lab.store.groups import rows_of
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, unfinished
 from eomcheck.robots.files import robot_named
 from eomcheck.robots.urdf import FLOATING

@@ -18,7 +18,8 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.options import Examples, Kind, Seed, at_least_one, interval
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import kinds_of

@@ -21,7 +21,9 @@ from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record, Settings, by_setting, group, select, values
+from eomcheck.lab.store.groups import by_setting, group, select, values
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import REFERENCES, Formulations, References, Study, Work
 from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of

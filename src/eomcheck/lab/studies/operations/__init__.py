@@ -8,7 +8,9 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.options import interval
-from eomcheck.lab.store.records import Record, Settings, record_of_rows
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.studies.operations import absent, counting, show
 from eomcheck.lab.study import Formulations, Study, failed
 from eomcheck.named import kinds_of

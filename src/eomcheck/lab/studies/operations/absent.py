@@ -20,7 +20,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among
 from eomcheck.lab.draws import draw
-from eomcheck.lab.store.records import Settings
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.studies.operations.counting import outline, tally
 from eomcheck.lab.studies.rhs import rate_call, time_calls
 from eomcheck.mechanics.records import Bodies, Speeds, State, Terms

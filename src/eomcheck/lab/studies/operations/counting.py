@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 from eomcheck.evaluation.point import Quantities, net_force
 from eomcheck.formulations import Formulation, kane
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.counting import Counting, System, Tally
 from eomcheck.scenes import Snake

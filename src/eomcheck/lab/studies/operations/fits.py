@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from flint import fmpq_poly
 
 from eomcheck.formulations import Formulation, formulation_of
-from eomcheck.lab.store.records import group
+from eomcheck.lab.store.groups import group
 from eomcheck.lab.studies.operations.counting import Operations
 from eomcheck.numbers.counting import System
 

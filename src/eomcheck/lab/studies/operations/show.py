@@ -13,7 +13,8 @@ from eomcheck.formulations import formulation_of
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import grouped
-from eomcheck.lab.store.records import Record, group, rows_of
+from eomcheck.lab.store.groups import group, rows_of
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.operations.absent import Saving
 from eomcheck.lab.studies.operations.counting import Operations, Springs, operations_of
 from eomcheck.lab.studies.operations.fits import (

@@ -22,7 +22,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity, violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import ready, run_time, slope
-from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Work
 from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.integrators import Steps

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from eomcheck.lab.show.by_matplotlib import plt, save
 from eomcheck.lab.show.snake import joints
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of
 from eomcheck.lab.studies.paper.show import POSES, robot
 

@@ -9,7 +9,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.operations.fits import fit_order
 from eomcheck.lab.studies.operations.show import signed_sum
 from eomcheck.lab.studies.paper.claims import judgements

@@ -26,7 +26,9 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
-from eomcheck.lab.store.records import Record, Settings, by_setting, group
+from eomcheck.lab.store.groups import by_setting, group
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about
 from eomcheck.lab.study import Formulations
 from eomcheck.named import kinds_of

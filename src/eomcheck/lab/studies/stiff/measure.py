@@ -31,7 +31,8 @@ from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import stored
 from eomcheck.lab.run_time import ready, run_time
-from eomcheck.lab.store.records import Record, Settings
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import REFERENCES, Quick, References, Work
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.motion import Motion

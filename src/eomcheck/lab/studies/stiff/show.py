@@ -9,7 +9,8 @@ from itertools import product
 from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.store.records import Record, group, select, values
+from eomcheck.lab.store.groups import group, select, values
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.stiff.measure import (
     COMPILED,
     EXPLICIT,

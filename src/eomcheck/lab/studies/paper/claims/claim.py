@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from eomcheck.formulations import kane, ml
-from eomcheck.lab.store.records import Record
+from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.paper.measure import Found
 
 Verdict = Literal["holds", "holds partly", "does not hold here", "not measured"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.text import ranges
-from eomcheck.lab.store.records import group
+from eomcheck.lab.store.groups import group
 from eomcheck.lab.studies.paper.claims.claim import CLEAR, KANE, ML, NOTHING, Evidence, claim
 from eomcheck.lab.studies.paper.claims.comparing import ratios_of, share
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found
