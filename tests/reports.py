@@ -7,9 +7,9 @@ from pathlib import Path
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.validation import look_at_kind
 from eomcheck.lab.studies import paper, work_precision
 from eomcheck.lab.studies.operations import STUDY
 from eomcheck.lab.studies.operations.counting import Operations

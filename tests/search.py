@@ -14,9 +14,9 @@ import argparse
 from eomcheck.claims import CLAIMS
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import strata_of
 from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import Ration
+from eomcheck.lab.fuzzing.strata import strata_of
 from eomcheck.lab.options import interval
 from eomcheck.lab.report.fuzzing import Teller, print_campaign
 from eomcheck.scenes import Snake

@@ -23,8 +23,8 @@ from eomcheck.lab.report.equivalences import (
 )
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.show.text import ranges
-from eomcheck.lab.store.findings import look_at_kind
 from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.validation import look_at_kind
 from eomcheck.scenes import SCENES, Sleigh
 
 ROOT = Path(__file__).parents[2]

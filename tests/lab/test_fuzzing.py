@@ -19,20 +19,17 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing import judging, rounds
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import FAMILIES, FAST, ORDINARY, WIDE, Stratum, drawn, strata_of
-from eomcheck.lab.fuzzing.finds import (
-    Find,
-    find_of,
-    read_finds,
-    replayed,
-    shrunk,
-    told_apart,
-    write_finds,
-)
+from eomcheck.lab.fuzzing.draws import drawn
+from eomcheck.lab.fuzzing.families import FAMILIES, FAST, ORDINARY, WIDE
+from eomcheck.lab.fuzzing.file import read_finds, told_apart, write_finds
+from eomcheck.lab.fuzzing.finds import Find, find_of
 from eomcheck.lab.fuzzing.judging import checked, failures, fault_of
 from eomcheck.lab.fuzzing.mutation import mutated
+from eomcheck.lab.fuzzing.replay import replayed
 from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
+from eomcheck.lab.fuzzing.smaller import shrunk
+from eomcheck.lab.fuzzing.strata import Stratum, strata_of
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State

@@ -9,21 +9,18 @@ import pytest
 
 from eomcheck import velocity
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import judging, motions
+from eomcheck.lab.fuzzing import growth, judging, motions
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import ORDINARY, Stratum, strata_of
-from eomcheck.lab.fuzzing.finds import read_finds, replayed, write_finds
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, informative, started
-from eomcheck.lab.fuzzing.motions import (
-    ALONE,
-    END_STATES,
-    ENERGY,
-    TIGHT,
-    TIMES,
-    failures_of_motion,
-    judged_motions,
-)
+from eomcheck.lab.fuzzing.families import ORDINARY
+from eomcheck.lab.fuzzing.file import read_finds, write_finds
+from eomcheck.lab.fuzzing.motion_finding import ALONE, END_STATES, ENERGY, python_of_motion
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, informative
+from eomcheck.lab.fuzzing.motion_starts import started
+from eomcheck.lab.fuzzing.motions import failures_of_motion, judged_motions
+from eomcheck.lab.fuzzing.moved import MOST_STEPS, TIGHT, TIMES
 from eomcheck.lab.fuzzing.poses import branchings, crossings
+from eomcheck.lab.fuzzing.replay import replayed
+from eomcheck.lab.fuzzing.strata import Stratum, strata_of
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
@@ -68,7 +65,9 @@ def test_right_motions_are_no_find_and_most_are_told(key: str):
 
 def test_motions_begin_at_0_and_keep_the_constraints_there():
     here = plan(SCENES["turntable-ball"], batch=4)
-    cases, families = started(here, Stratum(None, ()), np.random.default_rng(0))
+    cases, families = started(
+        here.kind, Stratum(None, ()), here.families, here.batch, np.random.default_rng(0)
+    )
     assert len(cases) == len(families) > 0
     for scene, state in cases:
         assert state.t == 0.0
@@ -154,12 +153,13 @@ def spoilt(monkeypatch, spoil) -> list:
     """Return what fails of a motion if `spoil(key, tolerance, y, energy)` has changed it."""
     right = motions.moved
 
-    def moved(cases, key, t_end, tolerance, most=motions.MOST_STEPS):
+    def moved(cases, key, t_end, tolerance, most=MOST_STEPS):
         found = right(cases, key, t_end, tolerance, most)
         y, energy = spoil(key, tolerance, found.y.copy(), found.energy.copy())
         return found._replace(y=y, energy=energy)
 
-    monkeypatch.setattr(motions, "moved", moved)
+    for module in (growth, motions):
+        monkeypatch.setattr(module, "moved", moved)
     q = np.array([0.1, 0.2, 0.3])
     here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)
     case = here, State(q, np.asarray(velocity(here, q, [0.5, 0.1])), 0.0)
@@ -251,4 +251,4 @@ def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
 
 
 def test_the_tight_tolerance_is_the_one_that_is_judged():
-    assert f"rtol={TIGHT}" in motions.python_of_motion(*turning(), 1.0, "em")
+    assert f"rtol={TIGHT}" in python_of_motion(*turning(), 1.0, "em")

@@ -16,12 +16,17 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import functions as fuzzed
 from eomcheck.lab.fuzzing import judging
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, SPECIAL, Stratum, drawn
-from eomcheck.lab.fuzzing.finds import FUNCTIONS, read_finds, replayed, write_finds
-from eomcheck.lab.fuzzing.functions import FunctionsPlan, climbed_states, drawn_state, limits
+from eomcheck.lab.fuzzing.draws import drawn
+from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, SPECIAL
+from eomcheck.lab.fuzzing.file import read_finds, write_finds
+from eomcheck.lab.fuzzing.finds import FUNCTIONS
+from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, limits
+from eomcheck.lab.fuzzing.functions import FunctionsPlan
 from eomcheck.lab.fuzzing.on_trial import is_ordinary
+from eomcheck.lab.fuzzing.replay import replayed
 from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import Ration, runs_in_lanes
+from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State

@@ -14,19 +14,19 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, WIDE, Stratum, drawn_of
-from eomcheck.lab.fuzzing.finds import case_of, find_of, parameters_of, read_finds, write_finds
+from eomcheck.lab.fuzzing.draws import drawn_of
+from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, WIDE
+from eomcheck.lab.fuzzing.file import read_finds, write_finds
+from eomcheck.lab.fuzzing.finds import find_of
 from eomcheck.lab.fuzzing.judging import SCENE, Fault, failures
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, started
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
+from eomcheck.lab.fuzzing.motion_starts import started
+from eomcheck.lab.fuzzing.parameters import case_of, parameters_of
 from eomcheck.lab.fuzzing.random_rounds import STRUCTURES, RandomPlan
 from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import Ration
-from eomcheck.lab.fuzzing.structures import (
-    Topology,
-    strata_of_any,
-    structure_drawn,
-    varied,
-)
+from eomcheck.lab.fuzzing.strata import Stratum
+from eomcheck.lab.fuzzing.structures import Topology, strata_of_any, structure_drawn, varied
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
@@ -176,7 +176,7 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
 def test_random_scenes_are_moved_too(kind):
     here = MotionPlan(kind, 0, tuple(FORMULATIONS), (ORDINARY,), batch=4)
     stratum = strata_of_any(kind, (2,))[0]
-    cases, _ = started(here, stratum, np.random.default_rng(0))
+    cases, _ = started(here.kind, stratum, here.families, here.batch, np.random.default_rng(0))
     assert len({type(scene) for scene, _ in cases}) == 1
     result = here.run(Round(0, stratum, {}))
     assert not result.failed and result.counts["passed"] > 0

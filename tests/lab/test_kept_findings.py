@@ -13,8 +13,9 @@ from eomcheck.claims import Finding, State
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.store.findings import PROOFS, STATES, Keeper, kept_in, kept_of, record_of
+from eomcheck.lab.store.findings import PROOFS, STATES, kept_in, kept_of, record_of
 from eomcheck.lab.store.groups import select
+from eomcheck.lab.store.keeper import Keeper
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.scenes import Snake

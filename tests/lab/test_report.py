@@ -20,9 +20,10 @@ from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_pa
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.style import STYLES
-from eomcheck.lab.store.findings import RUNS, STATES, kept_in, look_at_kinds
+from eomcheck.lab.store.findings import RUNS, STATES, kept_in
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.validation import look_at_kinds
 from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.scenes import SCENES
 

@@ -16,7 +16,8 @@ from eomcheck.lab.report.findings import evidence_sheet, party_sheet, proof_shee
 from eomcheck.lab.report.judged import by_claim
 from eomcheck.lab.report.registries import parameter_sheet, registry_sheet
 from eomcheck.lab.show.sheet import Cell, Sheet
-from eomcheck.lab.store.findings import Kept, kept_in, kept_of_runs
+from eomcheck.lab.store.findings import kept_in, kept_of_runs
+from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.records import Records
 from eomcheck.scenes import SCENES, Andrews, ChainPendulum
 

@@ -16,8 +16,10 @@ from pathlib import Path
 import pytest
 
 from eomcheck.errors import InputError, RefusedError, UnknownNameError, WorkerError
-from eomcheck.lab.store import workers as spread_module
-from eomcheck.lab.store.workers import check_place, executor, guarded, place_of, spread
+from eomcheck.lab.store import cluster as cluster_module
+from eomcheck.lab.store.cluster import guarded
+from eomcheck.lab.store.executors import check_place, executor, place_of
+from eomcheck.lab.store.workers import DEATHS_TOGETHER, spread
 
 WORK = '''
 """What workers do; each call leaves a line (item, process) in a file of its own."""
@@ -141,7 +143,7 @@ def test_an_item_that_kills_its_workers_is_reported_after_all_the_others(work, n
             found.append(item)
     assert sorted(found) == [k for k in range(12) if k != 3]
     began = [item for items in done_by(notes).values() for item in items]
-    assert began.count(3) == spread_module.DEATHS_TOGETHER + 1
+    assert began.count(3) == DEATHS_TOGETHER + 1
 
 
 def test_an_exception_of_the_work_is_raised_as_it_was(work):
@@ -349,7 +351,7 @@ def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
     for worker in workers:
         worker.kill()
         worker.wait()
-    monkeypatch.setattr(spread_module, "CONNECT_SECONDS", 2)
+    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 2)
     with pytest.raises(InputError, match="has no workers"):
         check_place(where)
 
@@ -359,7 +361,7 @@ def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
 @pytest.mark.parametrize("address", ["127.0.0.1:9", "tcp://127.0.0.1:9", "nonsense://x", "a:b:c"])
 def test_a_scheduler_that_does_not_answer_is_bad_input_and_soon(address, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(spread_module, "CONNECT_SECONDS", 2)
+    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 2)
     start = time.monotonic()
     with pytest.raises(InputError, match="no dask scheduler answers at"):
         check_place(f"dask:{address}")

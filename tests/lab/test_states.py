@@ -13,9 +13,10 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.lab.store import states
-from eomcheck.lab.store.findings import kept_in, look_at_kind
+from eomcheck.lab.store.findings import kept_in
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.states import STATES_OF_ONE, looked_at, ours, place_for
+from eomcheck.lab.store.validation import look_at_kind
 from eomcheck.scenes import SCENES, Sleigh
 
 SELECTION = Selection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])

@@ -18,7 +18,7 @@ import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
-from eomcheck.lab.store.workers import executor
+from eomcheck.lab.store.executors import executor
 from eomcheck.motion import starts
 from eomcheck.scenes import SCENES, Snake
 

@@ -24,7 +24,8 @@ from tests.faults import FAULTS, PACKAGE, Fault, changed, scene_of
 from tests.mutants.__main__ import run
 
 from eomcheck.claims import CLAIMS
-from eomcheck.lab.fuzzing.finds import Find, read_finds
+from eomcheck.lab.fuzzing.file import read_finds
+from eomcheck.lab.fuzzing.finds import Find
 
 LONGEST = 600.0
 """What a campaign may take with all that follows it, s."""

@@ -90,9 +90,9 @@ def validate(
     from eomcheck.console import console, progress, stoppable
     from eomcheck.engines import engines_among
     from eomcheck.lab.report.findings import print_runs, write_json
-    from eomcheck.lab.store.findings import look_at_kind, look_at_kinds
+    from eomcheck.lab.store.executors import check_place
     from eomcheck.lab.store.states import ours, place_for
-    from eomcheck.lab.store.workers import check_place
+    from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
     from eomcheck.named import ALL, ROBOTS, kinds_of, left_out, scene_of
 
     engines = engines_among(engine)
@@ -185,7 +185,7 @@ def prove(
     from eomcheck.console import stoppable
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.findings import print_proofs
-    from eomcheck.lab.store.workers import check_place
+    from eomcheck.lab.store.executors import check_place
     from eomcheck.named import kinds_of, left_out
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
@@ -346,7 +346,7 @@ def reference(
         write_reference,
     )
     from eomcheck.lab.show.sheet import print_sheets
-    from eomcheck.lab.store.workers import check_place
+    from eomcheck.lab.store.executors import check_place
 
     cases = {name: case_of(name) for name in names or CASES}
     for name in cases:

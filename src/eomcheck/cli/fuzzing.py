@@ -138,11 +138,11 @@ def fuzz(
 
     from eomcheck.console import console, doing, stoppable
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.draws import Stratum
-    from eomcheck.lab.fuzzing.finds import functions_named
+    from eomcheck.lab.fuzzing.parameters import functions_named
+    from eomcheck.lab.fuzzing.strata import Stratum
     from eomcheck.lab.fuzzing.structures import strata_of_any
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
-    from eomcheck.lab.store.workers import check_place
+    from eomcheck.lab.store.executors import check_place
 
     low, high = interval(links or "1..12")
     if executor is not None:
@@ -173,7 +173,7 @@ def fuzz(
         except KeyboardInterrupt:
             interrupted = True
         if keep is not None and campaign.finds:
-            from eomcheck.lab.fuzzing.finds import read_finds, write_finds
+            from eomcheck.lab.fuzzing.file import read_finds, write_finds
 
             write_finds(keep, [*read_finds(keep), *campaign.finds.values()])
     print_campaign(campaign)
@@ -242,7 +242,7 @@ def _functions(
     name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
 ) -> FunctionsPlan:
     from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.draws import ORDINARY, SPECIAL
+    from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL
     from eomcheck.lab.fuzzing.functions import FunctionsPlan
     from eomcheck.testing.run import FUNCTION_CLAIMS
 
@@ -257,7 +257,7 @@ def _functions(
 
 def _families(family: list[str] | None) -> tuple[str, ...]:
     from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.draws import FAMILIES
+    from eomcheck.lab.fuzzing.families import FAMILIES
 
     families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:
@@ -284,7 +284,8 @@ def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
     """Look at kept finds again; exit code 1 if one still fails."""
     from eomcheck.console import console, progress
     from eomcheck.formulations import FORMULATIONS
-    from eomcheck.lab.fuzzing.finds import read_finds, replayed
+    from eomcheck.lab.fuzzing.file import read_finds
+    from eomcheck.lab.fuzzing.replay import replayed
 
     if not path.exists():
         raise InputError(f"{str(path)!r} is no file")

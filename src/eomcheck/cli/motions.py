@@ -69,7 +69,7 @@ def _many(
     import eomcheck
     from eomcheck.evaluation.dynamics import closed_position
     from eomcheck.lab.report.motions import chart_of_many, print_many
-    from eomcheck.lab.store import workers as spread
+    from eomcheck.lab.store import executors
 
     at_least_one(draws=draws)
     if not 0 <= scale < np.inf:
@@ -83,7 +83,7 @@ def _many(
     u0 = u + scale * random.standard_normal((draws, scene.p))
     if scene.position_residual is not None:
         q0 = np.array([closed_position(scene, one) for one in q0])
-    there = nullcontext() if executor is None else spread.executor(executor)
+    there = nullcontext() if executor is None else executors.executor(executor)
     with there as pool:
         found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
     print_many(found)

@@ -16,8 +16,9 @@ from eomcheck.console import progress
 from eomcheck.errors import InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.lab.show.text import write_json
-from eomcheck.lab.store.findings import PROOFS, Kept, kept_in, kept_of, record_of
+from eomcheck.lab.store.findings import PROOFS, kept_in, kept_of, record_of
 from eomcheck.lab.store.groups import group
+from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.provenance import sources
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
@@ -120,7 +121,7 @@ class Proofs:
     Args:
         jobs: what is to be proved.
         path: file to write, if any.
-        where: where large scenes are proved, see `eomcheck.lab.store.workers.executor`.
+        where: where large scenes are proved, see `eomcheck.lab.store.executors.executor`.
         records: where to keep the Findings too, as they come.
 
     Attributes:

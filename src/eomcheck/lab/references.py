@@ -128,7 +128,7 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
 
     Args:
         cases: name -> case.
-        where: see `eomcheck.lab.store.workers.executor`.
+        where: see `eomcheck.lab.store.executors.executor`.
 
     Raises:
         EngineError: heyoka is not installed.

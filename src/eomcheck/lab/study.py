@@ -18,11 +18,11 @@ from eomcheck.files import write_text
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.cells import run_cells
+from eomcheck.lab.store.executors import check_place
 from eomcheck.lab.store.groups import group, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.settings import Settings
-from eomcheck.lab.store.workers import check_place
 
 Work = Callable[[Settings], Record]
 Found = Sequence[Record]

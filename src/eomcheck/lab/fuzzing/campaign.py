@@ -17,9 +17,10 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.errors import InputError
-from eomcheck.lab.fuzzing.draws import Stratum
-from eomcheck.lab.fuzzing.finds import Find, case_of, cause_of, parameters_of
+from eomcheck.lab.fuzzing.finds import Find, cause_of
+from eomcheck.lab.fuzzing.parameters import case_of, parameters_of
 from eomcheck.lab.fuzzing.screening import Key
+from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate, Population, Result, Round, Work
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
@@ -92,8 +93,8 @@ class Campaign:
         Args:
             states: to be looked at at least, those of before included.
             seconds: at most; the round in hand is finished.
-            executor: where rounds are run, see `eomcheck.lab.store.workers.executor`; None is this
-                process.
+            executor: where rounds are run, see `eomcheck.lab.store.executors.executor`; None is
+                this process.
             told: called after each round.
 
         Raises:

@@ -5,139 +5,23 @@ Numbers come from NumPy's generator, so that a seed draws the same on any machin
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from itertools import product
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from eomcheck.claims.strata import ABSENT, ATTEMPTS, value_of, ways_of
-from eomcheck.errors import EomcheckError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.dynamics import check_consistent, closed_position, consistent_velocity
+from eomcheck.claims.strata import ATTEMPTS
+from eomcheck.errors import EomcheckError
+from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.evaluation.lanes import LaneEvaluation
-from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.mechanics.records import Range, State
+from eomcheck.lab.fuzzing.families import FAR, FAST, SPECIAL, SPEEDS, Case
+from eomcheck.lab.fuzzing.scenes import distances, drawn_scene
+from eomcheck.lab.fuzzing.strata import Stratum
+from eomcheck.lab.fuzzing.velocities import consistent
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import least_squares, null_space
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.decompositions import null_space
 from eomcheck.strategies.states import CURVATURE, angles_of, state_ranges
-
-Case = tuple[Scene, State]
-
-ORDINARY, WIDE, SPECIAL, FAST = "ordinary", "wide", "special", "fast"
-FAMILIES = ORDINARY, WIDE, SPECIAL, FAST
-"""What a case is drawn from: the ranges of its kind; magnitudes of 16 decades; numbers at or next
-to 0, ±π/2 and each other; speeds of 300 decades and angles of many turns."""
-
-DECADES = 8.0
-"""Magnitudes of `WIDE` parameters go from 10^-8 to 10^8."""
-SPEEDS = 150.0
-"""Components of `FAST` velocities go from 10^-150 to 10^150."""
-FAR = 1e9
-"""Coordinates of `FAST` states, m or rad, at most."""
-
-ACROSS = math.pi / 2
-
-MOST_STRUCTURES = 16
-"""Structures of one number of links at most: with all optional parameters there, or not."""
-
-
-class Stratum(NamedTuple):
-    """A structure: what decides which terms there are, and of which size."""
-
-    links: int | None
-    absent: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """What reports call it."""
-        size = "" if self.links is None else f"{self.links} links"
-        without = f"without {', '.join(self.absent)}" if self.absent else ""
-        return ", ".join(part for part in (size, without) if part) or "all terms"
-
-
-def strata_of(kind: type[Scene], links: Iterable[int]) -> list[Stratum]:
-    """Return the structures of a kind of scene with numbers of links, if it has such."""
-    found: list[Stratum] = []
-    for count in links if kind.has_links else (None,):
-        ranges = kind.ranges(count)
-        optional = [name for name, one in ranges.items() if one.optional and 0 not in one.shape]
-        for there in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
-            absent = (name for name, is_there in zip(optional, there, strict=True) if not is_there)
-            found.append(Stratum(count, tuple(absent)))
-    return found
-
-
-# ---- Scenes --------------------------------------------------------------------------------------
-
-
-def drawn_scene(
-    kind: type[Scene], stratum: Stratum, family: str, random: np.random.Generator
-) -> Scene:
-    """Return a scene of a structure.
-
-    Raises:
-        InputError: there is no such scene: other numbers are to be drawn.
-    """
-    return kind(
-        **{
-            name: _parameter(name, one, stratum, family, random)
-            for name, one in kind.ranges(stratum.links).items()
-        }
-    )
-
-
-def _parameter(
-    name: str, one: Range, stratum: Stratum, family: str, random: np.random.Generator
-) -> Any:
-    if name in stratum.absent:
-        return None
-    ways = [way for way in ways_of(one) if way != ABSENT] or [ABSENT]
-    value = value_of(one, str(random.choice(ways)), random)
-    if value is None or np.size(value) == 0 or family in (ORDINARY, FAST):
-        return value
-    if one.low >= 0 and (family == WIDE or (family == SPECIAL and random.random() < 0.5)):
-        wide = 10.0 ** random.uniform(-DECADES, DECADES, one.shape)
-        zero = (random.random(one.shape) < 1 / 8) & (one.low == 0)
-        value = np.where(zero, 0.0, wide)
-    elif family == SPECIAL and one.low < 0 < one.high:
-        if random.random() < 0.5:
-            value = np.array([special_number(random, value) for _ in range(np.size(value))])
-            value = value.reshape(one.shape)
-        else:
-            signs = random.choice((1.0, 1.0, -1.0), one.shape)
-            value = random.choice(_among(random, value)) * signs + _near(random, one.shape)
-    elif family == SPECIAL and one.shape and random.random() < 0.5:
-        value = np.full(one.shape, value.ravel()[0])
-    return value if one.shape else float(value)
-
-
-def special_number(random: np.random.Generator, others: Any) -> float:
-    """Return a number at or next to 0, ±π/2 or one of `others`, or an angle."""
-    near = 10.0 ** random.uniform(-16, -1) * random.choice((0.0, 1.0, -1.0))
-    return float(random.choice(_among(random, others)) + near)
-
-
-def _among(random: np.random.Generator, others: Any) -> tuple[float, ...]:
-    """Return what special angles are next to."""
-    return 0.0, ACROSS, -ACROSS, float(np.ravel(others)[0]), random.uniform(-math.pi, math.pi)
-
-
-def _near(random: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Return distances of one scale, some of them 0.
-
-    What needs several angles to be next to one another is rare if each is so for itself.
-    """
-    scale, shares = 10.0 ** random.uniform(-17, -1), 10.0 ** random.uniform(-3, 0, shape)
-    return scale * shares * random.choice((0.0, 1.0, -1.0), shape)
-
-
-# ---- Positions -----------------------------------------------------------------------------------
 
 
 def drawn_position(
@@ -156,7 +40,7 @@ def drawn_position(
         q = q + (CURVATURE * np.cumsum(flags) + turn) * flags
         if family == SPECIAL and flags.any():
             near = 10.0 ** random.uniform(-16, -1, q.shape) * random.integers(0, 2, q.shape)
-            near = near if random.random() < 0.5 else _near(random, q.shape)
+            near = near if random.random() < 0.5 else distances(random, q.shape)
             # About 0 there is room for differences that are far below rounding of other angles.
             q = np.where(flags, random.choice((0.0, turn)) + near, q)
         if family == FAST and random.random() < 0.5:
@@ -218,115 +102,3 @@ def drawn_of(
 
     cases, kept = consistent(scenes, states, velocities)
     return cases, [of[i] for i in kept]
-
-
-# ---- Velocities ----------------------------------------------------------------------------------
-
-SAFE = 1 / 4
-"""Share of what rounding allows that a velocity violates constraints by at most."""
-
-
-def consistent(
-    scenes: Sequence[Scene], states: Sequence[State], velocities: Callable[[LaneEvaluation], Array]
-) -> tuple[list[Case], list[int]]:
-    """Return cases with velocities that keep the constraints, and which they are of those given.
-
-    Args:
-        scenes: scenes of one structure.
-        states: where they are; velocities do not matter.
-        velocities: wished for (L, n), by the evaluation at these states.
-    """
-    if not scenes:
-        return [], []
-    at = _terms_of(scenes, states)
-    with np.errstate(all="ignore"):
-        finite = np.isfinite(at.q.data).all(axis=0)  # type: ignore[attr-defined]
-        for term in (at.terms.a, at.terms.b):
-            if term is not None:
-                finite &= np.isfinite(term.data).reshape(-1, at.lanes).all(axis=0)
-    if not finite.all():
-        kept = np.flatnonzero(finite).tolist()
-        picked = [scenes[i] for i in kept], [states[i] for i in kept]
-
-        def some(of: LaneEvaluation) -> Array:
-            return velocities(at)[kept]
-
-        cases, places = consistent(*picked, some)
-        return cases, [kept[i] for i in places]
-    with np.errstate(all="ignore"):
-        v = LaneArray(np.ascontiguousarray(velocities(at).T))
-        good: Any = np.isfinite(v.data).all(axis=0)
-        if at.terms.a is not None:
-            v.data[:, ~good] = 0.0
-            for _ in range(2):
-                v = v - least_squares(at.terms.a, _residual(at, v))
-            good &= _is_consistent(at, v)
-    cases, places = [], []
-    for i, (scene, state) in enumerate(zip(scenes, states, strict=True)):
-        here = v.data[:, i].copy()
-        if not good[i] and not (np.isfinite(here).all() and _mended(scene, state, here)):
-            continue
-        cases.append((scene, State(state.q, here, state.t)))
-        places.append(i)
-    return cases, places
-
-
-class _Stacked(NamedTuple):
-    """What of lanes velocities follow from, where terms were found state by state."""
-
-    q: Any
-    lanes: int
-    terms: Any
-
-
-def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return the evaluation in lanes, or of functions that no lanes can run what stands for it."""
-    at = LaneEvaluation(scenes, states)
-    try:
-        at.terms  # noqa: B018
-    except TypeError:
-        return _Stacked(at.q, at.lanes, _stacked_terms(scenes, states))
-    return at
-
-
-def _stacked_terms(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return a and b in lanes, found state by state: NaN where a function of the scene raises."""
-    found: list[Any] = []
-    for scene, state in zip(scenes, states, strict=True):
-        terms = None
-        with suppress(Exception):  # somebody's functions; `check` tells which
-            terms = Evaluation(scene, *state).terms
-        found.append(terms)
-    whole = next((terms for terms in found if terms is not None), None)
-    parts: dict[str, Any] = {"a": None, "b": None}
-    for name in parts:
-        like = None if whole is None else getattr(whole, name)
-        if like is not None:
-            lost = np.full(like.shape, np.nan)
-            each = [lost if terms is None else getattr(terms, name) for terms in found]
-            parts[name] = LaneArray(np.stack(each, axis=-1))
-    return SimpleNamespace(**parts)
-
-
-def _residual(at: LaneEvaluation, v: LaneArray) -> LaneArray:
-    a, b = at.terms.a, at.terms.b
-    return a @ v if b is None else a @ v + b
-
-
-def _is_consistent(at: LaneEvaluation, v: LaneArray) -> Array:
-    a, b = at.terms.a, at.terms.b
-    size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
-    violation = np.abs(_residual(at, v)).data
-    return (violation <= SAFE * allowed_error(1.0) * size.data).all(axis=0)
-
-
-def _mended(scene: Scene, state: State, v: Array) -> bool:
-    """Make v (n,) consistent in place, as the single path does; return whether it is."""
-    try:
-        with np.errstate(all="ignore"):
-            found = consistent_velocity(Evaluation(scene, state.q, v, state.t), v)
-            check_consistent(Evaluation(scene, state.q, found, state.t))
-    except (EomcheckError, RefusedError, np.linalg.LinAlgError):
-        return False
-    v[:] = found
-    return True

@@ -18,7 +18,7 @@ from eomcheck.evaluation.dynamics import acceleration
 from eomcheck.evaluation.enclosure import enclose
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.scene import Scene
 
 SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (

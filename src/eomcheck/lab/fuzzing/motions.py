@@ -7,178 +7,20 @@ motion at a tighter tolerance tells how large errors are, and one that starts ne
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import Finding, Verdict
-from eomcheck.claims.repeat import beginning_of
-from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.claims.finding import Verdict
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.lab.fuzzing.draws import Case, consistent
+from eomcheck.lab.fuzzing.families import Case
+from eomcheck.lab.fuzzing.growth import grown, largest_so_far, of_moved_starts
+from eomcheck.lab.fuzzing.motion_finding import ALONE, END_STATES, ENERGY, MotionFinding
+from eomcheck.lab.fuzzing.moved import COARSE, OTHER, TIGHT, TIMES, Moved, moved, moved_alone
 from eomcheck.lab.fuzzing.poses import branchings, crossings
-from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.many import Trajectories, simulate_many
-from eomcheck.motion.simulate import simulate
 from eomcheck.numbers.contract import Array
-
-COARSE, TIGHT = 1e-8, 1e-10
-"""Tolerances of the two motions of each formulation; the second one is judged."""
-
-OTHER = "Vern8"
-"""The integrator of motions that are looked at alone, which is not the one of lanes."""
-
-TIMES = 65
-"""Times at which motions are compared, the start among them."""
-
-MOST_STEPS = 1000
-"""A motion that takes more is not gone on with, and counted."""
-
-END_STATES, ENERGY, ALONE = "end-states", "motion-energy", "motion-alone"
-CLAIMS_OF_MOTIONS = {
-    END_STATES: "all formulations move a scene alike",
-    ENERGY: "T + U stays what it was, where nothing takes or brings energy",
-    ALONE: "a motion alone, by another integrator, is what it is beside others",
-}
-"""Id -> what is claimed of motions."""
-
-
-@dataclass(frozen=True)
-class MotionFinding(Finding):
-    """A `Finding` about a motion that starts in its state at t = 0; see `CLAIMS_OF_MOTIONS`.
-
-    Attributes:
-        t_end: where the motion was to end, s.
-        crossed: when a pose was crossed in which a partition is singular, s; None for never.
-        ended: "finished", "refused" at the start, "stopped", or "too many steps".
-        reached: whether the formulation came behind that pose.
-    """
-
-    t_end: float = 0.0
-    crossed: float | None = None
-    ended: str = "finished"
-    reached: bool = False
-
-    def as_python(self) -> str:
-        """Return Python code that moves the scene by this formulation and by others."""
-        assert self.state is not None
-        return python_of_motion(self.scene, self.state, self.t_end, self.subject)
-
-
-def python_of_motion(scene: Scene, state: State, t_end: float, key: str) -> str:
-    """Return Python code that prints how far motions are from that by the formulation `key`."""
-    return (
-        f"from eomcheck.formulations import applicable\n{beginning_of(scene)}"
-        f"options = dict(q0=[{state.q.tolist()}], v0=[{state.v.tolist()}])\n"
-        f"options |= dict(rtol={TIGHT}, atol={TIGHT})\n"
-        f"one = eomcheck.simulate_many(scene, {key!r}, {t_end!r}, **options)\n"
-        "for key in applicable(scene):\n"
-        f"    other = eomcheck.simulate_many(scene, key, {t_end!r}, **options)\n"
-        "    apart = abs(one.q[0] - other.q[0]).max(axis=1)\n"
-        "    gained = abs(other.energy[0] - other.energy[0, 0]).max()\n"
-        '    print(key, other.status[0], "apart", apart[-1], "energy", gained, other.reason[0])\n'
-    )
-
-
-class Moved(NamedTuple):
-    """Motions of m scenes of one structure, at k times, as one formulation says.
-
-    Attributes:
-        y: coordinates and velocities (m, k, 2n), NaN where not reached.
-        energy: T + U (m, k), J.
-        status: of each (m,), see `Trajectories`.
-        reason: why it did not reach the end (m,).
-    """
-
-    y: Array
-    energy: Array
-    status: Array
-    reason: Array
-
-
-def moved(
-    cases: Sequence[Case], key: str, t_end: float, tolerance: float, most: int = MOST_STEPS
-) -> Moved | None:
-    """Return motions by one formulation; None where it refuses the scenes as such.
-
-    Args:
-        cases: scenes of one structure, with the states in which motions start at t = 0.
-        key: the formulation.
-        t_end: end, s.
-        tolerance: rtol and atol.
-        most: steps, at most.
-    """
-    scene = cases[0][0]
-    parameters = {}
-    if any(one is not scene for one, _ in cases):
-        names = [name for name in settable(scene) if getattr(scene, name) is not None]
-        parameters = {name: np.array([getattr(one, name) for one, _ in cases]) for name in names}
-        parameters = {name: x for name, x in parameters.items() if x.size}
-    q0, v0 = (np.array([state[i] for _, state in cases]) for i in (0, 1))
-    times = np.linspace(0.0, t_end, TIMES)
-    options: dict[str, Any] = {"rtol": tolerance, "atol": tolerance, "max_steps": most}
-    try:
-        with np.errstate(all="ignore"):
-            found: Trajectories = simulate_many(
-                *(scene, key, t_end),
-                **{"q0": q0, "v0": v0, "parameters": parameters, "output_times": times},
-                **options,
-            )
-    except EomcheckError:
-        return None
-    y = np.concatenate((found.q, found.v), axis=2)
-    return Moved(y, found.energy, found.status, found.reason)
-
-
-def moved_alone(case: Case, key: str, t_end: float, tolerance: float) -> Array | None:
-    """Return a motion y (1, k, 2n) by `simulate` and `OTHER`; None where it cannot start."""
-    scene, state = case
-    times = np.linspace(0.0, t_end, TIMES)
-    start: dict[str, Any] = {"q0": state.q, "v0": state.v, "output_times": times}
-    try:
-        found = simulate(
-            *(scene, key, t_end),
-            **start,
-            rtol=tolerance,
-            atol=tolerance,
-            integrator=OTHER,
-            max_steps=10 * MOST_STEPS,
-        )
-    except EomcheckError:
-        return None
-    y = np.full((1, TIMES, 2 * scene.n), np.nan)
-    y[0, : len(found.times)] = np.hstack((found.q, found.v))
-    return y
-
-
-def starts_nearby(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
-    """Return the cases with states moved by `COARSE`, and which they are of those given.
-
-    All are moved alike, so that what a start is moved by does not depend on those beside it.
-    """
-    scenes, states, wished, places = [], [], [], []
-    n = cases[0][0].n
-    random = np.random.default_rng(n)
-    away = COARSE * random.choice((-1.0, 1.0), (2, n)) * random.uniform(0.5, 1.0, (2, n))
-    for i, (scene, state) in enumerate(cases):
-        try:
-            q = closed_position(scene, state.q + away[0] * (1.0 + np.abs(state.q)), 0.0)
-        except EomcheckError:
-            continue  # it cannot be closed there
-        scenes.append(scene)
-        states.append(State(q, np.zeros(n), 0.0))
-        wished.append(state.v + away[1] * (1.0 + np.abs(state.v)))
-        places.append(i)
-    found, kept = consistent(scenes, states, lambda _: np.array(wished))
-    return found, [places[i] for i in kept]
-
-
-# ---- What is allowed -----------------------------------------------------------------------------
 
 
 def judged_motions(
@@ -232,9 +74,9 @@ def _judged(
         n,
         axis=0,
     ).T[:, None, :]
-    changes = {key: _grown(a.y - b.y, scale) for key, (a, b) in both.items()}
+    changes = {key: grown(a.y - b.y, scale) for key, (a, b) in both.items()}
     usual = _median(np.array(list(changes.values())))
-    growth, of_energy = _of_moved_starts(cases, both, t_end, scale)
+    growth, of_energy = of_moved_starts(cases, both, t_end, scale)
     when = crossings(cases, truth, t_end)
     bounds = {key: C * (changes[key] + usual + growth) for key in both}
     apart = {key: np.abs((b.y - truth) / scale).max(axis=2) for key, (_, b) in both.items()}
@@ -245,7 +87,7 @@ def _judged(
             before = slice(0, first[i])
             if (apart[key][i, before] <= bounds[key][i, before]).all():
                 unknown[i, first[i] :] = np.nan
-    gains = {key: _cummax(np.abs(a.energy - b.energy)) for key, (a, b) in both.items()}
+    gains = {key: largest_so_far(np.abs(a.energy - b.energy)) for key, (a, b) in both.items()}
     energies = _median(np.array(list(gains.values())))
     found: list[list[MotionFinding]] = [[] for _ in cases]
     for key, (_, b) in both.items():
@@ -267,7 +109,7 @@ def _judged(
         if a is None or b is None:
             continue
         behind = (np.arange(TIMES) >= when[i]) & solves_for_some(FORMULATIONS[key])
-        own = np.where(behind, 0.0, _grown(a - b, scale[[i]])[0])
+        own = np.where(behind, 0.0, grown(a - b, scale[[i]])[0])
         allowed = np.minimum(unknown[i], C * (own + usual[i] + growth[i]))
         observed = np.abs((b - truth[[i]]) / scale[[i]]).max(axis=2)[0]
         shown = _at(i, key, cases[i], both[key][1], when[i], t_end)
@@ -292,31 +134,6 @@ def _median(x: Array) -> Array:
 
 def _halves(y: Array, n: int) -> tuple[Array, Array]:
     return y[:, :, :n], y[:, :, n:]
-
-
-def _cummax(x: Array) -> Array:
-    """Return the largest so far (m, k); NaN once one is NaN: what comes then is not known."""
-    return np.maximum.accumulate(x, axis=1)
-
-
-def _grown(difference: Array, scale: Array) -> Array:
-    return _cummax(np.abs(difference / scale).max(axis=2))
-
-
-def _of_moved_starts(
-    cases: Sequence[Case], both: dict[str, tuple[Moved, Moved]], t_end: float, scale: Array
-) -> tuple[Array, Array]:
-    """Return how far motions are apart (m, k) that begin a little apart, and their energies."""
-    apart, energy = (np.full((len(cases), TIMES), np.nan) for _ in range(2))
-    nearby, places = starts_nearby(cases)
-    # By the formulation that comes furthest: how a motion grows is not a matter of formulation.
-    best = max(both, key=lambda key: np.isfinite(both[key][1].y).sum())
-    there = moved(nearby, best, t_end, TIGHT) if nearby else None
-    if there is not None:
-        here = both[best][1]
-        apart[places] = _grown(there.y - here.y[places], scale[places])
-        energy[places] = _cummax(np.abs(there.energy - here.energy[places]))
-    return apart, energy
 
 
 WRONG = {

@@ -9,7 +9,9 @@ import numpy as np
 
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.lab.fuzzing.draws import ACROSS, Case, consistent
+from eomcheck.lab.fuzzing.families import Case
+from eomcheck.lab.fuzzing.scenes import ACROSS
+from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array

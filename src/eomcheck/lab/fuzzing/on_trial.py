@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.claims.trial import is_on_trial
 from eomcheck.engines import ENGINES, Engine
-from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.mutation import Changed
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.evaluation.lanes import LaneEvaluation
-from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.lanes import LaneArray

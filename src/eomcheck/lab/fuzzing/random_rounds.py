@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.errors import EomcheckError
-from eomcheck.lab.fuzzing.draws import ORDINARY, Case, drawn_of
+from eomcheck.lab.fuzzing.draws import drawn_of
+from eomcheck.lab.fuzzing.families import ORDINARY, Case
 from eomcheck.lab.fuzzing.rounds import Plan, climbed, look_at
 from eomcheck.lab.fuzzing.structures import structure_drawn, varied
 from eomcheck.lab.fuzzing.work import KEPT, Population, Result, Round, generator, timed

@@ -13,18 +13,14 @@ from eomcheck.claims.lanes import liftable
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.draws import FAMILIES, ORDINARY, Case, drawn
-from eomcheck.lab.fuzzing.finds import Find, alike, find_of, shrunk
+from eomcheck.lab.fuzzing.draws import drawn
+from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, Case
+from eomcheck.lab.fuzzing.finds import Find, find_of
 from eomcheck.lab.fuzzing.judging import checked
 from eomcheck.lab.fuzzing.mutation import Changed, mutated
-from eomcheck.lab.fuzzing.on_trial import (
-    OVERSAMPLED,
-    heights_of,
-    is_ordinary,
-    on_trial,
-    tamed,
-)
+from eomcheck.lab.fuzzing.on_trial import OVERSAMPLED, heights_of, is_ordinary, on_trial, tamed
 from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
+from eomcheck.lab.fuzzing.smaller import alike, shrunk
 from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array

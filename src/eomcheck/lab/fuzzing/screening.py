@@ -13,17 +13,12 @@ import numpy as np
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
 from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.certified import (
-    TRUE_DIGITS,
-    TRUTH_WITHOUT_SPEEDS,
-    true_error,
-    true_state,
-)
+from eomcheck.evaluation.certified import TRUE_DIGITS, TRUTH_WITHOUT_SPEEDS, true_error, true_state
 from eomcheck.evaluation.enclosure import Enclosure, enclose
 from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
-from eomcheck.lab.fuzzing.draws import Case
+from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.judging import checked, named_in
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.lab.fuzzing.draws import DECADES, WIDE, Stratum, strata_of
+from eomcheck.lab.fuzzing.families import DECADES, WIDE
+from eomcheck.lab.fuzzing.strata import Stratum, strata_of
 from eomcheck.mechanics.choices import FromGenerator
-from eomcheck.mechanics.described.words import Constraint, Joint, Link
-from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene
-from eomcheck.random_mechanisms.description import Description
 from eomcheck.random_mechanisms.kinds import CONSTRAINTS, Random
 from eomcheck.random_mechanisms.trees import ROOT, SPACE
 
@@ -102,48 +100,3 @@ def varied(scene: Any, family: str, random: np.random.Generator) -> Any:
             of = factors[: len(np.atleast_1d(x))]
             changed[name] = (np.atleast_1d(x).T * of).T.reshape(x.shape)
     return scene.changed(**changed)
-
-
-# ---- Written down --------------------------------------------------------------------------------
-
-
-def plain_random(scene: Random) -> dict[str, Any]:
-    """Return the description of a random scene as lists, and the parameters that were changed."""
-    usual: Any = type(scene)()
-    found: dict[str, Any] = {"description": _listed(scene.made.description)}
-    for name in settable(scene):
-        x, y = getattr(scene, name), getattr(usual, name)
-        if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y)):
-            found[name] = None if x is None else np.asarray(x).tolist()
-    return found
-
-
-def random_of(kind: type[Random], plain: dict[str, Any]) -> Random:
-    """Return the scene that `plain_random` wrote down.
-
-    Raises:
-        InputError: it is no description.
-    """
-    given = dict(plain)
-    try:
-        links, joints, constraints, gravity, first, pose = _tupled(given.pop("description"))
-        description = Description(
-            tuple(Link(*one) for one in links),
-            tuple(Joint(*one) for one in joints),
-            tuple(Constraint(*one) for one in constraints),
-            *(gravity, first, pose),
-        )
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(f"no description of a random scene: {error}") from None
-    scene = kind.described_so(description)()
-    return scene.changed(**given) if given else scene
-
-
-def _listed(x: Any) -> Any:
-    if isinstance(x, tuple | list):
-        return [_listed(one) for one in x]
-    return x.item() if isinstance(x, np.generic) else x
-
-
-def _tupled(x: Any) -> Any:
-    return tuple(_tupled(one) for one in x) if isinstance(x, list) else x

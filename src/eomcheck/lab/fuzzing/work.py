@@ -12,9 +12,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.lab.fuzzing.draws import Case, Stratum
+from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.screening import Key
+from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.numbers.contract import Array
 
 KEPT = 6

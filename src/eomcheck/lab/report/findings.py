@@ -19,8 +19,9 @@ from eomcheck.lab.report.judged import LEVELS, Judged, anchor, by_claim
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
 from eomcheck.lab.show.templating import number
 from eomcheck.lab.show.text import write_json as write_document
-from eomcheck.lab.store.findings import Kept, kept_of_runs
+from eomcheck.lab.store.findings import kept_of_runs
 from eomcheck.lab.store.groups import group
+from eomcheck.lab.store.kept import Kept
 from eomcheck.output import counted
 
 CELLS = (

@@ -9,7 +9,7 @@ from collections import defaultdict
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import FAMILIES
+from eomcheck.lab.fuzzing.families import FAMILIES
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets
 from eomcheck.output import counted

@@ -12,8 +12,8 @@ from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.sheet import Cell
 from eomcheck.lab.show.text import ranges
-from eomcheck.lab.store.findings import Kept
 from eomcheck.lab.store.groups import group
+from eomcheck.lab.store.kept import Kept
 from eomcheck.output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")

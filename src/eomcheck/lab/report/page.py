@@ -15,7 +15,7 @@ from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.chart import Chart, keys_of
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.show.templating import environment, render
-from eomcheck.lab.store.findings import Kept
+from eomcheck.lab.store.kept import Kept
 
 LIGHT, DARK = "#ffffff", "#15181c"
 """Backgrounds of the page."""

@@ -40,7 +40,7 @@ def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
     """Look at cases in the processes that `where` names, and yield them in their order.
 
     Args:
-        where: see `eomcheck.lab.store.workers.executor`.
+        where: see `eomcheck.lab.store.executors.executor`.
         cases: scenes in states.
         selection: what takes part.
 
