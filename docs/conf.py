@@ -13,9 +13,10 @@ from sphinx.errors import ConfigError
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
 from eomcheck.lab.references import reference_sheet
-from eomcheck.lab.report.registries import in_paper, parameter_sheet, registry_sheet, yes
-from eomcheck.lab.show.sheet import escaped as cell
-from eomcheck.lab.show.sheet import markdown_table as table
+from eomcheck.lab.report.parameters import parameter_sheet
+from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
+from eomcheck.lab.show.markdown import escaped as cell
+from eomcheck.lab.show.markdown import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.stored import load_reference
 from eomcheck.scenes import SCENES

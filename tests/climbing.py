@@ -32,7 +32,8 @@ from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration
 from eomcheck.lab.fuzzing.strata import strata_of
 from eomcheck.lab.options import interval
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.scenes import Snake
 
 KEY = "banded"

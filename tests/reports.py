@@ -6,7 +6,8 @@ from pathlib import Path
 
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
-from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.proof_jobs import proof_jobs
+from eomcheck.lab.proofs import Proofs
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.validation import look_at_kind

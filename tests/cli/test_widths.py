@@ -22,7 +22,7 @@ from eomcheck.cli.study import GROUPS
 from eomcheck.console import console
 from eomcheck.lab.fuzzing import rounds
 from eomcheck.lab.report.registries import registry_sheet
-from eomcheck.lab.show import sheet
+from eomcheck.lab.show import terminal
 
 COMMANDS = {
     "doors": "",
@@ -61,7 +61,7 @@ def width(request, monkeypatch) -> Iterator[int]:
     """Print for somebody who has so many columns."""
     before = console.width
     console.width = request.param
-    monkeypatch.setattr(sheet, "WIDTH_KNOWN", True)
+    monkeypatch.setattr(terminal, "WIDTH_KNOWN", True)
     monkeypatch.setenv("COLUMNS", str(request.param))
     yield request.param
     console.width = before

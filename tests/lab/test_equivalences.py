@@ -13,14 +13,11 @@ from eomcheck import CLAIMS
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.report.equivalences import (
-    PROVED,
-    RUN,
-    named_tests,
-    other_data,
-    write_equivalences,
-)
+from eomcheck.lab.proof_jobs import proof_jobs
+from eomcheck.lab.proofs import Proofs
+from eomcheck.lab.report.equivalences import RUN, write_equivalences
+from eomcheck.lab.report.named_tests import PROVED, named_tests
+from eomcheck.lab.report.other_data import other_data
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.records import Records

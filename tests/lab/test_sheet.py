@@ -11,11 +11,16 @@ from rich.cells import cell_len
 from rich.console import Console
 from tests import reports
 
-from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.report.findings import evidence_sheet, party_sheet, proof_sheet, scene_sheet
+from eomcheck.lab.proof_jobs import proof_jobs
+from eomcheck.lab.proofs import Proofs
+from eomcheck.lab.report.claims import party_sheet, scene_sheet
+from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import by_claim
-from eomcheck.lab.report.registries import parameter_sheet, registry_sheet
-from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.report.parameters import parameter_sheet
+from eomcheck.lab.report.proofs import proof_sheet
+from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.findings import kept_in, kept_of_runs
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.records import Records

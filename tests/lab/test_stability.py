@@ -19,7 +19,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.show.sheet import print_sheets
+from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.lab.store import cells as store
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records

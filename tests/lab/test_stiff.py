@@ -15,7 +15,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.show.sheet import print_sheets
+from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.stiff import STUDY

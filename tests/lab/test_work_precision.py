@@ -21,7 +21,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show import by_matplotlib
-from eomcheck.lab.show.sheet import print_sheets
+from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import work_precision

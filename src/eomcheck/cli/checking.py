@@ -89,7 +89,8 @@ def validate(
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable
     from eomcheck.engines import engines_among
-    from eomcheck.lab.report.findings import print_runs, write_json
+    from eomcheck.lab.report.document import write_json
+    from eomcheck.lab.report.findings import print_runs
     from eomcheck.lab.store.executors import check_place
     from eomcheck.lab.store.states import ours, place_for
     from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
@@ -183,8 +184,9 @@ def prove(
     check_writable(json)
 
     from eomcheck.console import stoppable
-    from eomcheck.lab.proofs import Proofs, proof_jobs
-    from eomcheck.lab.report.findings import print_proofs
+    from eomcheck.lab.proof_jobs import proof_jobs
+    from eomcheck.lab.proofs import Proofs
+    from eomcheck.lab.report.proofs import print_proofs
     from eomcheck.lab.store.executors import check_place
     from eomcheck.named import kinds_of, left_out
 
@@ -230,7 +232,7 @@ def list_registry(
     if registry not in REGISTRIES:
         raise UnknownNameError("list", registry, REGISTRIES)
     from eomcheck.lab.report.registries import registry_sheet
-    from eomcheck.lab.show.sheet import print_sheets
+    from eomcheck.lab.show.terminal import print_sheets
 
     print_sheets([registry_sheet(registry)])
 
@@ -281,7 +283,7 @@ def report(
     from eomcheck.lab.report.markdown import write_markdown
     from eomcheck.lab.report.overview import Overview, read
     from eomcheck.lab.report.page import write_page
-    from eomcheck.lab.show.sheet import say
+    from eomcheck.lab.show.terminal import say
 
     unread: list[str] = []
     overview = Overview(read(records, unread), unread)
@@ -345,7 +347,7 @@ def reference(
         reference_sheet,
         write_reference,
     )
-    from eomcheck.lab.show.sheet import print_sheets
+    from eomcheck.lab.show.terminal import print_sheets
     from eomcheck.lab.store.executors import check_place
 
     cases = {name: case_of(name) for name in names or CASES}

@@ -68,7 +68,7 @@ def _many(
 
     import eomcheck
     from eomcheck.evaluation.dynamics import closed_position
-    from eomcheck.lab.report.motions import chart_of_many, print_many
+    from eomcheck.lab.report.many import chart_of_many, print_many
     from eomcheck.lab.store import executors
 
     at_least_one(draws=draws)
@@ -220,7 +220,7 @@ def acceleration(
     """
     if name is not None and scene is not None:
         raise InputError(f"two scenes are named, {name!r} and {scene!r}")
-    from eomcheck.lab.report.motions import print_accelerations
+    from eomcheck.lab.report.accelerations import print_accelerations
 
     one = scene_asked(name or scene or ONE, links, given)
     if print_accelerations(one, _speeds(one, speeds), formulation):
@@ -233,7 +233,7 @@ def constraints(scene: One = ONE, links: Links = None, given: Given = None) -> N
 
     Exit code 1 if some are.
     """
-    from eomcheck.lab.report.motions import print_constraints
+    from eomcheck.lab.report.constraints import print_constraints
 
     if print_constraints(scene_asked(scene, links, given)):
         raise typer.Exit(1)

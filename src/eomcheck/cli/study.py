@@ -10,14 +10,7 @@ import typer
 
 from eomcheck.cli.app import Command, CommandLine, Group
 from eomcheck.cli.complete import completing
-from eomcheck.cli.options import (
-    Fresh,
-    Json,
-    Kept,
-    Measured,
-    check_figure,
-    check_folder,
-)
+from eomcheck.cli.options import Fresh, Json, Kept, Measured, check_figure, check_folder
 from eomcheck.errors import UnknownNameError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import listed, numbers, whole_numbers
@@ -153,7 +146,7 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
-    from eomcheck.lab.show.sheet import print_sheets, say
+    from eomcheck.lab.show.terminal import print_sheets, say
     from eomcheck.lab.show.text import write_json
 
     found = _found(one, records, fresh, options)

@@ -17,7 +17,8 @@ import numpy as np
 from eomcheck import __version__
 from eomcheck.console import progress
 from eomcheck.errors import InputError, named
-from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference

@@ -10,7 +10,9 @@ from pathlib import Path
 from eomcheck.console import console
 from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS, Comparison
-from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets, say
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.terminal import print_sheets, say
 from eomcheck.output import counted
 
 MOST_LINES = 4

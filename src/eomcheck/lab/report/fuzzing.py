@@ -11,7 +11,9 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import FAMILIES
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
-from eomcheck.lab.show.sheet import Cell, Sheet, print_sheets
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.output import counted
 
 EVERY = 10.0

@@ -10,7 +10,7 @@ from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.finding import DECIDED
-from eomcheck.lab.show.sheet import Cell
+from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.text import ranges
 from eomcheck.lab.store.groups import group
 from eomcheck.lab.store.kept import Kept

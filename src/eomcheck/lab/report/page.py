@@ -8,7 +8,8 @@ from eomcheck import __version__
 from eomcheck.engines import ENGINES
 from eomcheck.files import write_text
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.findings import evidence_sheet, party_sheet
+from eomcheck.lab.report.claims import party_sheet
+from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, anchor
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of

@@ -7,8 +7,8 @@ from typing import NamedTuple, TypeVar
 
 from eomcheck.claims.finding import DECIDED
 from eomcheck.errors import EomcheckError
-from eomcheck.lab.report.findings import digits_sheet, strata_sheet
 from eomcheck.lab.report.overview import Overview
+from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.record import Record

@@ -33,7 +33,9 @@ from matplotlib.ticker import (
 from PIL import Image
 
 from eomcheck.files import replacing
-from eomcheck.lab.show.chart import Axis, Chart, Heat, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.heat import Heat
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.style import STYLES, WRONG
 
 COLORS = plt.get_cmap("YlOrRd")

@@ -14,7 +14,9 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import EngineError
-from eomcheck.lab.show.chart import Axis, Chart, Heat, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.heat import Heat
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.style import STYLES
 from eomcheck.lab.show.templating import EXTRA
 

@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 from io import StringIO
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from rich.cells import cell_len
 from rich.console import Group, RenderableType
@@ -15,39 +15,14 @@ from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
-from eomcheck.console import WIDTH_KNOWN, console
-from eomcheck.output import printable
+from eomcheck.lab.show.cell import styled
+from eomcheck.lab.show.markdown import escaped, markdown_table
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
 _NO_NUMBER = {"", "-", "·", "?", "FAIL"}
 """What stands in a column of numbers where there is none."""
 MANY = 4
 """Short cells of more columns than this are listed side by side, not one a line."""
-
-
-class Cell(str):
-    """The text of a cell that is more than text.
-
-    Attributes:
-        kind: "name" of something registered, or what a cell says is "passed", "failed", "open" or
-            "none".
-        link: where it leads in a page.
-        said: what a page says on demand.
-    """
-
-    kind: str
-    link: str
-    said: str
-
-    def __new__(cls, text: str, kind: str = "", link: str = "", said: str = "") -> Self:
-        """Make it of its text."""
-        made = super().__new__(cls, text)
-        made.kind, made.link, made.said = kind, link, said
-        return made
-
-
-LOOKS = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
-"""Kind of a cell -> how a terminal shows it."""
 
 
 class Sheet(NamedTuple):
@@ -105,7 +80,7 @@ class Sheet(NamedTuple):
             return self._listed(width - 2)
         table = Table(*columns, header_style="bold", show_lines=bool(self.widths))
         for row in self.rows:
-            table.add_row(*map(_styled, row))
+            table.add_row(*map(styled, row))
         return table
 
     def _columns(self, width: int) -> list[Column] | None:
@@ -152,7 +127,7 @@ class Sheet(NamedTuple):
         for name, *cells in self.rows:
             lines.append(Text(f"{first} {name}".strip(), style="bold"))
             told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
-            texts = [Text.assemble(f"{h}: " if h else "", _styled(c)) for h, c in told]
+            texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in told]
             if len(self.columns) > MANY and not self.widths:
                 texts = _filled(texts, room)
             lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
@@ -178,44 +153,3 @@ def _filled(texts: Iterable[Text], room: int) -> list[Text]:
         else:
             lines.append(text)
     return lines
-
-
-def _styled(cell: str) -> Text:
-    return Text(cell, LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")
-
-
-def escaped(text: str) -> str:
-    """Return `text` for a Markdown table, nothing in it read as markup; a name is code."""
-    if isinstance(text, Cell) and text.kind == "name":
-        name = printable(text)
-        return f"`{name}`" if not set(name) & set("`|") else escaped(str(name))
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in printable(text))
-
-
-def markdown_table(
-    columns: Iterable[str], rows: Iterable[Iterable[str]], numbers: Iterable[bool] = ()
-) -> str:
-    """Return a table in Markdown, whose cells are Markdown already; numbers end at the right."""
-    heading = list(columns)
-    ends = ["---:" if at_right else "---" for at_right in numbers] or ["---"] * len(heading)
-    lines = [heading, ends, *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
-def print_sheets(sheets: Iterable[Sheet]) -> None:
-    """Print tables below each other, with their titles and notes."""
-    for sheet in sheets:
-        if sheet.title:
-            console.print(f"\n[bold]{escape(sheet.title)}[/]")
-        if sheet.rows:
-            console.print(sheet.text(console.width))
-        if sheet.note:
-            say(sheet.note)
-
-
-def say(text: str, style: str = "") -> None:
-    """Print a sentence in lines that fit where somebody said how wide they may be.
-
-    Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
-    """
-    console.print(Text(text, style), soft_wrap=not WIDTH_KNOWN or "\n" in text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import required
-from eomcheck.lab.show.sheet import escaped
+from eomcheck.lab.show.markdown import escaped
 
 if TYPE_CHECKING:
     from jinja2 import Environment

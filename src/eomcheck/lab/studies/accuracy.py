@@ -21,7 +21,8 @@ from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record

@@ -18,7 +18,8 @@ from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Links, Seed, at_least_one, interval
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.snake import joints
 from eomcheck.lab.store.groups import group, record_of_rows, rows_of

@@ -20,7 +20,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.options import Seed, at_least_one, interval
-from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings

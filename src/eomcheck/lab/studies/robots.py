@@ -15,7 +15,8 @@ from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparing import QUANTITIES, compare
 from eomcheck.lab.options import Seed, at_least_one
-from eomcheck.lab.show.sheet import Cell, Sheet
+from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings

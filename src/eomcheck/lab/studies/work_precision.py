@@ -18,7 +18,8 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.references import CASES, stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
-from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.chart import Chart, File
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.groups import by_setting, group, select, values

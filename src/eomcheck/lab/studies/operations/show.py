@@ -10,7 +10,8 @@ from typing import Any
 from flint import fmpq_poly
 
 from eomcheck.formulations import formulation_of
-from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import LINKS, Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import grouped
 from eomcheck.lab.store.groups import group, rows_of

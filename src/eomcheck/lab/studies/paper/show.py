@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.chart import Chart, File
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
 from eomcheck.lab.store.record import Record

@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 
 from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
 from eomcheck.evaluation.tolerance import NOTICEABLE
-from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
+from eomcheck.lab.show.chart import Chart, File, in_rows
+from eomcheck.lab.show.heat import Box, Heat
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.stability.families import FAMILIES

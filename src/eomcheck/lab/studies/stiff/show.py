@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 
 from eomcheck.lab.run_time import disturbed
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import group, select, values
 from eomcheck.lab.store.record import Record
