@@ -19,8 +19,11 @@ from eomcheck.engines.files.free import AXES, BaseVelocity, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.lab import comparing
-from eomcheck.lab.comparing import QUANTITIES, Comparison, compare
-from eomcheck.lab.reasons import Parting, Why, reasons
+from eomcheck.lab.comparing import compare
+from eomcheck.lab.comparison import Comparison
+from eomcheck.lab.parting import Parting, Why
+from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.reasons import reasons
 from eomcheck.lab.report.comparison import print_comparison, write_comparison
 from eomcheck.mechanics.described.quaternions import rotation
 from eomcheck.mechanics.records import State

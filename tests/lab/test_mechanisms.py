@@ -16,8 +16,10 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketched, sketches_of_motion
+from eomcheck.lab.show.colors import DARK, LIGHT
 from eomcheck.lab.show.labels import symbol
-from eomcheck.lab.show.mechanism import DARK, LIGHT, plt, scene_figure
+from eomcheck.lab.show.mechanism import scene_figure
+from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene

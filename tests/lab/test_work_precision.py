@@ -21,6 +21,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show import by_matplotlib
+from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
@@ -126,7 +127,6 @@ def test_tables_name_what_failed_and_diagrams_are_drawn(tmp_path: Path, capsys):
 @pytest.fixture
 def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Return a function that draws Records, to a file if `rendered`, and returns the figure."""
-    plt = by_matplotlib.plt
     close = plt.close
     monkeypatch.setattr(plt, "close", lambda figure: None)
 

@@ -340,13 +340,9 @@ def reference(
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     check_folder(folder)
-    from eomcheck.lab.references import (
-        CASES,
-        case_of,
-        produce_all,
-        reference_sheet,
-        write_reference,
-    )
+    from eomcheck.lab.reference_cases import CASES, case_of
+    from eomcheck.lab.reference_runs import produce_all
+    from eomcheck.lab.references import reference_sheet, write_reference
     from eomcheck.lab.show.terminal import print_sheets
     from eomcheck.lab.store.executors import check_place
 

@@ -56,15 +56,16 @@ def draw_scene(
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
     known = parameters(given)
     from eomcheck.lab.mechanisms import posed, scene_to_draw, sketches_of_motion
-    from eomcheck.lab.show import mechanism
+    from eomcheck.lab.show.animation import draw_motion
+    from eomcheck.lab.show.mechanism import draw_scene
 
     if moving:
         one = scene_asked(scene, links, given)
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
         sketches, times, every = sketches_of_motion(one, formulation or "au", until, count)
-        mechanism.draw_motion(sketches, times.tolist(), path, every)
+        draw_motion(sketches, times.tolist(), path, every)
     else:
-        mechanism.draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
+        draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
     print(f"written: {path}")
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from eomcheck.console import console
 from eomcheck.files import write_text
-from eomcheck.lab.comparing import OURS, Comparison
+from eomcheck.lab.comparing import OURS
+from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from eomcheck.lab.show.mechanism import DARK, LIGHT, WIDTH, Colors, plt, save
+from eomcheck.lab.show.canvas import WIDTH, save
+from eomcheck.lab.show.colors import DARK, LIGHT, Colors
+from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.structures import Matrix, Structure
 
 LARGEST = 0.21

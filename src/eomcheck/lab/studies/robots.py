@@ -13,8 +13,9 @@ from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.comparing import QUANTITIES, compare
+from eomcheck.lab.comparing import compare
 from eomcheck.lab.options import Seed, at_least_one
+from eomcheck.lab.quantities import QUANTITIES
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import rows_of

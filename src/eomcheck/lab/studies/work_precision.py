@@ -16,7 +16,8 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.references import CASES, stored
+from eomcheck.lab.reference_cases import CASES
+from eomcheck.lab.references import stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Chart, File
 from eomcheck.lab.show.panel import Axis, Line, Panel

@@ -10,7 +10,8 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from eomcheck.lab.show.by_matplotlib import plt, save
+from eomcheck.lab.show.figures import save
+from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.snake import joints
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of

@@ -1,0 +1,68 @@
+"""What came of comparing libraries on one robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from eomcheck.claims.finding import Finding
+from eomcheck.lab.parting import Why
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+
+
+@dataclass
+class Comparison:
+    """What came of one robot.
+
+    Attributes:
+        scene: the robot, with the parameters of its file.
+        versions: key of a library that took part -> its version.
+        refused: key of one that did not -> why.
+        missing: keys of those among them that are not installed.
+        apart: quantity -> the largest difference of any two at any state (k, k), relative to the
+            largest entry; eomcheck first, then as in `versions`.
+        findings: the worst one by library and claim, of ours and theirs.
+        faults: library and quantity -> what it did instead of an answer, the first time.
+        why: library -> what explains its differences, as far as that is known.
+        said: library -> what it wrote while it read the file.
+        states: number of states looked at.
+    """
+
+    scene: Scene
+    versions: dict[str, str] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    apart: dict[str, Array] = field(default_factory=dict)
+    findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
+    faults: dict[tuple[str, str], str] = field(default_factory=dict)
+    why: dict[str, list[Why]] = field(default_factory=dict)
+    said: dict[str, list[str]] = field(default_factory=dict)
+    states: int = 0
+
+    @property
+    def failed(self) -> list[Finding]:
+        """The findings on what differs by more than rounding."""
+        return [one for one in self.findings.values() if one.verdict == "failed"]
+
+    @property
+    def agree(self) -> bool:
+        """Whether all that took part answer everything, and the same."""
+        return not (self.failed or self.faults)
+
+    def of(self, library: str) -> list[Finding]:
+        """Return what a library differs in by more than rounding."""
+        mine = (one for (key, _), one in self.findings.items() if key == library)
+        return [one for one in mine if one.verdict == "failed"]
+
+    def differs(self, library: str) -> bool:
+        """Return whether a library differs, or does not answer everything."""
+        return bool(self.of(library)) or any(key == library for key, _ in self.faults)
+
+    def verdict(self, library: str) -> str:
+        """Return a word or two on a library."""
+        if library in self.refused:
+            return "not installed" if library in self.missing else "no answer"
+        if not self.differs(library):
+            return "agrees"
+        labels = [one.label for one in self.why[library]]
+        return ", ".join(labels) if labels and all(labels) else "differs"
