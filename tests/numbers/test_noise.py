@@ -17,7 +17,7 @@ from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.moved import Moves
+from eomcheck.kernels.moved import FEW, Moves
 from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.dual import duals, rate
@@ -236,6 +236,29 @@ def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
         Moves().unmoved(function, x, y, rates), function(*objects((x, y, rates))), strict=True
     ):
         assert np.array_equal(mine, exact.astype(float))
+
+
+@pytest.mark.parametrize(("size", "calls"), [(FEW - 1, 3), (FEW, 1)])
+def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
+    seen, moves = [], Moves()
+
+    def function(x):
+        seen.append(x)
+        return x * 3
+
+    for _ in range(2):
+        assert np.array_equal(moves.unmoved(function, np.ones(size)), np.full(size, 3.0))
+    assert len(seen) == calls, "it is run once to be listed"
+
+
+def test_what_is_not_finite_unmoved_is_what_python_finds():
+    with np.errstate(divide="ignore"):
+        found = Moves().unmoved(lambda x, y: x / y, np.ones(2 * FEW), np.zeros(2 * FEW))
+    assert np.isposinf(found).all()
+
+
+def test_what_cannot_be_listed_is_run_unmoved_by_python():
+    assert np.array_equal(Moves().unmoved(np.sin, np.ones(3)), np.sin(np.ones(3)))
 
 
 @pytest.mark.parametrize("branch", [lambda x: x if x[0] == 0 else -x, lambda x: x if x[0] else -x])

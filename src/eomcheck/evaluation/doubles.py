@@ -17,7 +17,7 @@ from scipy.linalg import qr
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities, quantity, values_and_rates
 from eomcheck.evaluation.rank import independent_partition
-from eomcheck.evaluation.tolerance import allowed_error, conditioned
+from eomcheck.evaluation.tolerance import conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.moved import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -280,12 +280,3 @@ class Evaluation(Quantities):
     def mapped(self, matrix: Array, x: Array) -> Array:
         """Return `matrix` x."""
         return matrix @ x
-
-
-def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, what rounding allows of it), each (r,), m/s; `at` has constraints."""
-    a, b = at.terms.a, at.terms.b
-    with np.errstate(all="ignore"):
-        residual = a @ v if b is None else a @ v + b
-        size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
-        return residual, allowed_error(1.0) * size

@@ -13,11 +13,12 @@ import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.closing import newton, position_residual
-from eomcheck.evaluation.doubles import Acceleration, Evaluation, violation
-from eomcheck.evaluation.perturbed import allowed_violation, perturbed_copies
+from eomcheck.evaluation.doubles import Acceleration, Evaluation
+from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.redundant import explained, solution_of
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
+from eomcheck.evaluation.violations import allowed_violation, violation
 from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.contract import Array

@@ -14,10 +14,11 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation, Key
-from eomcheck.evaluation.perturbed import SLIP, Moved, allowed_violation
+from eomcheck.evaluation.perturbed import Moved
 from eomcheck.evaluation.point import quantity
 from eomcheck.evaluation.sensitivity import amplified
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, largest
+from eomcheck.evaluation.violations import SLIP, allowed_violation
 from eomcheck.formulations import Formulation
 from eomcheck.kernels.preparing import preparation
 from eomcheck.mechanics.records import State

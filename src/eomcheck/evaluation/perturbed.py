@@ -9,16 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
 
-from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key, violation
+from eomcheck.evaluation.doubles import MOVES, Acceleration, Evaluation, Key
 from eomcheck.evaluation.point import Solution, quantity
-from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
+from eomcheck.evaluation.violations import change_of_velocity
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.preparing import preparation
 from eomcheck.mechanics.records import Terms
@@ -27,10 +25,6 @@ from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.linear import Watch, one_by_one, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, MovedArray, Noise, Noises, Noisy
-
-SLIP = 4.0
-"""Steps by which v violates each constraint: changes may be half a step and cancel between rows,
-where the v that is looked at violates all by what is allowed, and with the worst signs."""
 
 
 def _called(noise: Noise, function: Callable, *arguments: Any) -> Any:
@@ -134,7 +128,7 @@ class Perturbed(_Copies):
     def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
         with noise.stream("state"):
             q = noise.entries(original.q) if coordinates else original.q
-            v = original.v + _change_of_velocity(original, noise)
+            v = original.v + change_of_velocity(original, noise)
         super().__init__(original.scene, q, v, original.t)
         self._original, self.noise = original, noise
 
@@ -319,58 +313,6 @@ def _part(record: Any, place: int, noise: Noise) -> Any:
         return mine
 
     return map_record(of_copy, record)
-
-
-def _change_of_velocity(at: Evaluation, noise: Noise) -> Array:
-    """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
-    change = noise.entries(at.v) - at.v
-    if at.terms.a is None:
-        return change
-    allowed = at.kept(allowed_violation)
-    residual = allowed / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))
-    Q, R, rows = at.kept(_constraint_factors)
-    with np.errstate(all="ignore"):
-        try:
-            slip = Q @ solve_triangular(R, residual[rows], trans=1, check_finite=False)
-        except (np.linalg.LinAlgError, ValueError):  # dependent constraints
-            return change
-    return change + slip if np.isfinite(slip).all() else change
-
-
-def allowed_violation(at: Evaluation) -> Array:
-    """Return how large |a v + b| (r,) may be by rounding alone, m/s, at an `at` with constraints.
-
-    C ε (|a| |v| + |b|), and where that does not explain it, with the largest change of a and b
-    besides that rounding the coordinates makes: a row of nothing but cos(π/2) has no size itself.
-    """
-    residual, allowed = violation(at, at.v)
-    if (np.abs(residual) <= allowed).all():
-        return allowed
-    (_, _, _, a, _, b), changes = at.terms, [np.zeros_like(allowed)]
-    for seed in range(SAMPLES):
-        q = Noise(seed).entries(at.q)
-        near = Evaluation(at.scene, q, at.v, at.t).terms
-        change = np.abs(near.a - a) @ np.abs(at.v)
-        changes.append(change if b is None else change + np.abs(near.b - b))
-    return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
-
-
-def _constraint_factors(at: Evaluation) -> Any:
-    """Return Q (n, k) and R (k, k) with aᵀ = Q R of the constraints (k,) that are independent.
-
-    Of all r where none is clearly redundant; last come the constraints.
-    """
-    factors: Any = partial(qr, mode="economic", check_finite=False)
-    a = at.terms.a
-    Q, R = factors(a.T)
-    diagonal = np.abs(np.diagonal(R))
-    least = diagonal.min(initial=np.inf)
-    if least <= NOTICEABLE * largest(R) or len(a) > len(R):
-        with suppress(RefusedError):
-            kept = at.independent_partition.kept
-            kept = np.arange(len(a)) if kept is None else kept
-            return *factors(a[kept].T), kept
-    return Q, R, np.arange(len(a))
 
 
 def _copies(at: Evaluation) -> tuple[Perturbed, ...]:

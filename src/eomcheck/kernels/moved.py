@@ -76,7 +76,7 @@ class Moves:
 
         What it makes of objects on the way, such as dual numbers, costs nothing the second time.
         Python does what has few operations, what is more than rational ones and solves, and what
-        overflows: of 0 times infinity a list keeps nothing.
+        is not finite: a quotient by zero is no number in a list.
         """
         listed, doubles = self._listed(function, arguments, 0)
         if listed is not None and len(listed.operations) >= FEW:

@@ -19,7 +19,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.dynamics import acceleration, velocity, violation
+from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import ready, run_time, slope
 from eomcheck.lab.store.record import Record
