@@ -8,11 +8,15 @@ from tests.engines.planar import planar
 from tests.scenes.test_not_rational import Blade
 
 import eomcheck
+from eomcheck.claims.finding import Finding
 from eomcheck.claims.strata import scene_cases
 from eomcheck.claims.trial import inertia_size, mass_size
 from eomcheck.engines import ENGINES, Answers, Engine, represents
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.scenes import SCENES, Sleigh
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}
@@ -94,6 +98,47 @@ def test_a_bias_that_vanishes_where_its_terms_cancel_is_allowed_their_rounding()
         found += eomcheck.check(scene, q, v, engines=[InBody], claims=["bias"])
     assert {f.verdict for f in found} == {"passed"}
     assert any(f.observed > 0 for f in found), "the terms do cancel with an error"
+
+
+class Puck(
+    mechanism(
+        "Puck",
+        [Link("ground"), Link("a", 4.2, (0.0, 0.0, 0.0), (1.0, 1.0, 7.1))],
+        [Joint("p", "planar", "ground", "a")],
+        gravity=None,
+    )
+):
+    """A body in the plane whose velocity is told in its own axes, which hardly turn."""
+
+    angle_coordinates = slice(2, None)
+
+
+def biases_of_a_puck(engine: str | type[Engine]) -> list[Finding]:
+    random, found = np.random.default_rng(0), []
+    for _ in range(40):
+        q, v = random.uniform(-9.0, 9.0, (2, 3)) * (1.0, 1.0, 1e-3)
+        q[2] *= 1e3
+        found += eomcheck.check(Puck(), q, v, engines=[engine], claims=["bias"])
+    return found
+
+
+def test_casadi_is_allowed_the_rounding_of_velocities_times_momenta():
+    found = biases_of_a_puck("casadi")
+    assert {one.verdict for one in found} == {"passed"}
+    assert max(one.observed for one in found) > 1e-14, "they do cancel with an error"
+
+
+def test_an_engine_on_trial_does_not_say_what_is_allowed():
+    class Generous(CasadiEngine):
+        key = "generous"
+
+        def bias(self, q, v, t=0.0):
+            return super().bias(q, v, t) + 1e-3
+
+        def bias_size(self, q, v, t=0.0):
+            return 1e300
+
+    assert {one.verdict for one in biases_of_a_puck(Generous)} == {"failed"}
 
 
 def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():

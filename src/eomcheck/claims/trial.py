@@ -85,7 +85,8 @@ def mass_size(at: Evaluation, S: Array) -> float:
 def size_of(case: Case, engine: Engine, method: str) -> float:
     """Return the size of the terms that an engine may sum to an answer, where it cancels."""
     if method == "bias":
-        return inertia_size(case.at)
+        own = 0.0 if is_on_trial(kind_of(engine)) else engine.bias_size(*case.state)
+        return inertia_size(case.at) + own
     if method == "constraint_drift":
         return drift_size(case.at)
     if method != "mass_matrix" or not engine.offers("velocity_map"):

@@ -123,6 +123,13 @@ class Engine(ABC):
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,): Coriolis and centrifugal forces, without gravity and without forces."""
 
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return the size of terms that it sums to B and that may cancel, N or N m; 0 if unknown.
+
+        Asked of our own engines only: of one on trial, what is allowed is not its own to say.
+        """
+        return 0.0
+
     # ---- Optional: overriding one offers it ------------------------------------------------------
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap | tuple[Array, Array, Array]:

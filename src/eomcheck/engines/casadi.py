@@ -62,6 +62,14 @@ class CasadiEngine(Engine):
         """Return B (n,) = d/dt (∂T/∂v) - ∂T/∂q at v̇ = 0."""
         return self._evaluate("bias", q, v, t)
 
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return |v| |M| |v|, N m, the size of ∂T/∂q.
+
+        Where T is formed of velocities in axes that turn with a body, these times momenta are
+        summed there, and cancel.
+        """
+        return float(np.abs(v) @ np.abs(self.mass_matrix(q, t)) @ np.abs(v))
+
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (n,) = -∂U/∂q - ∂R/∂v, zeros without potential and dissipation."""
         return self._evaluate("forces", q, v, t)

@@ -75,10 +75,12 @@ class Moves:
         """Call a generic function of arrays of doubles as it is, with the bits that Python gives.
 
         What it makes of objects on the way, such as dual numbers, costs nothing the second time.
-        Python does what has few operations, what is more than rational ones and solves, and what
-        is not finite: a quotient by zero is no number in a list.
+        Python does what has few operations, what cannot be listed, and what is not finite: a
+        quotient by zero is no number in a list.
         """
-        listed, doubles = self._listed(function, arguments, 0)
+        listed, doubles = None, []
+        with suppress(Exception):  # what raises there need not raise on doubles
+            listed, doubles = self._listed(function, arguments, 0)
         if listed is not None and len(listed.operations) >= FEW:
             found = listed.run(STILL, doubles)
             if _is_finite(found):
