@@ -10,6 +10,7 @@ import pytest
 from tests.scenes.by_hand import given_by
 
 import eomcheck
+from eomcheck.errors import InputError
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
@@ -103,3 +104,29 @@ def test_a_literal_that_keeps_exact_arithmetic_away_is_named():
     assert set(exact) >= {"enclosures", "true-error"}
     for detail in exact.values():
         assert detail.endswith("-9.81 in a description is no whole number: make it a parameter")
+
+
+class Weightless(Described, description=hanging, held=False):
+    """A pendulum that does not tell its moment of inertia."""
+
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,), default=(1.0,))
+    length: Any = parameter("to the centre of mass", "m", default=0.5)
+
+    key, conserves_energy, angle_coordinates = "weightless", True, slice(0, None)
+    named_coordinates = ("θ",)
+
+    def initial_state(self):
+        return np.zeros(1), np.zeros(1)
+
+
+class Doubled(Weightless, description=hanging, held=False):
+    """A pendulum that tells two."""
+
+    key = "doubled"
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (2,), default=(1.0, 2.0))
+
+
+@pytest.mark.parametrize(("kind", "said"), [(Weightless, "is missing"), (Doubled, "has 2 numbers")])
+def test_moments_of_inertia_that_do_not_fit_the_bodies_are_refused(kind: type[Scene], said: str):
+    with pytest.raises(InputError, match=rf"inertia .* {said}; it must have 1, "):
+        eomcheck.acceleration(kind(), "em", [0.3], [0.1])

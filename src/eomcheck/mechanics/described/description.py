@@ -7,12 +7,14 @@ what is literally 1 or -1 is no operation; all other numbers are parameters or m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from eomcheck.errors import InputError
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.mechanism import planned
 from eomcheck.mechanics.described.neutral import doubles, tree_by
@@ -248,7 +250,7 @@ def _read(description: Callable, parameters: Any) -> Understood:
     told: Description = description(parameters)
     reading = _Reading(told)
     plan, functions = planned(reading.topology())
-    inertia = parameters.inertia.reshape(plan.bodies, plan.e, plan.e)
+    inertia = _inertia(parameters, plan)
     gravity = None if told.gravity is None else absent(told.gravity)
     given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
     return Understood(plan, functions, Numbers(**given), reading.at)
@@ -260,6 +262,19 @@ OPEN = "jacobians", "terms", "forces", "velocities", "potential"
 CLOSED = "constraints", "drift", "constraint"
 HELD = ("position_residual",)
 DAMPED = ("dissipation",)
+
+
+def _inertia(parameters: Any, plan: Plan) -> Any:
+    """Return moments of inertia (n_b, e, e) out of a scene's parameters."""
+    shape = plan.bodies, plan.e, plan.e
+    told = getattr(parameters, "inertia", None)
+    if told is None or told.size != math.prod(shape):
+        what = "is missing" if told is None else f"has {told.size} numbers"
+        raise InputError(
+            f"the parameter inertia of a description {what}; it must have {math.prod(shape)}, "
+            f"of shape {shape}: moments of inertia of each link with a mass, in their order"
+        )
+    return told.reshape(shape)
 
 
 def _prepare(description: Callable) -> Callable:
