@@ -28,7 +28,9 @@ from eomcheck.evaluation.tolerance import (
 )
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers import factors, linear
+from eomcheck.kernels import moved_solves
+from eomcheck.numbers.linear import SOLVERS, like_present, noise_present
+from eomcheck.numbers.noise import Noise
 from eomcheck.scenes import Snake
 
 
@@ -64,18 +66,37 @@ def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constrai
 # ---- What elimination does to each right-hand side -----------------------------------------------
 
 
-NOTHING_OF_FACTORS = patch.object(factors.Rounding, "of", lambda self, x, *scales: np.zeros_like(x))
+def of_its_own_factors(name):
+    """Return how the matrix was solved as it is, but for what elimination rounded there."""
+    like = like_present(name)
+    return None if like is None else like._replace(rounding=None)
 
 
-class NoFactors(factors.Factors):
-    def times(self, x):
-        return np.zeros_like(x)
+NOTHING_OF_FACTORS = patch.object(moved_solves, "like_present", of_its_own_factors)
 
 
-def without_factors(*arguments, solve=linear._moved_solve):
-    """Solve with A, b and x moved alone; condition numbers are as they are."""
-    with patch.object(linear, "Factors", NoFactors), NOTHING_OF_FACTORS:
-        return solve(*arguments)
+class NotRounding:
+    """Noise that moves what is read and the solution, and not what elimination rounds."""
+
+    def __init__(self, noise, matrix, sides):
+        self._noise, self._first, self._last = noise, matrix + sides, matrix + 2 * sides
+
+    def __getattr__(self, name):
+        return getattr(self._noise, name)
+
+    def changes(self, shape):
+        found = self._noise.changes(shape).copy()
+        found[..., self._first : self._last] = 0.0
+        return found
+
+
+def without_factors(A, b, name):
+    """Solve with A, b and x moved alone."""
+    noise = noise_present()
+    copies = A.size // A.shape[-1] ** 2
+    quiet = NotRounding(noise, A.shape[-1] ** 2, b.size // copies)
+    with patch.object(moved_solves, "noise_present", lambda: quiet):
+        return moved_solves.moved_solve(A, b, name)
 
 
 def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
@@ -90,7 +111,7 @@ def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
     theta = [1.0723342844630022, 1.0723342851902762, 1.0723342843649222]
     u = [-0.00514349662516115, 0.0003286950600909576]
     truth, at = true_state(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
-    alone = bound(at, "au", patch.object(linear, "_moved_solve", without_factors))
+    alone = bound(at, "au", patch.dict(SOLVERS, {Noise: without_factors}))
     assert alone < error(at, "au", truth) < bound(at, "au")
 
 
@@ -260,5 +281,5 @@ def test_a_choice_between_equal_pivots_is_the_same_in_every_copy(key: str, snake
     """By the other row, which most copies would take, nearly nothing is lost."""
     at = Evaluation(snake, *AT)
     truth = eomcheck.enclose(snake, key, at.q, v=at.v, digits=20)
-    any_row = patch.object(linear, "like_present", lambda _: None)
+    any_row = patch.object(moved_solves, "like_present", lambda _: None)
     assert bound(at, key, any_row) < error(at, key, truth) < bound(at, key)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest, largest_of_each
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.moved import FEW, Moves
+from eomcheck.kernels.moved import FEW, RECORDS, Moves
 from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.dual import duals, rate
@@ -249,6 +250,36 @@ def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
     for _ in range(2):
         assert np.array_equal(moves.unmoved(function, np.ones(size)), np.full(size, 3.0))
     assert len(seen) == calls, "it is run once to be listed"
+
+
+def test_a_record_is_read_once_and_each_by_itself():
+    """Also where one has the place in memory that another one had."""
+    moves, still = Moves(), Noise(0, step=0.0)
+
+    def function(record):
+        return record[0] * record[1]
+
+    one, other = ((np.full(2, x), np.full(2, x + 1)) for x in (2.0, 5.0))
+    for _ in range(2):
+        assert moves.run(still, function, one).tolist() == [6.0, 6.0]
+    moves._seen._found[id(other), 0] = moves._seen._found[id(one), 0]
+    assert moves.run(still, function, other).tolist() == [30.0, 30.0]
+    for i in range(2 * RECORDS):
+        assert moves.run(still, function, (np.full(2, i), np.ones(2))).tolist() == [i, i]
+    assert len(moves._seen._found) <= RECORDS
+
+
+def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
+    moves, still = Moves(), Noise(0, step=0.0)
+    functions = [lambda x, i=i: x * i + x for i in range(2, 7)]
+    for function in functions:
+        moves.run(still, function, np.ones(3))
+    each = [one.places for one in moves._known.values() if one]
+    assert moves._places == sum(each)
+    with patch("eomcheck.kernels.moved.MOST", sum(each)):
+        moves.run(still, functions[0], np.ones(4))
+    assert moves._places == sum(one.places for one in moves._known.values() if one) <= sum(each)
+    assert [key[0] for key in moves._known] == [*functions[2:], functions[0]]
 
 
 def test_what_is_not_finite_unmoved_is_what_python_finds():
@@ -590,9 +621,20 @@ def test_what_is_allowed_is_proportional_to_the_spread():
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False)))
 def test_largest_is_the_largest_magnitude(x):
-    assert largest(x) == max((abs(y) for y in x), default=0.0)
+    expected = max((abs(y) for y in x), default=0.0)
+    for y in (x, np.array(x), np.array(x, object), np.array(x).reshape(-1, 1)):
+        assert largest(y) == expected
+    assert largest_of_each(np.array([x, x[::-1]])).tolist() == [expected, expected]
+
+
+def test_largest_of_each_is_that_of_each():
+    x = np.arange(12.0).reshape(3, 2, 2) - 5
+    assert largest_of_each(x).tolist() == [5.0, 2.0, 6.0]
+    assert largest_of_each(np.zeros((3, 0))).tolist() == [0.0, 0.0, 0.0]
+    assert largest_of_each(np.array([1.0, -2.0])).tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
 def test_largest_is_infinite_where_anything_is_not_finite(bad):
-    assert largest([1.0, bad, 2.0]) == float("inf")
+    assert largest([1.0, bad, 2.0]) == largest(np.array([1.0, bad, 2.0])) == float("inf")
+    assert largest_of_each(np.array([[1.0, bad], [-3.0, 2.0]])).tolist() == [float("inf"), 3.0]

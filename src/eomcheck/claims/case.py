@@ -151,9 +151,13 @@ class Case(AtDoubles):
         results = ((f, self.result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if x is not None)
 
-    def sensitivity(self, quantity: Callable[[Evaluation], Any]) -> float:
-        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else."""
-        return 0.0 if self.at.copied else sensitivity_of(self.at, quantity)
+    def sensitivity(self, quantity: Callable[[Evaluation], Any], together: bool = False) -> float:
+        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
+
+        `together` tells that copies have it side by side, see `sensitivity_of`.
+        """
+        copied = self.at.copied
+        return 0.0 if copied else sensitivity_of(self.at, quantity, together=together)
 
     def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False

@@ -112,21 +112,20 @@ class Finding:
         """Return the Finding with more in its detail."""
         return replace(self, detail=f"{self.detail}; {why}")
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the finding as plain data, numbers in full precision."""
+    @property
+    def place(self) -> dict[str, Any]:
+        """Where it was found as plain data, numbers in full precision: scene and state."""
         if self.state is None:
-            where: dict[str, Any] = {"structure": self.scene.structure}
-        else:
-            where = {
-                "scene": repr(self.scene),
-                "q": self.state.q.tolist(),
-                "v": self.state.v.tolist(),
-                "t": self.state.t,
-            }
+            return {"structure": self.scene.structure}
+        q, v, t = self.state
+        return {"scene": repr(self.scene), "q": q.tolist(), "v": v.tolist(), "t": t}
+
+    def as_dict(self, whole: bool = True) -> dict[str, Any]:
+        """Return the finding as plain data, numbers in full precision; `whole` with its place."""
         row: dict[str, Any] = {
             "claim": self.claim,
             "subject": self.subject,
-            **where,
+            **(self.place if whole else {}),
             "observed": self.observed if np.isfinite(self.observed) else None,
             "allowed": self.allowed if np.isfinite(self.allowed) else None,
             "verdict": self.verdict,

@@ -123,8 +123,11 @@ class LaneCase(AtDoubles):
             return self.at.refused[key, False]
         return np.ones(self.at.lanes, bool)
 
-    def sensitivity(self, quantity: Callable[[Any], Any]) -> LaneArray:
-        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else."""
+    def sensitivity(self, quantity: Callable[[Any], Any], together: bool = False) -> LaneArray:
+        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
+
+        In lanes each copy is asked for itself, whether or not they have it `together`.
+        """
         copied, at = self.at.copied, self.at
         return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
 

@@ -90,7 +90,10 @@ class _Rates:
     def bodies(self, vdot: Array) -> Array:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
         along_v = self._along_v(_velocities_along, self._e.scene.velocities, vdot)
-        return doubles([*self._velocities_of_q, along_v])
+        parts = *self._velocities_of_q, along_v
+        if lanes_in(parts):
+            return doubles(parts)
+        return np.stack([np.asarray(x, np.float64) for x in parts], axis=-3)
 
 
 def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> tuple[Any, Any]:
@@ -114,9 +117,12 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         return pushing + (speed[:, d:, None] * turning).sum()
 
     with np.errstate(all="ignore"):
-        here = rates(at)
+        here, copies = rates(at), perturbed_copies(at)
         try:
-            changes = [np.abs(rates(copy) - here) for copy in perturbed_copies(at)[:SAMPLES]]
+            if at.lanes:
+                changes = [np.abs(rates(copy) - here) for copy in copies[:SAMPLES]]
+            else:
+                changes = np.abs(rates(copies[0].together)[:SAMPLES] - here)
         except RefusedError:
             return power(np.abs(here)), np.inf
         return power(np.abs(here)), power(np.abs(here) + reduce(np.maximum, changes) / STEP)
@@ -151,7 +157,7 @@ def _of_power(
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, where(told, case.sensitivity(power) + rounding, np.inf)
+    return terms, where(told, case.sensitivity(power, together=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:

@@ -173,11 +173,9 @@ class LaneCopy(Moved, LaneEvaluation):
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
-        t = self.t if isinstance(self.t, LaneArray) else np.full(1, self.t)
         with suppress(TypeError):
-            prepared, made = self.call(
-                preparation(self.scene.prepare), self.parameters, self.q, t.reshape(1)
-            )
+            here = self.parameters, self.q, self.clock
+            prepared, made = self.call(preparation(self.scene.prepare), *here)
             return map_record(self.noise.array, prepared), made
         return super().prepare()
 

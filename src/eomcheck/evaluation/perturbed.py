@@ -248,20 +248,26 @@ class Together(_Copies):
     @cached_property
     def listed(self) -> tuple[Any, Sequence[Any]] | None:
         """What is prepared, and how, with every operation perturbed; None if not all is told."""
-        t = np.full((*self.noise.shape, 1), self.t)
         with suppress(TypeError), self.computing("prepared"):
-            prepared, made = _called(
-                self.noise, preparation(self.scene.prepare), self.parameters, self.q, t
-            )
+            here = self.parameters, self.q, self.clock
+            prepared, made = _called(self.noise, preparation(self.scene.prepare), *here)
             return map_record(self.noise.array, prepared), made
         return None
+
+    @property
+    def clock(self) -> Array:
+        """The time (k, 1), as generic functions of doubles read it."""
+        return np.full((*self.noise.shape, 1), self.t)
 
     @quantity
     def prepared(self) -> Any:
         """What is not rational in q and t: of each copy for itself if need be."""
         if self.listed is not None:
-            return self.listed[0]
-        return self._stacked([copy.prepared for copy in self._copies])
+            found, self._made = self.listed
+            return found
+        found = self._stacked([copy.prepared for copy in self._copies])
+        self._made = self._stacked([tuple(copy._made) for copy in self._copies])
+        return found
 
     @quantity
     def v(self) -> Array:

@@ -13,13 +13,14 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import Perturbed, perturbed_copies
+from eomcheck.evaluation.perturbed import Moved, perturbed_copies
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,
     allowed_error,
     conditioned,
     largest,
+    largest_of_each,
 )
 from eomcheck.formulations import Formulation
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
@@ -53,8 +54,10 @@ def sensitivity_of(
     with np.errstate(all="ignore"):
         try:
             copies = perturbed_copies(at, coordinates)
-            each = quantity(copies[0].together) if together else (_of(x, quantity) for x in copies)
-            changes = [largest(np.asarray(moved) - here) for moved in each]
+            if together:
+                changes = largest_of_each(np.asarray(_of(copies[0].together, quantity)) - here)
+            else:
+                changes = [largest(np.asarray(_of(copy, quantity)) - here) for copy in copies]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
     return float(amplified(size, np.array(changes), solved))
@@ -79,7 +82,7 @@ def amplified(size: Any, changes: Any, solved: bool) -> Any:
     return np.where(lost, np.inf, found)
 
 
-def _of(copy: Perturbed, quantity: Callable[[Evaluation], Any]) -> Any:
+def _of(copy: Moved, quantity: Callable[[Evaluation], Any]) -> Any:
     with copy.computing("quantity"):
         return quantity(copy)
 

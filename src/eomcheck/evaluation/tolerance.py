@@ -66,11 +66,20 @@ def largest(x: Any) -> Any:
 
     Of lanes it is that of each.
     """
-    if lanes := lanes_in(x):
-        data = np.abs(lanes_of(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
-        return LaneArray(np.where(np.isfinite(data), data, np.inf))
-    x = float(np.abs(np.asarray(x, dtype=np.float64)).max(initial=0.0))
-    return x if math.isfinite(x) else math.inf
+    if type(x) is not np.ndarray or x.dtype == object:
+        if lanes := lanes_in(x):
+            data = np.abs(lanes_of(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
+            return LaneArray(np.where(np.isfinite(data), data, np.inf))
+        x = np.asarray(x, dtype=np.float64)
+    # What the method `max` does, without its way through Python: this is asked for all the time.
+    size = float(np.maximum.reduce(np.abs(x), axis=None, initial=0.0))
+    return size if math.isfinite(size) else math.inf
+
+
+def largest_of_each(x: Array) -> Array:
+    """Return what `largest` does of the parts x[0], x[1], ... (k,)."""
+    found = np.maximum.reduce(np.abs(x.reshape(len(x), -1)), axis=1, initial=0.0)
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def larger(x: Any, y: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels.each import each
+from eomcheck.kernels.moved_solves import DUST
 from eomcheck.numbers import banded, linear
 from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
 from eomcheck.numbers.factors import (
@@ -133,7 +134,7 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
             A, b = _moved(A, noise), _moved(b, noise)
         A, b, scale, row_scale = linear.scaled(A, b)
         if noise is not None:
-            A[np.abs(A) < linear.DUST] = 0.0
+            A[np.abs(A) < DUST] = 0.0
         factors = LaneFactors.of(A, None if noise is None or like is None else like.pivots)
         diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
         sizes = Factors(factors.lu, factors.pivots - 1)

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.kernels import moved_solves  # noqa: F401  (moved matrices are solved by it)
 from eomcheck.kernels.code import Code
 from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.contract import Array
@@ -57,6 +58,8 @@ class Moves:
 
     def __init__(self):
         self._known: dict[Hashable, _List | None] = {}
+        self._places = 0
+        self._seen = _Seen()
         self._lock = Lock()
 
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
@@ -92,7 +95,7 @@ class Moves:
     ) -> tuple[_List | None, list[Any]]:
         """Return the list of a function, None if there is none, and the doubles that it reads."""
         doubles: list[Any] = []
-        key = function, _gather(arguments, front, doubles)
+        key = function, *(self._seen.key(x, front, doubles) for x in arguments)
         try:
             return self._known[key], doubles
         except KeyError:
@@ -104,11 +107,12 @@ class Moves:
 
     def _keep(self, key: Hashable, listed: _List | None) -> None:
         with self._lock:
+            before = self._known.pop(key, None)
             self._known[key] = listed
-            places = sum(one.places for one in self._known.values() if one)
-            while places > MOST and len(self._known) > 1:
+            self._places += (listed.places if listed else 0) - (before.places if before else 0)
+            while self._places > MOST and len(self._known) > 1:
                 forgotten = self._known.pop(next(iter(self._known)))
-                places -= forgotten.places if forgotten else 0
+                self._places -= forgotten.places if forgotten else 0
 
     def in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of lanes, each of its operations moved if there is noise.
@@ -154,6 +158,32 @@ def _gather(x: Any, front: int, doubles: list[Array]) -> Hashable:
     if isinstance(x, tuple):
         return type(x), *[_gather(part, front, doubles) for part in x]
     return x
+
+
+RECORDS = 64
+"""Records that are remembered: of one state several functions read the same ones many times."""
+
+
+class _Seen:
+    """Records of arrays that were gathered, with what `_gather` found in each."""
+
+    def __init__(self):
+        self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
+
+    def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
+        """Return what a list of operations depends on, see `_gather`; a record is read once."""
+        if not isinstance(x, tuple):
+            return _gather(x, front, doubles)
+        place = id(x), front
+        known = self._found.get(place)
+        if known is None or known[0] is not x:
+            mine: list[Array] = []
+            known = x, _gather(x, front, mine), mine
+            if len(self._found) >= RECORDS:
+                self._found.clear()
+            self._found[place] = known
+        doubles += known[2]
+        return known[1]
 
 
 class _Group(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from inspect import cleandoc
 from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
@@ -15,6 +15,7 @@ from eomcheck.errors import InputError, named, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.contract import Arithmetic
+from eomcheck.numbers.float64 import FLOAT64
 
 Sign = Literal["> 0", ">= 0", ""]
 Shape = tuple[int, ...] | Callable[[int], tuple[int, ...]]
@@ -208,6 +209,9 @@ class Parametric(Scene):
 
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return what the equations read in the numbers of `arithmetic`, one number as (1,)."""
+        return _doubles_of(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
+
+    def _numbers_in(self, arithmetic: Arithmetic) -> NamedTuple:
         values = {name: getattr(self, name) for name, one in self.declared.items() if one.read}
         numbers = {
             name: None if value is None else arithmetic.numbers(np.atleast_1d(value))
@@ -225,6 +229,12 @@ class Parametric(Scene):
             if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
                 shown.append(f"{one.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown)})"
+
+
+@lru_cache(16)
+def _doubles_of(scene: Parametric) -> NamedTuple:
+    """Return the parameters in doubles: the same record each time, so that who reads it knows."""
+    return scene._numbers_in(FLOAT64)
 
 
 class OfLinks(Parametric):

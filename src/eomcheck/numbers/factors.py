@@ -25,6 +25,7 @@ class Factors:
     """
 
     def __init__(self, lu: np.ndarray, pivots: np.ndarray):
+        self.lu = lu
         upper, one = _triangle(lu.shape[-1])
         size = np.abs(lu)
         self.L, self.U = np.where(upper, one, size), np.where(upper, size, 0.0)
@@ -81,9 +82,10 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: Factors) -> 
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
     if not np.isfinite(inverse).all():
         return 0.0
+    inverse = inverse[:, sizes.place[-1]]  # of rows in the order of their elimination
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
-        product = inverse @ sizes.times(weights)
+        product = inverse @ (sizes.L @ (sizes.U @ weights))
         # With any positive weights the largest ratio bounds ρ from above (Collatz, Wielandt).
         before, radius = radius, min(radius, float((product / weights).max()))
         if radius > 0.9 * before:

@@ -25,7 +25,6 @@ from eomcheck.numbers.factors import (
     Rounding,
     column_scale,
     determinant,
-    order_of,
     reciprocal_condition,
     times_rows,
 )
@@ -233,10 +232,8 @@ def _lapack_solve(A, b, name):
     size = A.shape[-1]
     if size == 0:
         return b.copy()
-    noise = noise_present()
-    if noise is not None:
-        with np.errstate(all="ignore"):
-            return _moved_solve(A, b, name, noise)
+    if noise_present() is not None:
+        return SOLVERS[Noise](A, b, name)
     A, b, scale, row_scale = scaled(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
@@ -246,78 +243,10 @@ def _lapack_solve(A, b, name):
     return times_rows(_getrs(lu, pivots, b)[0], scale)
 
 
-def _moved_solve(A, b, name, noise):
-    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
-
-    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
-    refused; what is singular is NaN. Noise may be several noises: A is (k, n, n) then.
-    """
-    A, b, scale, row_scale = scaled(noise.entries(A), noise.entries(b))
-    A[np.abs(A) < DUST] = 0.0
-    if not noise.moves:
-        return noise.array(times_rows(_substituted(*_factored(A, None), b), scale))
-    like = like_present(name)
-    lu, pivots = _factored(A, None if like is None else like.pivots)
-    diagonal = np.diagonal(lu, axis1=-2, axis2=-1)
-    record(Solve(name, A.shape[-1], np.nan, *determinant(diagonal, pivots, scale, row_scale)), A)
-    x = _substituted(lu, pivots, b)
-    rounded = Factors(lu, pivots).times(np.abs(x))
-    if like is not None and like.rounding is not None:
-        # An entry that is nothing but rounding is another one here, and so are the factors.
-        rounded = np.maximum(rounded, like.rounding.of(np.abs(x), scale, row_scale))
-    x += _substituted(lu, pivots, noise.changes(b.shape) * rounded)
-    x[~diagonal.all(axis=-1)] = np.nan
-    return noise.array(noise.entries(times_rows(x, scale)))
-
-
-DUST = 2.0**-600
-"""What is smaller beside the rest of its row and column is no part of a moved matrix: zeros that
-were moved are subnormal, with which machines calculate a hundred times more slowly."""
-
-
-def _factored(A, like):
-    """Return the factors of A (..., n, n) and their pivots (..., n), or `like` (n,) if given."""
-    if A.ndim > 2:
-        each = [_factored(one, like) for one in A]
-        pivots = np.stack([pivots for _, pivots in each]) if like is None else like
-        return np.stack([lu for lu, _ in each]), pivots
-    lu, pivots, _ = _getrf(A)
-    if like is None:
-        return lu, pivots
-    return (lu if (pivots == like).all() else _eliminated(A, like)), like
-
-
-def _substituted(lu, pivots, b):
-    """Return the solutions for b (..., n) or (..., n, m)."""
-    if lu.ndim == 2:
-        return _getrs(lu, pivots, b)[0]
-    each = pivots if pivots.ndim > 1 else len(lu) * (pivots,)
-    return np.stack([_getrs(*one)[0] for one in zip(lu, each, b, strict=True)])
-
-
 def like_present(name):
     """Return how the matrix was solved as it is, if that is known."""
     watch = _watch.get()
     return None if watch is None else watch.like.get(name)
-
-
-BLOCK = 64
-"""Columns that are eliminated together, of a matrix with more."""
-
-
-def _eliminated(A, pivots):
-    """Return the factors of A (k, k), as `getrf` has them, with given pivots."""
-    lu = A[order_of(pivots)]
-    for start in range(0, len(lu), BLOCK):
-        end = start + BLOCK
-        columns, rows = lu[start:, start:end], lu[start:end, end:]
-        for i in range(columns.shape[1]):
-            columns[i + 1 :, i] /= columns[i, i]
-            columns[i + 1 :, i + 1 :] -= np.outer(columns[i + 1 :, i], columns[i, i + 1 :])
-        if rows.size:
-            rows[:] = _trtrs(columns[:BLOCK], rows, lower=True, unitdiag=True)[0]
-            lu[end:, end:] -= columns[BLOCK:] @ rows
-    return lu
 
 
 def scaled(A, b):

@@ -20,13 +20,12 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
     index: dict[int, int] = {}
     rows = []
     for finding in [finding for run in runs for finding in run.findings]:
-        row = finding.as_dict()
-        case = {key: row.pop(key) for key in ("scene", "q", "v", "t") if key in row}
-        state = id(finding.state.q if finding.state is not None else finding.scene)
-        if state not in index:
-            index[state] = len(cases)
-            cases.append(case)
-        rows.append(row | {"case": index[state]})
+        state = finding.state
+        case = id(finding.scene if state is None else state.q)
+        if case not in index:
+            index[case] = len(cases)
+            cases.append({} if state is None else finding.place)
+        rows.append(finding.as_dict(whole=state is None) | {"case": index[case]})
     document = {
         "engines": [engine.version() for engine in selection.engines],
         "formulations": [formulation.key for formulation in selection.formulations],

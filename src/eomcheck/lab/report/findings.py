@@ -41,8 +41,9 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
             if row.claim == "coverage":
                 say(f"coverage: {row.detail}")
     else:
-        whole = scene_sheet(claims, runs).without("statement", "evidence")
-        table = whole if wide else worst_sheet(claims)
+        table = worst_sheet(claims)
+        if wide:
+            table = scene_sheet(claims, runs).without("statement", "evidence")
         print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
     if wide or len(runs) == 1:
         print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])

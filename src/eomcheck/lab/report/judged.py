@@ -50,8 +50,9 @@ class Judged:
     def worst(self) -> Kept | None:
         """A failed Finding, else the one with the largest observed / allowed that counts."""
         rank = {"failed": 2, "passed": 1}
-        ranked = sorted(self.rows, key=lambda row: (rank.get(row.verdict, 0), row.ratio))
-        return ranked[-1] if ranked else None
+        # The last of equals.
+        ranked = reversed(self.rows)
+        return max(ranked, key=lambda row: (rank.get(row.verdict, 0), row.ratio), default=None)
 
     @property
     def kind(self) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from typing import get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Verdict
@@ -22,6 +23,9 @@ from eomcheck.lab.store.record import Record
 STATES = "validation"
 RUNS = "validation run"
 PROOFS = "proof"
+
+
+_columns = attrgetter(*COLUMNS)  # which `Kept` has first, in this order
 
 
 def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> list[Kept]:
@@ -41,7 +45,7 @@ def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> l
         "structure": scene.structure if case is None else "",
         "python": python_of(scene, state, engines),
     }
-    return [Kept(**{name: getattr(one, name) for name in COLUMNS}, **where) for one in findings]
+    return [Kept(*_columns(one), **where) for one in findings]
 
 
 def cases_of(run: Run, begin: int = 0) -> Iterator[list[Finding]]:
