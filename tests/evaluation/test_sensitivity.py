@@ -139,6 +139,22 @@ def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind):
                 assert same((mine,), (getattr(expected, part),)), (formulation.key, part)
 
 
+def test_what_copies_run_is_moved_alone_and_side_by_side(at: Evaluation):
+    """Of a sum from which a number is taken again its rounding is left."""
+
+    def function(x):
+        return (x + 1) - x
+
+    copies, x = perturbed_copies(at), np.arange(1.0, 200.0)
+    for copy in copies:
+        found = copy.run(function, x)
+        assert (found != 1.0).all()
+        assert np.abs(found - 1.0).max() < 1e4 * STEP
+    together = copies[0].together.run(function, np.stack([x] * len(copies)))
+    assert (together != 1.0).all()
+    assert len(np.unique(together[:, 0])) == len(copies)
+
+
 def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
     """A literal 1.5 is none of a generic function: whole arrays and matrices are moved then."""
 

@@ -115,11 +115,11 @@ class Evaluation(Quantities):
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
         """Return what is prepared, and how fast it changes, in doubles; see `moving`."""
         self.prepared  # noqa: B018  (what it is made of is needed)
-        here = self.parameters, tuple(self._made), self.q, qdot, self.clock
+        here = self.parameters, tuple(self._made), self.q, qdot, self.time
         return map_record(doubles, self.run(_prepared_while, self.scene.prepare, int(clock), *here))
 
     @property
-    def clock(self) -> Array:
+    def time(self) -> Array:
         """The time (1,), as generic functions of doubles read it."""
         return (self.t if lanes_in(self.t) else np.full(1, self.t)).reshape(1)
 

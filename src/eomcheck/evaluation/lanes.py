@@ -174,7 +174,7 @@ class LaneCopy(Moved, LaneEvaluation):
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
         with suppress(TypeError):
-            here = self.parameters, self.q, self.clock
+            here = self.parameters, self.q, self.time
             prepared, made = self.call(preparation(self.scene.prepare), *here)
             return map_record(self.noise.array, prepared), made
         return super().prepare()

@@ -249,13 +249,13 @@ class Together(_Copies):
     def listed(self) -> tuple[Any, Sequence[Any]] | None:
         """What is prepared, and how, with every operation perturbed; None if not all is told."""
         with suppress(TypeError), self.computing("prepared"):
-            here = self.parameters, self.q, self.clock
+            here = self.parameters, self.q, self.time
             prepared, made = _called(self.noise, preparation(self.scene.prepare), *here)
             return map_record(self.noise.array, prepared), made
         return None
 
     @property
-    def clock(self) -> Array:
+    def time(self) -> Array:
         """The time (k, 1), as generic functions of doubles read it."""
         return np.full((*self.noise.shape, 1), self.t)
 

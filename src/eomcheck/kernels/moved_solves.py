@@ -139,8 +139,7 @@ class _Solve:
     def _moved(self, x: str, changes: str, place: str) -> str:
         """Return x moved as `Noise.entries` does, if noise moves."""
         code = self.code
-        (move,) = code.labels("move")
-        before, (after,) = code.block, code.labels("after")
+        before, (move, after) = code.block, code.labels("move", "after")
         code.branch("%moves", move, after)
         code.enter(move)
         size = code.call("maxnum", code.call("fabs", x), code.constant(NORMAL))
