@@ -18,7 +18,8 @@ from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest, largest_of_each
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.moved import FEW, RECORDS, Moves
+from eomcheck.kernels.gathered import RECORDS
+from eomcheck.kernels.moved import FEW, Moves
 from eomcheck.numbers.banded import BANDED_SOLVERS
 from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.dual import duals, rate

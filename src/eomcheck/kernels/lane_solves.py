@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels.each import each
-from eomcheck.kernels.moved_solves import DUST
+from eomcheck.kernels.moved_elimination import DUST
 from eomcheck.numbers import banded, linear
 from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
 from eomcheck.numbers.factors import (

@@ -21,11 +21,11 @@ import numpy as np
 
 from eomcheck.kernels import moved_solves  # noqa: F401  (moved matrices are solved by it)
 from eomcheck.kernels.code import Code
+from eomcheck.kernels.gathered import Seen, holds_doubles
 from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.generic import BRANCH, NotRationalError
-from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -59,7 +59,7 @@ class Moves:
     def __init__(self):
         self._known: dict[Hashable, _List | None] = {}
         self._places = 0
-        self._seen = _Seen()
+        self._seen = Seen()
         self._lock = Lock()
 
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
@@ -138,54 +138,6 @@ def _is_finite(record: Any) -> bool:
     return record is None or bool(np.isfinite(record).all())
 
 
-def _is_moved(x: Any) -> bool:
-    return isinstance(x, LaneArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
-
-
-def _gather(x: Any, front: int, doubles: list[Array]) -> Hashable:
-    """Return what a list of operations depends on; add arrays of doubles, in order, to `doubles`.
-
-    Args:
-        x: an argument, or a record of them.
-        front: axes in front that do not belong to it, see `Noise.shape`.
-        doubles: where to.
-    """
-    if _is_moved(x):
-        doubles.append(x)
-        return x.shape[front:]
-    if isinstance(x, np.ndarray):
-        return x.shape, x.tobytes()
-    if isinstance(x, tuple):
-        return type(x), *[_gather(part, front, doubles) for part in x]
-    return x
-
-
-RECORDS = 64
-"""Records that are remembered: of one state several functions read the same ones many times."""
-
-
-class _Seen:
-    """Records of arrays that were gathered, with what `_gather` found in each."""
-
-    def __init__(self):
-        self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
-
-    def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
-        """Return what a list of operations depends on, see `_gather`; a record is read once."""
-        if not isinstance(x, tuple):
-            return _gather(x, front, doubles)
-        place = id(x), front
-        known = self._found.get(place)
-        if known is None or known[0] is not x:
-            mine: list[Array] = []
-            known = x, _gather(x, front, mine), mine
-            if len(self._found) >= RECORDS:
-                self._found.clear()
-            self._found[place] = known
-        doubles += known[2]
-        return known[1]
-
-
 class _Group(NamedTuple):
     """What is done with whole matrices: after how many operations, and where they stand."""
 
@@ -214,7 +166,7 @@ class _List:
         self.start[list(self._literals.values())] = list(self._literals)
 
     def _inputs(self, x: Any, front: int) -> Any:
-        if not _is_moved(x):
+        if not holds_doubles(x):
             return x
         numbers = self._numbers(x.shape[front:])
         self.read += numbers.size

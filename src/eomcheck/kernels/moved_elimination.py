@@ -1,0 +1,280 @@
+"""The machine code of moved solves: a matrix moved, scaled, eliminated, and what that rounds.
+
+`eomcheck.kernels.moved_solves` hands over arrays that lie one behind the other, and says in which
+order.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from eomcheck.kernels.code import LANES, Code
+from eomcheck.kernels.dense import EXPONENT, ONE, scale_of
+from eomcheck.kernels.rows import Rows, each_from, subtract, texts
+from eomcheck.numbers.noise import NORMAL
+
+DUST = 2.0**-600
+"""What is smaller beside the rest of its row and column is no part of a moved matrix: zeros that
+were moved are subnormal, with which machines calculate a hundred times more slowly."""
+
+
+class _Solve:
+    """The code that solves one moved system.
+
+    `%x` has the right-hand sides and is given the solutions, `%matrix` is read, and `%changes` are
+    what these and all that is rounded are moved by; `%room` is for factors and solutions.
+    """
+
+    HEAD = (
+        "i64 %size, i64 %many, i1 %moves, i1 %rounds, ptr %x, ptr %matrix, ptr %changes, "
+        "ptr %like, ptr %found, ptr %room"
+    )
+
+    def __init__(self):
+        code = self.code = Code()
+        size, many = "%size", "%many"
+        stride, behind = code.integer("add", size, LANES), code.integer("add", many, LANES)
+        ends = iter(self._cut("%room", (size, stride), *(3 * [(size, behind)]), *(3 * [(size,)])))
+        self.A = Rows(code, next(ends), stride, size)
+        self.solution, self.change, self.other = (
+            Rows(code, next(ends), behind, many) for _ in range(3)
+        )
+        self.scale, self.row_scale, self.order = ends
+        squared = (size, size)
+        ends = iter(self._cut("%changes", squared, *(3 * [(size, many)])))
+        self.of_matrix, self.of_sides, self.of_rounding, self.of_solution = ends
+        ends = iter(self._cut("%like", (size,), squared, (size,), (size,)))
+        self.pivots, self.factors, self.its_scale, self.its_row_scale = ends
+
+    def _cut(self, pointer: str, *shapes: tuple[str, ...]) -> Iterator[str]:
+        """Yield where arrays of these shapes begin that lie one behind the other."""
+        for first, *others in shapes:
+            yield pointer
+            count = first
+            for other in others:
+                count = self.code.integer("mul", count, other)
+            pointer = self.code.at(pointer, count)
+
+    def text(self) -> str:
+        """Return it."""
+        code = self.code
+        self._scale()
+        self._eliminate()
+        self._call("backward", self.solution)
+        with code.when("%moves"):
+            self._round()
+        self._write()
+        return code.function(f"define void @solve({self.HEAD})")
+
+    def _call(self, what: str, rows: Rows, factors: str = "", stride: str = "%size") -> None:
+        factors, stride = (factors, stride) if factors else (self.A.pointer, self.A.stride)
+        given = f"i64 %size, i64 %many, ptr {factors}, i64 {stride}, ptr {rows.pointer}"
+        self.code.do(f"call void @{what}({given})")
+
+    @contextmanager
+    def _entries(self) -> Iterator[tuple[str, str]]:
+        """Go through the right-hand sides entry by entry."""
+        with each_from(self.code, 0, "%size") as i, each_from(self.code, 0, "%many") as k:
+            yield i, k
+
+    def _entry(self, i: str, j: str, columns: str) -> str:
+        """Return the place of entry (i, j) of an array without room between its rows."""
+        return self.code.integer("add", self.code.integer("mul", i, columns), j)
+
+    def _moved(self, x: str, changes: str, place: str) -> str:
+        """Return x moved as `Noise.entries` does, if noise moves."""
+        code = self.code
+        before, (move, after) = code.block, code.labels("move", "after")
+        code.branch("%moves", move, after)
+        code.enter(move)
+        size = code.call("maxnum", code.call("fabs", x), code.constant(NORMAL))
+        moved = code.add(x, code.mul(code.load(changes, place), size))
+        code.jump(after)
+        code.enter(after)
+        return code.let(f"phi double [{x}, %{before}], [{moved}, %{move}]")
+
+    def _scale(self) -> None:
+        """Move what is read; scale rows and columns."""
+        code, zero = self.code, self.code.constant(0.0)
+        with each_from(code, 0, "%size") as i:
+            code.store(zero, self.scale, i)
+        with each_from(code, 0, "%size") as i:
+            with code.loop("%size", ("double", zero)) as turn:
+                place = self._entry(i, turn.i, "%size")
+                a = self._moved(code.load("%matrix", place), self.of_matrix, place)
+                code.store(a, self.A.place(i, turn.i))
+                turn.handed[0] = code.call("maxnum", turn.carried[0], code.call("fabs", a))
+            scale = scale_of(code, turn.carried[0])
+            code.store(scale, self.row_scale, i)
+            with each_from(code, 0, "%size") as j:
+                here = self.A.place(i, j)
+                a = code.mul(code.load(here), scale)
+                code.store(a, here)
+                largest = code.call("maxnum", code.load(self.scale, j), code.call("fabs", a))
+                code.store(largest, self.scale, j)
+            with each_from(code, 0, "%many") as k:
+                place = self._entry(i, k, "%many")
+                b = self._moved(code.load("%x", place), self.of_sides, place)
+                code.store(code.mul(b, scale), self.solution.place(i, k))
+        with code.loop("%size", ("i64", "0")) as turn:
+            scale = scale_of(code, code.load(self.scale, turn.i))
+            code.store(scale, self.scale, turn.i)
+            whole = turn.carried[0]
+            for factor in (scale, code.load(self.row_scale, turn.i)):
+                bits = code.let(f"bitcast double {factor} to i64")
+                power = code.integer("sub", code.integer("lshr", bits, EXPONENT), ONE)
+                whole = code.integer("add", whole, power)
+            turn.handed[0] = whole
+        exponents = code.let(f"sitofp i64 {turn.carried[0]} to double")
+        code.store(exponents, "%found", 1)
+        with each_from(code, 0, "%size") as i, each_from(code, 0, "%size") as j:
+            here = self.A.place(i, j)
+            a = code.mul(code.load(here), code.load(self.scale, j))
+            dust = code.compare("olt", code.call("fabs", a), code.constant(DUST))
+            code.store(code.choose(dust, zero, a), here)
+
+    def _eliminate(self) -> None:
+        """Make L and U of A, and L⁻¹ b of the right-hand sides; tell the determinant."""
+        code = self.code
+        with each_from(code, 0, "%size") as i:
+            code.do(f"store i64 {i}, ptr {code.at(self.order, i)}")
+        with code.loop("%size", ("double", code.constant(1.0))) as turn:
+            i = turn.i
+            pivot = self._pivot(i)
+            exchanged = code.let(f"icmp ne i64 {pivot}, {i}")
+            with code.when(exchanged):
+                self._exchange(i, pivot)
+            diagonal = code.load(self.A.place(i, i))
+            code.store(diagonal, code.at("%found", 2), i)
+            sign = code.call("copysign", code.constant(1.0), diagonal)
+            sign = code.choose(code.compare("one", diagonal, code.constant(0.0)), sign, diagonal)
+            sign = code.mul(sign, turn.carried[0])
+            turn.handed[0] = code.choose(exchanged, code.neg(sign), sign)
+            behind = code.integer("add", i, 1)
+            with each_from(code, behind, "%size") as k:
+                here = self.A.place(k, i)
+                factor = code.div(code.load(here), diagonal)
+                code.store(factor, here)
+                left = code.integer("sub", "%size", behind)
+                rows = self.A.place(k, behind), self.A.place(i, behind)
+                subtract(code, left, rows[0], factor, rows[1])
+                self.solution.subtract(k, factor, i)
+        code.store(turn.carried[0], "%found", 0)
+
+    def _pivot(self, i: str) -> str:
+        """Return the row that row i is exchanged with: as told, or that of the largest entry."""
+        code = self.code
+        told = code.let(f"fptosi double {code.load(self.pivots, i)} to i64")
+        count = code.integer("sub", "%size", i)
+        with code.loop(count, ("i64", i), ("double", code.constant(-1.0))) as turn:
+            row = code.integer("add", turn.i, i)
+            size = code.call("fabs", code.load(self.A.place(row, i)))
+            larger = code.compare("ogt", size, turn.carried[1])
+            turn.handed[0] = code.let(f"select i1 {larger}, i64 {row}, i64 {turn.carried[0]}")
+            turn.handed[1] = code.choose(larger, size, turn.carried[1])
+        is_told = code.let(f"icmp sge i64 {told}, 0")
+        return code.let(f"select i1 {is_told}, i64 {told}, i64 {turn.carried[0]}")
+
+    def _exchange(self, i: str, j: str) -> None:
+        code = self.code
+        for rows in (self.A, self.solution):
+            with each_from(code, 0, rows.columns) as k:
+                self._swap("double", rows.place(i, k), rows.place(j, k))
+        self._swap("i64", code.at(self.order, i), code.at(self.order, j))
+
+    def _swap(self, kind: str, one: str, other: str) -> None:
+        first, second = (self.code.let(f"load {kind}, ptr {x}") for x in (one, other))
+        self.code.do(f"store {kind} {second}, ptr {one}")
+        self.code.do(f"store {kind} {first}, ptr {other}")
+
+    def _round(self) -> None:
+        """Add to the solutions what rounding in the elimination makes of them."""
+        code = self.code
+        with self._entries() as (i, k):
+            size = code.call("fabs", code.load(self.solution.place(i, k)))
+            code.store(size, self.change.place(i, k))
+        self._call("sizes", self.change)
+        with code.when("%rounds"):
+            # An entry that is nothing but rounding is another one here, and so are the factors.
+            with self._entries() as (i, k):
+                unit = code.div(code.load(self.scale, i), code.load(self.its_scale, i))
+                size = code.call("fabs", code.load(self.solution.place(i, k)))
+                code.store(code.mul(size, unit), self.other.place(i, k))
+            self._call("sizes", self.other, self.factors)
+            with self._entries() as (i, k):
+                row = code.let(f"load i64, ptr {code.at(self.order, i)}")
+                unit = code.div(code.load(self.row_scale, row), code.load(self.its_row_scale, row))
+                here = self.change.place(i, k)
+                size = code.mul(code.load(self.other.place(i, k)), unit)
+                code.store(code.call("maxnum", code.load(here), size), here)
+        with self._entries() as (i, k):
+            row = code.let(f"load i64, ptr {code.at(self.order, i)}")
+            change = code.load(self.of_rounding, self._entry(row, k, "%many"))
+            here = self.change.place(i, k)
+            code.store(code.mul(code.load(here), change), here)
+        self._call("forward", self.change)
+        self._call("backward", self.change)
+        with self._entries() as (i, k):
+            here = self.solution.place(i, k)
+            code.store(code.add(code.load(here), code.load(self.change.place(i, k))), here)
+
+    def _write(self) -> None:
+        """Write the solutions, moved, NaN where the matrix is singular."""
+        code = self.code
+        sign = code.load("%found", 0)
+        regular = code.compare("one", sign, code.constant(0.0))
+        with self._entries() as (i, k):
+            place = self._entry(i, k, "%many")
+            x = code.mul(code.load(self.solution.place(i, k)), code.load(self.scale, i))
+            x = self._moved(x, self.of_solution, place)
+            code.store(code.choose(regular, x, code.constant(float("nan"))), "%x", place)
+
+
+def _all_text() -> str:
+    """Return what solves all copies: `%work` has b, A, changes and what the original tells."""
+    code = Code()
+    size, many = "%size", "%many"
+    squared, sides = code.integer("mul", size, size), code.integer("mul", size, many)
+    changes = code.integer("add", squared, code.integer("mul", sides, 3))
+    changes = code.let(f"select i1 %moves, i64 {changes}, i64 0")
+    found = code.integer("add", size, 2)
+    A = code.at("%work", code.integer("mul", "%copies", sides))
+    moving = code.at(A, code.integer("mul", "%copies", squared))
+    like = code.at(moving, code.integer("mul", "%copies", changes))
+    with code.loop("%copies") as turn:
+        own = [
+            code.at(pointer, code.integer("mul", turn.i, length))
+            for pointer, length in (
+                ("%work", sides),
+                (A, squared),
+                (moving, changes),
+                ("%found", found),
+            )
+        ]
+        given = f"ptr {own[0]}, ptr {own[1]}, ptr {own[2]}, ptr {like}, ptr {own[3]}, ptr %room"
+        code.do(f"call void @solve(i64 {size}, i64 {many}, i1 %moves, i1 %rounds, {given})")
+    head = (
+        "i64 %size, i64 %many, i64 %copies, i1 %moves, i1 %rounds, ptr %work, ptr %found, ptr %room"
+    )
+    return code.function(f"define void @solve_all({head})")
+
+
+@cache
+def moved_elimination() -> Callable[..., None]:
+    """Return what solves all copies, see `_all_text`.
+
+    It takes the order, the number of right-hand sides and of copies, whether noise moves, whether
+    the original tells what it rounded, and the addresses of work, of what is found and of room.
+    """
+    # Not before it is needed: LLVM takes longer to import than the package.
+    from eomcheck.kernels.machine import Machine
+
+    machine = Machine([*texts(), _Solve().text(), _all_text()])
+    kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("solve_all"))
+    function.machine = machine  # its address holds as long as this lives
+    return function
