@@ -66,13 +66,20 @@ class _Process(multiprocessing.context.SpawnProcess):
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Put Ctrl-C off to the end of the block; a process started there never hears it."""
+    """Put Ctrl-C and SIGTERM off to the end of the block; what starts there never hears Ctrl-C.
+
+    A process that is interrupted between starting another and telling it what to do leaves it
+    without its instructions, of which that complains.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # the main thread alone is interrupted
         return
     came: list[int] = []
     # Another thread may catch the signal, hence a handler; a process started inherits the mask.
-    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = {number: handler for number, handler in before.items() if handler is not None}
+    for number in heard:
+        signal.signal(number, lambda number, _: came.append(number))
     masks = hasattr(signal, "pthread_sigmask")  # not on Windows
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
@@ -80,9 +87,10 @@ def _no_interrupt() -> Iterator[None]:
     finally:
         if masks:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
+        for number, handler in heard.items():
+            signal.signal(number, handler)
         if came:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(came[0])
 
 
 class _Context(multiprocessing.context.SpawnContext):
