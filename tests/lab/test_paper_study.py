@@ -12,6 +12,7 @@ from tests.widths import check_sheets_fit
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.panel import Panel
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
@@ -266,6 +267,24 @@ def test_a_motion_that_failed_is_compared_with_nothing_and_named():
     assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in list(said(records))
 
 
+def test_growth_is_told_from_the_fewest_links_that_a_method_finished():
+    place = "Fig. 7, Sec. 12"
+
+    def cannot(key: str, *few: int):
+        def change(record: Record) -> Record | None:
+            at = record.settings
+            if (at["cell"], at["formulation"]) == ("motion", key) and at["links"] in few:
+                return Record(STUDY, at, "failed", "a_1 is singular", counts={"state": 4})
+            return None
+
+        return judge(claim_at(place), Found(doctored(change))).measured
+
+    assert "in 12 of 12 comparisons" in cannot("em", 99)
+    assert "in 12 of 12 comparisons" in cannot("em", 2)
+    assert "in 10 of 10 comparisons" in cannot("em", 2, 7)
+    assert "in 10 of 10 comparisons" in cannot("em", 20)
+
+
 # ---- Tables and figures --------------------------------------------------------------------------
 
 
@@ -298,6 +317,23 @@ def test_figures_show_only_what_was_measured(tmp_path: Path):
     written = [path.name for path in PAPER_STUDY.write(records, tmp_path)]
     figures = [name for name in written if not name.endswith(".md")]
     assert figures == [f"paper-fig{i}.png" for i in range(5, 8)]
+
+
+def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
+    def failing(record: Record) -> Record | None:
+        at = record.settings
+        if at["cell"] == "motion" and at["links"] == 7 and at["formulation"] in ("el", "em"):
+            return Record(STUDY, at, "failed", "a_1 is singular", counts={"state": 4})
+        return None
+
+    chart = next(iter(PAPER_STUDY.charts(doctored(failing))))
+    for panel in chart.panels.values():
+        assert isinstance(panel, Panel)
+        crosses = {line.key: line.y for line in panel.lines if line.look == "crosses"}
+        drawn = [line for line in panel.lines if line.look == "line"]
+        at_7 = max(line.y[list(line.x).index(7)] for line in drawn if 7 in line.x)
+        assert at_7 < crosses["el"][0] < crosses["em"][0]
+        assert crosses["em"][0] / crosses["el"][0] == pytest.approx(crosses["el"][0] / at_7)
 
 
 # ---- Measuring -----------------------------------------------------------------------------------
@@ -338,6 +374,17 @@ def test_each_cell_is_one_record(measured):
         assert ("q" in record.series) == (links == 7)
         within = record.errors["constraint"] <= record.errors["constraint allowed"]
         assert within == (level(key) == "velocity")
+
+
+def test_a_motion_that_is_far_between_output_times_crosses_no_singular_pose(monkeypatch):
+    """Six links turn so far in 1/100 s that the straight line from one output to the next does."""
+    monkeypatch.setattr(paper, "FULL", replace(FULL, runs=2))
+    cell = {"cell": "motion", "formulation": "el", "end": 0.2, "outputs": 21}
+    cell |= Solver("RK45", 1e-6)._asdict()
+    found = paper.worker(())(cell | {"links": 6})
+    assert (found.status, found.reason) == ("done", "")
+    crossing = paper.worker(())(cell | {"links": 4})
+    assert crossing.status == "failed" and "a_1" in crossing.reason
 
 
 def test_the_systems_solved_are_those_of_table_i(measured):

@@ -37,7 +37,9 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.grid(alpha=0.25)
     if panel.legend:
         handles = handles_of([axes])
-        axes.legend(handles.values(), handles, fontsize=8, frameon=False)
+        axes.legend(
+            handles.values(), handles, fontsize=8, frameon=False, ncols=2, columnspacing=1.0
+        )
 
 
 LOOKS: dict[str, dict[str, Any]] = {

@@ -167,10 +167,13 @@ def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int
         "rtol": tolerance,
         "atol": tolerance,
     }
+    # Poses that it cannot cross lie between steps, not between output times.
+    whole = options | {"output_times": None}
+    every = motion.solve(end, **whole) if motion.solves_partition else None
     steps: list[Steps] = []
     taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
     solver = settings["integrator"], tolerance, tolerance
-    found = trajectory(motion, steps[-1], *solver, taken.seconds)
+    found = trajectory(motion, steps[-1], *solver, taken.seconds, every)
     counts = {
         "right-hand sides": found.right_hand_sides,
         "steps": found.steps,

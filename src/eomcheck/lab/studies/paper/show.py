@@ -22,6 +22,8 @@ POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""
 NOTHING = 1e-18
 """Norms that are exactly 0 are drawn here."""
+HEIGHT = 1 / 20
+"""Share of the axis by which the cross of what was not finished is above what was measured."""
 
 
 def sheets(records: Iterable[Record]) -> list[Sheet]:
@@ -259,18 +261,23 @@ def _norms(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
 
 
 def _unfinished(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
-    """Yield crosses, above all that was measured, for motions that were not finished."""
+    """Yield crosses for motions that were not finished, each above all of as many links."""
     points = product(found.links, found.formulations, found.solvers)
-    known = (found.value(quantity, *point) for point in points)
-    height = 3 * max((value for value in known if value is not None), default=1.0)
+    known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
+    step = (max(known.values(), default=1.0) / min(known.values(), default=1.0)) ** HEIGHT
+    height = dict.fromkeys(found.links, min(known.values(), default=1.0))
+    for (links, _, by), value in known.items():
+        height[links] = max(height[links], value if by == solver else 0.0)
     for key in found.formulations:
         mine = {"cell": "motion", "formulation": key} | solver._asdict()
         failed = [one for one in found.unfinished if mine.items() <= one.settings.items()]
+        for one in failed:
+            height[one.settings["links"]] *= step
         if failed:
             yield Line(
                 key,
                 [one.settings["links"] for one in failed],
-                [height] * len(failed),
+                [height[one.settings["links"]] for one in failed],
                 [[", ".join(_what(one)), f"{one.status}: {one.reason}"] for one in failed],
                 "not finished",
                 look="crosses",

@@ -37,17 +37,15 @@ def _fig_7(found: Found) -> Evidence:
     false="ml has the same recursion, and its O(N²) for M is still small beside it at N = 100.",
 )
 def _grows(found: Found) -> Evidence:
-    if len(found.links) < 2:
-        return Evidence(0, 0, NOTHING)
-    few, many = found.links[0], found.links[-1]
-    ratios = []
+    ratios, many = [], max(found.links, default=0)
     for key, solver in product(others(found), found.solvers):
-        ends = [(few, solver), (many, solver)]
-        over_kane = ratios_of(found, "cpu_seconds", [key], [KANE], ends)
-        if len(over_kane) == len(ends):
-            first, last = over_kane
-            ratios.append(Ratio(last.times / first.times, key, solver))
-    what = f"Time over that of kane at N = {many}, over the same at N = {few}"
+        of = (key, solver), (KANE, solver)
+        both = [n for n in found.links if all(found.finished(n, *one) for one in of)]
+        if len(both) > 1 and both[-1] == many:
+            ends = [(both[0], solver), (many, solver)]
+            few, most = ratios_of(found, "cpu_seconds", [key], [KANE], ends)
+            ratios.append(Ratio(most.times / few.times, key, solver))
+    what = f"Time over that of kane at N = {many}, over the same at the fewest links finished"
     good, of, said = clearly_larger(what, ratios)
     slopes = {key: growth(found, key) for key in found.formulations}
     exponents = [
