@@ -16,7 +16,7 @@ from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link
+from eomcheck.mechanics.described.words import Joint, Link, knife_edge
 from eomcheck.scenes import SCENES, Sleigh
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}
@@ -126,6 +126,31 @@ def test_casadi_is_allowed_the_rounding_of_velocities_times_momenta():
     found = biases_of_a_puck("casadi")
     assert {one.verdict for one in found} == {"passed"}
     assert max(one.observed for one in found) > 1e-14, "they do cancel with an error"
+
+
+class Skate(
+    mechanism(
+        "Skate",
+        [Link("ground"), Link("skate", 1.0, (0.3, 0.0, 0.0), (1.0, 1.0, 1.0))],
+        [Joint("p", "planar", "ground", "skate")],
+        constraints=[knife_edge("edge", "skate", (0, -1, 0))],
+        gravity=None,
+    )
+):
+    """A body in the plane that glides along an edge: without a force, whatever rounding says."""
+
+    angle_coordinates = slice(2, None)
+
+
+def test_casadi_is_allowed_what_the_rounding_of_its_bias_makes_of_accelerations():
+    errors = {"engine-acceleration": 0.0, "engine-multipliers": 0.0}
+    for heading in np.linspace(0.1, 6.1, 40):
+        v = 0.3 * np.array([np.cos(heading), np.sin(heading), 0.0])
+        q = np.array([0.0, 0.0, heading])
+        for one in eomcheck.check(Skate(), q, v, engines=["casadi"], claims=list(errors)):
+            assert one.verdict == "inconclusive", "beside an acceleration of 0"
+            errors[one.claim] = max(errors[one.claim], one.observed)
+    assert min(errors.values()) > 0.0, "there is rounding where all terms vanish"
 
 
 def test_an_engine_on_trial_does_not_say_what_is_allowed():

@@ -24,7 +24,7 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.claims.trial import answer, compared, inertia_size, is_on_trial, unseen
+from eomcheck.claims.trial import answer, compared, is_on_trial, size_of, unseen
 from eomcheck.engines import Answers, Engine, EngineFault
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
@@ -158,10 +158,11 @@ def _responses(at: Evaluation) -> tuple[float, float]:
     return float(np.linalg.norm(response, np.inf)), float(np.linalg.norm(multipliers, np.inf))
 
 
-def _sensitivity(at: Evaluation, engine: Engine | type[Engine], part: str) -> float:
+def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
     """Return κ · scale of what an engine solves; infinite where nothing can be judged."""
     if isinstance(engine, type):
         return 0.0
+    at = case.at
     like, n = FORMULATIONS[engine.solves_like], at.scene.n
     T = np.eye(n)
     with suppress(EngineFault):
@@ -169,7 +170,7 @@ def _sensitivity(at: Evaluation, engine: Engine | type[Engine], part: str) -> fl
         T = S if S.shape == (n, n) else T
     try:
         at.acceleration(like)
-        by_force = _responses(at)[part == "multipliers"] * inertia_size(at)
+        by_force = _responses(at)[part == "multipliers"] * size_of(case, engine, "bias")
         return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
     except (np.linalg.LinAlgError, RefusedError):
         return float("inf")
@@ -183,7 +184,7 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.taking_part:
-        theirs_by = cache(partial(_sensitivity, at, engine, part))
+        theirs_by = cache(partial(_sensitivity, case, engine, part))
         said = answer(case, engine, *handed, excused=lambda by=theirs_by: by() == np.inf)
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
