@@ -17,7 +17,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link, knife_edge
-from eomcheck.scenes import SCENES, Sleigh
+from eomcheck.scenes import SCENES, Bricard, Sleigh
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}
 
@@ -151,6 +151,15 @@ def test_casadi_is_allowed_what_the_rounding_of_its_bias_makes_of_accelerations(
             assert one.verdict == "inconclusive", "beside an acceleration of 0"
             errors[one.claim] = max(errors[one.claim], one.observed)
     assert min(errors.values()) > 0.0, "there is rounding where all terms vanish"
+
+
+def test_casadi_is_right_where_constraints_that_nearly_depend_carry_large_forces():
+    q = [-7.853981633974483, -4.061473392214157, -23.56194490192345]
+    q += [10.9955742991867, -10.344658711016166]
+    claims = ["engine-acceleration", "engine-multipliers"]
+    found = eomcheck.check(Bricard(), q, np.zeros(5), engines=["casadi"], claims=claims)
+    assert max(one.observed / one.allowed for one in found) < 1e-3
+    assert len(found) == 10, "seven with accelerations, three of them with multipliers"
 
 
 def test_an_engine_on_trial_does_not_say_what_is_allowed():

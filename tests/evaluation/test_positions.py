@@ -28,8 +28,10 @@ def test_an_open_chain_from_which_no_direction_leads_on_is_not_returned_as_close
         closed_position(FourBarChain.rods(1), [np.pi, 0.0, 0.0])
 
 
-def test_a_search_that_overflows_is_refused(monkeypatch):
+def test_a_search_that_overflows_is_refused(monkeypatch, capfd):
     assert np.isnan(least_squares(np.array([[np.inf, 1.0]]), np.ones(1))).all()
+    assert np.isnan(least_squares(np.eye(2), np.array([np.nan, 1.0]))).all()
+    assert capfd.readouterr() == ("", ""), "LAPACK complains by itself"
     monkeypatch.setattr(closing, "least_squares", lambda a, b: np.full(a.shape[1], np.nan))
     with pytest.raises(RefusedError, match="no closed position is found"):
         closed_position(FourBarChain.rods(1), [0.3, 1.0, 2.0])

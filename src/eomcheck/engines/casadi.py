@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from eomcheck.engines.base import Engine, EngineAcceleration
 from eomcheck.errors import required
@@ -21,6 +22,8 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.symbolic import Symbols
+
+(_gesvx,) = get_lapack_funcs(("gesvx",), dtype=np.float64)
 
 
 class CasadiEngine(Engine):
@@ -123,12 +126,27 @@ class CasadiEngine(Engine):
         """Return v̇ and λ from the KKT system of CasADi's own M, B, Q, a and gamma."""
         M, F = self.mass_matrix(q, t), self.forces(q, v, t) - self.bias(q, v, t)
         if self.scene.r == 0:
-            return EngineAcceleration(np.linalg.solve(M, F), None)
+            return EngineAcceleration(_solved(M, F), None)
         jacobian, drift = self.constraint_jacobian(q, v, t), self.constraint_drift(q, v, t)
         r = drift.size
         kkt = np.block([[M, jacobian.T], [jacobian, np.zeros((r, r))]])
-        x = np.linalg.solve(kkt, np.concatenate((F, -drift)))
+        x = _solved(kkt, np.concatenate((F, -drift)))
         return EngineAcceleration(x[: q.size], -x[q.size :])
+
+
+def _solved(A: Array, b: Array) -> Array:
+    """Return the solution of A x = b by LAPACK, rows and columns scaled, and refined.
+
+    Without that, multipliers of constraints that nearly depend on each other would leave the others
+    with rounding of their own size.
+
+    Raises:
+        np.linalg.LinAlgError: A is singular.
+    """
+    *_, x, _, _, _, info = _gesvx(A, b)
+    if 0 < info <= b.size:
+        raise np.linalg.LinAlgError("Singular matrix")
+    return x[:, 0]
 
 
 _MODELS: dict[tuple, dict[str, Any]] = {}
