@@ -16,7 +16,7 @@ from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, knife_edge
+from eomcheck.mechanics.described.words import Joint, Link, knife_edge, rolling_ball
 from eomcheck.scenes import SCENES, Bricard, Sleigh
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}
@@ -151,6 +151,28 @@ def test_casadi_is_allowed_what_the_rounding_of_its_bias_makes_of_accelerations(
             assert one.verdict == "inconclusive", "beside an acceleration of 0"
             errors[one.claim] = max(errors[one.claim], one.observed)
     assert min(errors.values()) > 0.0, "there is rounding where all terms vanish"
+
+
+class Ball(
+    mechanism(
+        "Ball",
+        [Link("ground"), Link("ball", 1.0, (0.0, 0.0, 0.0), (0.4, 0.4, 0.4))],
+        [Joint("f", "floating", "ground", "ball", place=(0.0, 0.0, 1.0))],
+        constraints=rolling_ball("r", "ball", "ground", 1.0),
+    )
+):
+    """A ball on a floor, which does not feel how fast it spins about the vertical."""
+
+
+def test_casadi_is_allowed_the_rounding_of_turns_that_a_constraint_does_not_feel():
+    worst = 0.0
+    for yaw in np.linspace(-3.0, 3.0, 40):
+        q = np.array([0.0, -1.5, 0.0, yaw, 0.5, 0.3])
+        v = np.array([0.0, 0.0, 0.0, 1.7, 0.0, 0.0])
+        (one,) = eomcheck.check(Ball(), q, v, engines=["casadi"], claims=["constraint-drift"])
+        assert one.verdict == "passed"
+        worst = max(worst, one.observed)
+    assert worst > 0.0, "they do cancel with an error"
 
 
 def test_casadi_is_right_where_constraints_that_nearly_depend_carry_large_forces():

@@ -59,16 +59,25 @@ def inertia_size(at: Evaluation) -> float:
 def drift_size(at: Evaluation) -> float:
     """Return the size of what an engine may sum to gamma, m/s².
 
-    Rates of the constraints in frames that turn: what translates appears in them and cancels.
+    Rates of the constraints in frames that turn: what translates appears in them and cancels, and
+    so does what turns about an axis that a constraint does not feel.
     """
-    return 0.0 if at.terms.a is None else _turning(at) * largest(np.abs(at.terms.a) @ np.abs(at.v))
+    if at.terms.a is None:
+        return 0.0
+    turning, speeds = _turning(at), np.abs(at.v)
+    speeds[_angles(at)] = turning
+    return turning * largest(np.abs(at.terms.a) @ speeds)
 
 
 def _turning(at: Evaluation) -> float:
     """Return how fast anything may turn, rad/s."""
-    v = np.abs(at.v)
-    rates = v[at.scene.angle_coordinates]
-    return float((rates if rates.size else v).sum())
+    return float(np.abs(at.v)[_angles(at)].sum())
+
+
+def _angles(at: Evaluation) -> slice:
+    """Return which velocities may be rates of angles: all of a scene that names none."""
+    named = at.scene.angle_coordinates
+    return named if at.v[named].size else slice(None)
 
 
 def mass_size(at: Evaluation, S: Array) -> float:
