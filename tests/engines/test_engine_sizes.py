@@ -17,7 +17,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link, knife_edge, rolling_ball
-from eomcheck.scenes import SCENES, Bricard, Sleigh
+from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}
 
@@ -53,6 +53,19 @@ def test_the_bias_of_mujoco_fails_at_a_thousand_metres_a_second(key, speed, verd
     q, v = [0.3, 0.2, 0.7], [speed * np.cos(0.7), speed * np.sin(0.7), 0.8]
     (found,) = eomcheck.check(Sleigh(mass=1.3, offset=0.7), q, v, engines=[key], claims=["bias"])
     assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(("far", "verdict"), [(1e3, "passed"), (1e5, "failed")])
+def test_accelerations_of_pinocchio_fail_far_from_the_origin_and_its_bias_does_not(far, verdict):
+    scene = Snake.paper()
+    q, _ = scene.initial_state()
+    q = np.concatenate((q[:2] + (far, -far), q[2:]))
+    v = eomcheck.velocity(scene, q, [0.7, 0.7])
+    claims = ["mass-matrix", "bias", "engine-acceleration"]
+    found = eomcheck.check(scene, q, v, engines=["pinocchio"], claims=claims)
+    by_claim = {claim: {f.verdict for f in found if f.claim == claim} for claim in claims}
+    assert by_claim["mass-matrix"] == by_claim["bias"] == {"passed"}
+    assert by_claim["engine-acceleration"] == {verdict}
 
 
 class InBody(Engine):
