@@ -197,6 +197,27 @@ def test_casadi_is_right_where_constraints_that_nearly_depend_carry_large_forces
     assert len(found) == 10, "seven with accelerations, three of them with multipliers"
 
 
+FOLDED = [-1.5707963267948966, -0.5122285004691272, -61.26105674500097]
+FOLDED += [-32.986722870542366, -6.795413799799177]
+
+
+def test_where_a_matrix_of_casadi_is_singular_it_is_not_looked_at():
+    claims = ["engine-acceleration", "engine-multipliers"]
+    found = eomcheck.check(Bricard(), FOLDED, np.zeros(5), engines=["casadi"], claims=claims)
+    assert [(one.claim, one.verdict) for one in found] == [(x, "not looked at") for x in claims]
+    assert all("singular to working precision" in one.detail for one in found)
+
+
+def test_an_engine_on_trial_whose_matrix_is_singular_fails():
+    class Singular(CasadiEngine):
+        key = "singular"
+
+        def bias(self, q, v, t=0.0):
+            return np.linalg.solve(np.zeros((1, 1)), np.zeros(1))
+
+    assert {one.verdict for one in biases_of_a_puck(Singular)} == {"failed"}
+
+
 def test_an_engine_on_trial_does_not_say_what_is_allowed():
     class Generous(CasadiEngine):
         key = "generous"

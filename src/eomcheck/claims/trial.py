@@ -180,6 +180,8 @@ def answer(
             answers.disturb(method, *case.state)
         return answers.ask(method, *arguments)
     except EngineFault as fault:
+        if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_on_trial(kind):
+            return unseen(case, kind, fault.what)
         open_here = overflows(case.at) or excused()
         verdict = "inconclusive" if open_here else "failed"
         outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"

@@ -141,11 +141,11 @@ def _solved(A: Array, b: Array) -> Array:
     with rounding of their own size.
 
     Raises:
-        np.linalg.LinAlgError: A is singular.
+        np.linalg.LinAlgError: A is singular, scaled, to working precision.
     """
-    *_, x, _, _, _, info = _gesvx(A, b)
-    if 0 < info <= b.size:
-        raise np.linalg.LinAlgError("Singular matrix")
+    *_, x, rcond, _, _, info = _gesvx(A, b)
+    if info > 0:
+        raise np.linalg.LinAlgError(f"singular to working precision: rcond is {rcond:.2g}")
     return x[:, 0]
 
 
