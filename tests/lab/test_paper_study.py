@@ -1,8 +1,7 @@
-"""The paper's study: what is measured, what is made of it, and that verdicts follow the numbers."""
+"""The paper's study: what is made of its Records, and that verdicts follow the numbers."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +9,10 @@ import numpy as np
 import pytest
 from tests.widths import check_sheets_fit
 
-from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.panel import Panel
 from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
-from eomcheck.lab.studies.paper import measure as paper
 from eomcheck.lab.studies.paper.claims.claim import (
     PAPER_CLAIMS,
     Evidence,
@@ -25,7 +21,7 @@ from eomcheck.lab.studies.paper.claims.claim import (
     judgements,
     verdict_of,
 )
-from eomcheck.lab.studies.paper.measure import FULL, PAPER, QUICK, STUDY, Found, Plan, Solver
+from eomcheck.lab.studies.paper.measure import PAPER, STUDY, Found, Solver
 from eomcheck.lab.studies.paper.show import said, sheets
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
@@ -85,6 +81,18 @@ def made_up() -> list[Record]:
 def doctored(change) -> list[Record]:
     """Return the Records of `made_up`, each as `change` returns it, or as it is."""
     return [change(record) or record for record in made_up()]
+
+
+def not_finished(*keys: str, links: tuple[int, ...] = LINKS):
+    """Return a change of Records by which motions of these formulations failed."""
+
+    def change(record: Record) -> Record | None:
+        at = record.settings
+        if at["cell"] == "motion" and at["formulation"] in keys and at["links"] in links:
+            return Record(STUDY, at, "failed", "a_1 is singular", counts={"state": 4})
+        return None
+
+    return change
 
 
 def claim_at(place: str, says: str = "") -> PaperClaim:
@@ -256,33 +264,21 @@ def test_the_printed_sizes_of_states_are_held_against_those_integrated():
 
 
 def test_a_motion_that_failed_is_compared_with_nothing_and_named():
-    def failing(record: Record) -> Record | None:
-        if record.settings["cell"] == "motion" and record.settings["formulation"] == "em":
-            return Record(STUDY, record.settings, "failed", "a_1 is singular", counts={"state": 4})
-        return None
-
-    records = doctored(failing)
+    records = doctored(not_finished("em"))
     measured = judge(claim_at("Fig. 3"), Found(records)).measured
     assert "16 of 16 comparisons" in measured  # 4 by 2 formulations by 2 solvers
     assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in list(said(records))
 
 
 def test_growth_is_told_from_the_fewest_links_that_a_method_finished():
-    place = "Fig. 7, Sec. 12"
+    def measured(*links: int) -> str:
+        records = doctored(not_finished("em", links=links))
+        return judge(claim_at("Fig. 7, Sec. 12"), Found(records)).measured
 
-    def cannot(key: str, *few: int):
-        def change(record: Record) -> Record | None:
-            at = record.settings
-            if (at["cell"], at["formulation"]) == ("motion", key) and at["links"] in few:
-                return Record(STUDY, at, "failed", "a_1 is singular", counts={"state": 4})
-            return None
-
-        return judge(claim_at(place), Found(doctored(change))).measured
-
-    assert "in 12 of 12 comparisons" in cannot("em", 99)
-    assert "in 12 of 12 comparisons" in cannot("em", 2)
-    assert "in 10 of 10 comparisons" in cannot("em", 2, 7)
-    assert "in 10 of 10 comparisons" in cannot("em", 20)
+    assert "in 12 of 12 comparisons" in measured()
+    assert "in 12 of 12 comparisons" in measured(2)
+    assert "in 10 of 10 comparisons" in measured(2, 7)
+    assert "in 10 of 10 comparisons" in measured(20)
 
 
 # ---- Tables and figures --------------------------------------------------------------------------
@@ -320,13 +316,7 @@ def test_figures_show_only_what_was_measured(tmp_path: Path):
 
 
 def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
-    def failing(record: Record) -> Record | None:
-        at = record.settings
-        if at["cell"] == "motion" and at["links"] == 7 and at["formulation"] in ("el", "em"):
-            return Record(STUDY, at, "failed", "a_1 is singular", counts={"state": 4})
-        return None
-
-    chart = next(iter(PAPER_STUDY.charts(doctored(failing))))
+    chart = next(iter(PAPER_STUDY.charts(doctored(not_finished("el", "em", links=(7,))))))
     for panel in chart.panels.values():
         assert isinstance(panel, Panel)
         crosses = {line.key: line.y for line in panel.lines if line.look == "crosses"}
@@ -334,115 +324,3 @@ def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
         at_7 = max(line.y[list(line.x).index(7)] for line in drawn if 7 in line.x)
         assert at_7 < crosses["el"][0] < crosses["em"][0]
         assert crosses["em"][0] / crosses["el"][0] == pytest.approx(crosses["el"][0] / at_7)
-
-
-# ---- Measuring -----------------------------------------------------------------------------------
-
-
-def test_the_study_is_about_the_papers_seven_formulations():
-    assert PAPER == ("im", "au", "el", "gw", "em", "ml", "kane")
-    assert QUICK.formulations == FULL.formulations == PAPER
-    assert len(FULL.links) == 20
-    assert (min(FULL.links), max(FULL.links)) == (2, 100)
-    assert set(QUICK.links) <= set(FULL.links)
-    assert set(QUICK.solvers) < set(FULL.solvers)
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Record]]:
-    path = tmp_path_factory.mktemp("paper") / "records.db"
-    with Records(path) as records, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paper, "OUTPUTS", OUTPUTS)
-        patch.setattr(paper, "QUICK", SMALL)
-        return path, PAPER_STUDY.measure(records, quick=True)
-
-
-OUTPUTS = 21
-SMALL = Plan((2, 3, 7), (Solver("RK45", 1e-5),), ("au", "kane"), runs=2)
-
-
-def test_each_cell_is_one_record(measured):
-    _, records = measured
-    found = Found(records)
-    assert len(records) == 2 * (3 + 7) + 2 * 3
-    assert not found.unfinished
-    for (links, key, _), record in found.motions.items():
-        assert record.cpu_seconds is not None and 1 <= record.runs <= SMALL.runs
-        assert len(record.series["times"]) == OUTPUTS
-        norm = np.linalg.norm(record.series["constraint"])
-        assert record.errors["constraint"] == pytest.approx(norm)
-        assert ("q" in record.series) == (links == 7)
-        within = record.errors["constraint"] <= record.errors["constraint allowed"]
-        assert within == (level(key) == "velocity")
-
-
-def test_a_motion_that_is_far_between_output_times_crosses_no_singular_pose(monkeypatch):
-    """Six links turn so far in 1/100 s that the straight line from one output to the next does."""
-    monkeypatch.setattr(paper, "FULL", replace(FULL, runs=2))
-    cell = {"cell": "motion", "formulation": "el", "end": 0.2, "outputs": 21}
-    cell |= Solver("RK45", 1e-6)._asdict()
-    found = paper.worker(())(cell | {"links": 6})
-    assert (found.status, found.reason) == ("done", "")
-    crossing = paper.worker(())(cell | {"links": 4})
-    assert crossing.status == "failed" and "a_1" in crossing.reason
-
-
-def test_the_systems_solved_are_those_of_table_i(measured):
-    for (links, key), record in Found(measured[1]).equations.items():
-        assert record.counts["final system"] == {"au": 2 * links + 2, "kane": 2}[key]
-        assert record.counts["multipliers"] == {"au": links, "kane": 0}[key]
-
-
-def test_a_wheel_across_its_link_stops_generalized_speeds_only(measured):
-    across = Found(measured[1]).across
-    refused = [at for at, record in across.items() if record.status == "refused"]
-    assert refused == [(wheel, "kane") for wheel in range(2, 8)]
-
-
-def test_the_robot_begins_in_the_papers_pose(measured):
-    record = Found(measured[1]).motions[7, "kane", SMALL.solvers[0]]
-    assert record.series["q"][0] == [0, 0, 0.7679, 1.536, 2.304, 3.072, 3.840, 4.608, 5.376]
-    assert record.errors["initial energy"] == pytest.approx(8847.744025)
-
-
-def test_a_study_that_goes_on_repeats_nothing(measured, monkeypatch: pytest.MonkeyPatch):
-    path, before = measured
-    monkeypatch.setattr(paper, "OUTPUTS", OUTPUTS)
-    monkeypatch.setattr(paper, "QUICK", SMALL)
-    monkeypatch.setattr(paper, "_equations", None)
-    monkeypatch.setattr(paper, "_moved", None)
-    with Records(path) as records:
-        assert PAPER_STUDY.measure(records, quick=True) == before
-
-
-# ---- The command ---------------------------------------------------------------------------------
-
-
-def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["eomcheck", "study", "paper", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return stop.value.code or 0
-
-
-def test_the_command_measures_prints_and_draws(measured, tmp_path: Path, monkeypatch, capsys):
-    monkeypatch.setattr(paper, "QUICK", SMALL)
-    monkeypatch.setattr(paper, "OUTPUTS", OUTPUTS)
-    folder = str(tmp_path)
-    assert run(str(measured[0]), "--quick", "--figures", folder, monkeypatch=monkeypatch) == 0
-    printed = capsys.readouterr().out
-    assert "The paper's claims" in printed
-    assert (tmp_path / "paper-fig2.gif").exists()
-    assert "does not hold here" in (tmp_path / "paper-claims.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("x.db", "--figures", "no/such/folder"), "'no/such/folder' is not a folder"),
-        (("pyproject.toml", "--quick"), "is not a file of records"),
-    ],
-)
-def test_bad_input_is_exit_code_2(arguments, says, monkeypatch, capsys):
-    assert run(*arguments, monkeypatch=monkeypatch) == 2
-    assert says in capsys.readouterr().err

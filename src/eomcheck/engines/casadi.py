@@ -138,7 +138,8 @@ def _solved(A: Array, b: Array) -> Array:
     """Return the solution of A x = b by LAPACK, rows and columns scaled, and refined.
 
     Without that, multipliers of constraints that nearly depend on each other would leave the others
-    with rounding of their own size.
+    with rounding of their own size. Not by `eomcheck.numbers.linear`, by which formulations solve:
+    nothing that is checked here has a part in the model.
 
     Raises:
         np.linalg.LinAlgError: A is singular, scaled, to working precision.

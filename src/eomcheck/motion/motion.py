@@ -77,6 +77,18 @@ class Motion:
         with watched(label, t_end, lambda: self.rates.time):
             return self._solve(t_end, projection, **options)
 
+    def every_step(
+        self, t_end: float, projection: float | None = None, *, output_times=None, **options
+    ) -> Steps | None:
+        """Return all states that `solve` steps to on its way to `output_times`.
+
+        None where those are its output, or where it has no pose that it cannot cross: poses lie
+        between steps, and between output times that are further apart the way is not straight.
+        """
+        if output_times is None or not self.solves_partition:
+            return None
+        return self.solve(t_end, projection, **options)
+
     def _solve(self, t_end: float, projection: float | None, **options) -> Steps:
         call = self.rates.address, self.rates.arguments
         if projection is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -87,20 +86,18 @@ def simulate(
         raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
     times = None if output_times is None else checked_times(output_times, t_end)
     motion = Motion(scene, formulation, *initial(scene, q0, v0, u0), baumgarte)
-    solve = partial(
-        motion.solve,
-        t_end,
-        projection,
-        integrator=integrator,
-        rtol=rtol,
-        atol=atol,
-        max_step=max_step,
-        first_step=0.0 if first_step is None else first_step,
-        max_steps=max_steps,
-    )
-    every = solve() if motion.solves_partition and times is not None else None
+    options = {
+        "integrator": integrator,
+        "rtol": rtol,
+        "atol": atol,
+        "max_step": max_step,
+        "first_step": 0.0 if first_step is None else first_step,
+        "max_steps": max_steps,
+        "output_times": times,
+    }
+    every = motion.every_step(t_end, projection, **options)
     start = time.perf_counter()
-    found = solve(output_times=times)
+    found = motion.solve(t_end, projection, **options)
     seconds = time.perf_counter() - start
     seen = trajectory(motion, found, integrator, rtol, atol, seconds, every)
     return replace(seen, baumgarte=baumgarte, projection=projection)

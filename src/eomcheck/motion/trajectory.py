@@ -88,8 +88,7 @@ def trajectory(
 ) -> Trajectory:
     """Return what the last `solve` of `motion`, which found these steps, says of the scene.
 
-    Poses that it cannot cross are looked for between the states of `every` step, or of `found` if
-    that has them all. Between output times that are further apart the way is not straight.
+    Poses that it cannot cross are looked for in `every` step, see `Motion.every_step`.
     """
     scene, formulation = motion.scene, motion.formulation
     course = _Course(motion, found, found if every is None else every)

@@ -167,9 +167,7 @@ def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int
         "rtol": tolerance,
         "atol": tolerance,
     }
-    # Poses that it cannot cross lie between steps, not between output times.
-    whole = options | {"output_times": None}
-    every = motion.solve(end, **whole) if motion.solves_partition else None
+    every = motion.every_step(end, **options)
     steps: list[Steps] = []
     taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
     solver = settings["integrator"], tolerance, tolerance

@@ -264,10 +264,11 @@ def _unfinished(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield crosses for motions that were not finished, each above all of as many links."""
     points = product(found.links, found.formulations, found.solvers)
     known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
-    step = (max(known.values(), default=1.0) / min(known.values(), default=1.0)) ** HEIGHT
-    height = dict.fromkeys(found.links, min(known.values(), default=1.0))
+    least, most = (end(known.values(), default=1.0) for end in (min, max))
+    step, height = (most / least) ** HEIGHT, dict.fromkeys(found.links, least)
     for (links, _, by), value in known.items():
-        height[links] = max(height[links], value if by == solver else 0.0)
+        if by == solver:
+            height[links] = max(height[links], value)
     for key in found.formulations:
         mine = {"cell": "motion", "formulation": key} | solver._asdict()
         failed = [one for one in found.unfinished if mine.items() <= one.settings.items()]

@@ -39,8 +39,8 @@ def _fig_7(found: Found) -> Evidence:
 def _grows(found: Found) -> Evidence:
     ratios, many = [], max(found.links, default=0)
     for key, solver in product(others(found), found.solvers):
-        of = (key, solver), (KANE, solver)
-        both = [n for n in found.links if all(found.finished(n, *one) for one in of)]
+        pair = (key, solver), (KANE, solver)
+        both = [n for n in found.links if all(found.finished(n, *one) for one in pair)]
         if len(both) > 1 and both[-1] == many:
             ends = [(both[0], solver), (many, solver)]
             few, most = ratios_of(found, "cpu_seconds", [key], [KANE], ends)
