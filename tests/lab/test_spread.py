@@ -11,15 +11,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
 
-from eomcheck.console import stoppable
 from eomcheck.errors import InputError, RefusedError, UnknownNameError, WorkerError
 from eomcheck.lab.store import cluster as cluster_module
-from eomcheck.lab.store import processes
 from eomcheck.lab.store.cluster import guarded
 from eomcheck.lab.store.executors import check_place, executor, place_of
 from eomcheck.lab.store.workers import DEATHS_TOGETHER, spread
@@ -229,28 +226,6 @@ def test_ctrl_c_while_workers_start_is_as_quiet(work, notes, tmp_path):
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert said.count("Traceback") == 1 and said.rstrip().endswith("KeyboardInterrupt")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_worker_is_started_whole_before_an_interruption(monkeypatch, number: int):
-    began = []
-
-    def start(self):
-        began.append("begun")
-        signal.raise_signal(number)
-        began.append("told what to do")
-
-    monkeypatch.setattr(SpawnProcess, "start", start)
-    handlers = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
-    # A shell that runs the tests in the background has its jobs ignore Ctrl-C.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt), stoppable():
-            processes._Context().Process().start()
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert began == ["begun", "told what to do"]
-    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == handlers
 
 
 def test_workers_end_with_a_parent_that_is_killed(work, notes, tmp_path):

@@ -1,0 +1,33 @@
+"""A process of a pool: started whole, whatever interrupts its parent meanwhile."""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing.context import SpawnProcess
+
+import pytest
+
+from eomcheck.console import stoppable
+from eomcheck.lab.store import processes
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_worker_is_started_whole_before_an_interruption(monkeypatch, number: int):
+    began = []
+
+    def start(self):
+        began.append("begun")
+        signal.raise_signal(number)
+        began.append("told what to do")
+
+    monkeypatch.setattr(SpawnProcess, "start", start)
+    handlers = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
+    # A shell that runs the tests in the background has its jobs ignore Ctrl-C.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), stoppable():
+            processes._Context().Process().start()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert began == ["begun", "told what to do"]
+    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == handlers
