@@ -12,7 +12,6 @@ import textwrap
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
-from statistics import median
 from types import ModuleType
 
 import numpy as np
@@ -177,9 +176,6 @@ LAYERS = (
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names.split()}
 
-LONGEST_FILE, USUAL_FILE = 400, 110
-"""Lines: no file has more, and no more than half of them."""
-
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 
@@ -214,16 +210,6 @@ def layer_of(path: Path) -> str:
 def test_no_file_imports_from_a_layer_after_its_own(path: Path):
     for module in imports_of(path):
         assert RANK[module.split(".")[1]] <= RANK[layer_of(path)], module
-
-
-def lines_of(path: Path) -> int:
-    return len(path.read_text(encoding="utf-8").splitlines())
-
-
-def test_files_are_small():
-    long = {str(path.relative_to(PACKAGE)): lines_of(path) for path in FILES}
-    assert not {name: lines for name, lines in long.items() if lines > LONGEST_FILE}
-    assert median(long.values()) <= USUAL_FILE
 
 
 def module_of(path: Path) -> str:
