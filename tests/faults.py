@@ -423,7 +423,7 @@ FAULTS = [
     Fault(SPRINGS, "Q[j] -= share", "Q[j] += share", "generalized-forces", "row γ"),
     Fault(SPRINGS, "longer * longer / 2", "longer * longer", "generalized-forces", "row γ"),
     Fault(SPRINGS, "force / length", "force", "generalized-forces", "row γ"),
-    Fault(WEIGHTS, "Q[i] += times(grows, p", "Q[i] -= times(grows, p", *PULLED),
+    Fault(WEIGHTS, "Q[i] += times(grows, t", "Q[i] -= times(grows, t", *PULLED),
     Fault(ENERGIES, "U, parameters.torque", "U, -parameters.torque", *PULLED),
     # The sleigh.
     Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,8 +40,10 @@ from eomcheck.mechanics.described import (
 )
 from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
 from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.description import Described, Description
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Link, coupling, on_quadric, pin, square
+from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
 
@@ -280,6 +283,58 @@ def test_a_ball_in_a_parabolic_bowl_runs_on_a_level_circle_at_one_rate():
     q[:3], v[1] = (0.3, 0.0, 2 * 0.3**2), 0.3 * np.sqrt(4.0 * 9.81)  # ω² = g k, at any radius
     vdot = eomcheck.acceleration(on("InBowl", bowl), "kane", q, v).vdot
     np.testing.assert_allclose(vdot[:3], (-0.3 * 4.0 * 9.81, 0.0, 0.0), atol=1e-13)
+
+
+AXES_OF_JOINTS = [
+    *((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    *((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, -0.8)),
+]
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("axis", AXES_OF_JOINTS)
+def test_a_spring_rests_where_its_joint_says_along_any_axis(kind, axis):
+    """By hand, and of a joint that follows: -k (q - rest), times the ratio."""
+    along = {"axis": axis, "stiffness": 3.0, "relaxed": 0.4, "damping": 0.2}
+    joints = [
+        words.Joint("leader", kind, "ground", "a", **along),
+        words.Joint("f", kind, "a", "b", (1.0, 0.3, 0.2), follows=("leader", -1.5, 0.7), **along),
+    ]
+    scene = mechanism("Sprung", [GROUND, rod("a"), rod("b")], joints, gravity=None)()
+    at = Evaluation(scene, np.array([0.9]), np.array([0.5]))
+    stretched, follower = 0.9 - 0.4, -1.5 * 0.9 + 0.7 - 0.4
+    damped = 0.2 * (1.0 + 1.5**2) * 0.5
+    forces = at.terms.Q
+    assert forces == pytest.approx([-3.0 * (stretched - 1.5 * follower) - damped], rel=1e-14)
+    energy = scene.potential(at.parameters, at.prepared, at.q)
+    assert energy == pytest.approx(3.0 * (stretched**2 + follower**2) / 2, rel=1e-14)
+
+
+class Motor(Described, description=lambda parameters: _motor(parameters), closed=True):
+    """A lever about an axis that points down, and a motor."""
+
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,))
+    inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (1,))
+    torque: Any = parameter("motor", "N m", drawn=(-1.0, 1.0))
+
+    key, conserves_energy = "motor", True
+    named_coordinates = ("turn",)
+
+    def initial_state(self):
+        return np.zeros(1), np.zeros(1)
+
+
+def _motor(parameters) -> Description:
+    joint = words.Joint("turn", "revolute", "ground", "lever", axis=(0.0, 0.0, -1.0),
+                        torque=parameters.torque[0])  # fmt: skip
+    return Description([Link("lever", parameters.mass[0])], [joint], planar=True)
+
+
+def test_a_motor_drives_its_joint_forwards_about_a_negative_axis():
+    scene = Motor([2.0], [0.5], 0.25)
+    at = Evaluation(scene, np.array([0.7]), np.zeros(1))
+    assert at.terms.Q.tolist() == [0.25]
+    assert scene.potential(at.parameters, at.prepared, at.q) == pytest.approx(-0.25 * 0.7)
 
 
 # ---- What is refused -----------------------------------------------------------------------------

@@ -129,6 +129,10 @@ def potential_of(plan: Plan) -> Any:
     sprung = [k for k, slot in enumerate(plan.slots) if slot.spring is not None]
     driven = [k for k, slot in enumerate(plan.slots) if slot.torque is not None]
 
+    def own(k, prepared):
+        # The coordinate of a joint, which turns or slides against its slot on a negative axis.
+        return times(plan.slots[k].sense, prepared.x[k])
+
     def potential(parameters, prepared, q):
         U = None
         if parameters.gravity is not None:
@@ -138,10 +142,10 @@ def potential_of(plan: Plan) -> Any:
                 U = _less(U, times(parameters.mass[b], dot(g, at)))
         for k in sprung:
             i = plan.slots[k].spring
-            stretch = prepared.x[k] - parameters.relaxed[i]
+            stretch = own(k, prepared) - parameters.relaxed[i]
             U = _less(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
         for k in driven:
-            U = _less(U, parameters.torque[plan.slots[k].torque] * prepared.x[k])
+            U = _less(U, parameters.torque[plan.slots[k].torque] * own(k, prepared))
         return U
 
     return potential

@@ -37,13 +37,15 @@ def forces_of(plan: Plan) -> Any:
         for k, slot in enumerate(plan.slots):
             i, grows = slot.coordinate, factor(slot, parameters)
             if slot.spring is not None:
-                stretch = prepared.x[k] - parameters.relaxed[slot.spring]
+                # Along its axis; where that is negative it is -1 times the joint's coordinate.
+                rest = times(slot.sense, parameters.relaxed[slot.spring])
+                stretch = prepared.x[k] - rest
                 Q[i] -= times(grows, parameters.stiffness[slot.spring] * stretch)
             if slot.damper is not None and damping is not None:
                 rate = times(grows, v[i])
                 Q[i] -= times(grows, damping[slot.damper] * rate)
             if slot.torque is not None:
-                Q[i] += times(grows, parameters.torque[slot.torque])
+                Q[i] += times(grows, times(slot.sense, parameters.torque[slot.torque]))
         pull(plan, parameters, prepared, q, v, Q)
         return Q
 
