@@ -11,8 +11,10 @@ import eomcheck
 from eomcheck.claims import State
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Sleigh, Snake
+from eomcheck.testing import check_functions
 
 KINETIC = {"engines": [], "claims": ["kinetic-energy"]}
 
