@@ -34,7 +34,12 @@ def random_tree(seed: int) -> dict[str, Any]:
         body.mass *= scale
         body.inertia = body.inertia * scale
         model.appendBodyToJoint(joint, body, pin.SE3.Random())
-    data = model.createData()
+    return functions_of_model(model) | {"name": f"tree {seed}"}
+
+
+def functions_of_model(model: pin.Model) -> dict[str, Any]:
+    """Return the functions of a Pinocchio model whose velocities are rates of coordinates."""
+    data, n = model.createData(), model.nv
     zero = np.zeros(n)
 
     def M(q):
@@ -53,5 +58,4 @@ def random_tree(seed: int) -> dict[str, Any]:
         "qdd": lambda q, v: pin.aba(model, data, q, v, zero).copy(),
         "T": lambda q, v: pin.computeKineticEnergy(model, data, q, v),
         "U": lambda q: pin.computePotentialEnergy(model, data, q),
-        "name": f"tree {seed}",
     }
