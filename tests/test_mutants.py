@@ -87,7 +87,7 @@ def test_a_fault_is_named_or_caught_or_survives():
 )
 def test_what_was_not_tried_is_an_error_and_never_caught(change: dict, says: str):
     sleeping = "sleep" in change.get("catcher", "")
-    result = attempt(replace(STALLED, **change), longest=2.0 if sleeping else 8.0)
+    result = attempt(replace(STALLED, **change), longest=2.0 if sleeping else 120.0)
     assert result.outcome == "error"
     assert says in result.said
 
