@@ -8,6 +8,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from eomcheck.output import printable
+
 if TYPE_CHECKING:
     from traceback import FrameSummary
 
@@ -15,6 +17,31 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
+
+LONGEST = 900
+"""Characters of a message; of a longer one the beginning and the end are shown."""
+
+
+def one_line(text: str) -> str:
+    """One line of a text, without control characters and without the middle of a long one."""
+    if len(text) > LONGEST:
+        text = f"{text[: 2 * LONGEST // 3]} ... {text[-LONGEST // 3 :]}"
+    return printable(" ".join(text.split()))
+
+
+def message_of(error: BaseException) -> str:
+    """The message of an exception in one line, "" without one, also where its `__str__` raises."""
+    try:
+        text = str(error)
+    except Exception as broken:
+        return f"its text cannot be read: __str__ raises {type(broken).__name__}"
+    return one_line(text)
+
+
+def described_error(error: BaseException) -> str:
+    """The type and the message of an exception: "KeyError: 'x'"."""
+    text, kind = message_of(error), one_line(type(error).__name__)
+    return f"{kind}: {text}" if text else kind
 
 
 class EomcheckError(Exception):
@@ -27,7 +54,7 @@ class EomcheckError(Exception):
 
     def __str__(self):
         # One sentence on one line, however the values in it are printed.
-        return " ".join(super().__str__().split())
+        return one_line(super().__str__())
 
 
 class InputError(EomcheckError, ValueError):
@@ -54,9 +81,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 def raised(error: BaseException, at: FrameSummary) -> str:
     """Return what was raised, and in which line: "raised KeyError: 'x' (own.py, line 3)"."""
-    text = " ".join(str(error).split())
-    what = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    return f"raised {what} ({Path(at.filename).name}, line {at.lineno})"
+    return f"raised {described_error(error)} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
@@ -84,17 +109,45 @@ def distinct(kind: str, names: Iterable[T]) -> tuple[T, ...]:
         raise InputError(f"{kind} = {names!r}, expected a list of names") from None
 
 
-def whole_number(name: str, value: Any, least: int | None = 1) -> int:
+def some(kind: str, names: Iterable[T]) -> tuple[T, ...]:
+    """The names given, each once, at least one.
+
+    Raises:
+        InputError: they are no list of names, or an empty one, with which nothing is checked.
+    """
+    found = distinct(kind, names)
+    if not found:
+        raise InputError(f"{kind} = {names!r} names nothing, expected at least one name")
+    return found
+
+
+def whole_number(name: str, value: Any, least: int | None = 1, most: int | None = None) -> int:
     """Return a whole number as an int.
 
     Raises:
-        InputError: it is none, or below `least`.
+        InputError: it is none, below `least` or above `most`.
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or (least is not None and value < least):
         bound = "" if least is None else f" of at least {least}"
-        raise InputError(f"{name} = {value!r}, expected a whole number{bound}")
-    return int(value)
+        raise InputError(f"{name} = {shown(value)}, expected a whole number{bound}")
+    number = int(value)
+    if most is not None and number > most:
+        raise InputError(f"{name} = {shown(value)}, expected at most {most}")
+    return number
+
+
+def shown(value: Any) -> str:
+    """The repr of a value that was handed in, in one line, also where its `__repr__` raises.
+
+    Of whole numbers that are longer than Python prints, the number of their bits.
+    """
+    try:
+        return one_line(repr(value))
+    except Exception as error:
+        if isinstance(value, int):
+            return f"a number of {value.bit_length()} bits"
+        return f"a {one_line(type(value).__name__)} whose __repr__ raises {type(error).__name__}"
 
 
 class InconsistentVelocityError(InputError):

@@ -47,6 +47,23 @@ def replacing(path: Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def check_regular(path: Path) -> None:
+    """Raise InputError if `path` is there and no file: a pipe or a device may never end."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{str(path)!r} is not a regular file")
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular file, in UTF-8.
+
+    Raises:
+        InputError: it is a folder, a pipe or a device.
+        OSError, UnicodeDecodeError: it cannot be read.
+    """
+    check_regular(path)
+    return path.read_text(encoding="utf-8")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text, in UTF-8, as the file `path`, see `replacing`."""
     with replacing(path) as beside:

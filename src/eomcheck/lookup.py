@@ -50,8 +50,9 @@ def looked_up(kind: Kind[T], name: object) -> type[T]:
     """
     if isinstance(name, str) and name in kind.registry:
         return kind.registry[name]
-    home, colon, of = name.rpartition(":") if isinstance(name, str) else ("", "", "")
-    if colon and of.isidentifier():
+    code = home_of_code(name)
+    if code is not None:
+        home, of = code
         module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
         return _class_in(module, of, kind, home)
     if isinstance(name, str) and name.endswith(".py"):
@@ -69,11 +70,21 @@ def value_of(name: str) -> Any:
     Raises:
         InputError: no such file or module, or it cannot be run.
     """
-    home, colon, of = name.rpartition(":")
-    if not colon or not of.isidentifier():
+    code = home_of_code(name)
+    if code is None:
         return None
+    home, of = code
     module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
     return getattr(module, of, None)
+
+
+def home_of_code(name: object) -> tuple[str, str] | None:
+    """The file or module, and the name in it, of `path/to/file.py:NAME` or `package.module:NAME`.
+
+    None of other names, which import nothing that is not installed for eomcheck.
+    """
+    home, colon, of = name.rpartition(":") if isinstance(name, str) else ("", "", "")
+    return (home, of) if colon and home and of.isidentifier() else None
 
 
 def announced(kind: Kind[Any]) -> dict[str, EntryPoint]:

@@ -25,6 +25,9 @@ WRITTEN = {
 }
 """Characters -> what is written for them; Greek letters have names, others a plain form or none."""
 
+TURNING = frozenset({"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"})
+"""Bidirectional classes of characters that make the text behind them run the other way."""
+
 
 def plain(character: str) -> str:
     """Return a character in ASCII: `theta` for θ, "?" where nothing comes near."""
@@ -53,14 +56,13 @@ def counted(count: int, what: str) -> str:
 
 def printable(text: str) -> str:
     """Return a text in one line: without line breaks, and "\ufffd" for other control characters."""
-    return "".join(
-        x
-        if unicodedata.category(x) not in ("Cc", "Cs", "Zl", "Zp")
-        else " "
-        if x.isspace()
-        else "\ufffd"
-        for x in text
-    )
+    return "".join(" " if x.isspace() else "\ufffd" if is_control(x) else x for x in text)
+
+
+def is_control(character: str) -> bool:
+    """Whether a character controls a terminal, a line or the direction of text, or is none."""
+    kind = unicodedata.category(character)
+    return kind in ("Cc", "Cs", "Zl", "Zp") or unicodedata.bidirectional(character) in TURNING
 
 
 def _in_names(error: UnicodeError) -> tuple[str, int]:

@@ -93,3 +93,17 @@ def test_a_run_counts_who_refused():
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), Selection.of(engines=[]))
     assert run.refused == ("el", "em")
+
+
+@pytest.mark.parametrize(
+    "checks",
+    [
+        lambda: eomcheck.check(Snake.paper(), *Snake.paper().initial_state(), claims=[]),
+        lambda: eomcheck.validate(Snake.paper(), examples=1, claims=()),
+        lambda: check_functions(1, M=lambda q: [[1.0]], claims=[]),
+    ],
+    ids=["check", "validate", "check_functions"],
+)
+def test_an_empty_selection_of_claims_is_no_success(checks):
+    with pytest.raises(InputError, match="names nothing, expected at least one name"):
+        checks()

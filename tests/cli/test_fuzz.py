@@ -55,7 +55,8 @@ def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path
     assert "kane-ml-force" in said and "for finding in eomcheck.check" in said
     (find,) = json.loads(kept.read_text())
     assert find["claim"] == "kane-ml-force" and find["whose"] == "scene"
-    assert run("--replay", str(kept), monkeypatch=monkeypatch) == 1
+    again = "--replay", str(kept), "--scene", f"{scene}:Wrong"
+    assert run(*again, monkeypatch=monkeypatch) == 1
     assert "1 fail" in capsys.readouterr().out
     # It goes on with what was found before.
     assert run(*how, monkeypatch=monkeypatch) == 1

@@ -296,9 +296,10 @@ def test_finds_are_kept_by_cause_and_looked_at_again(tmp_path: Path):
     assert kept == find and kept.key == find.key
     scene, state = kept.case
     assert repr(scene) == repr(failed.scene) and np.array_equal(state.q, failed.state.q)
-    assert [one.claim for one in replayed([kept], KEYS)] == ["power-balance"]
+    (still,) = replayed([kept], KEYS)
+    assert (still.outcome, still.find.claim) == ("failed", "power-balance")
     right = Find("snake", kept.parameters, kept.q, kept.v, claim="power-balance")
-    assert replayed([right], KEYS) == []
+    assert [one.outcome for one in replayed([right], KEYS)] == ["holds"]
 
 
 def test_finds_of_another_claim_or_fault_are_other_finds():
@@ -321,7 +322,10 @@ def test_all_that_was_found_holds_now():
     finds = read_finds(corpus)
     assert len(finds) >= 2
     small = [one for one in finds if len(one.q) <= 14]
-    assert small and replayed(small, KEYS) == []
+    outcomes = Counter(one.outcome for one in replayed(small, KEYS))
+    # Rounding is all there is in some: they were false alarms, and now nothing is decided there.
+    assert outcomes.keys() <= {"holds", "inconclusive"}
+    assert outcomes["holds"] >= 2 * outcomes["inconclusive"] > 0
 
 
 @pytest.mark.sampled(6)

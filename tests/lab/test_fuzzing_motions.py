@@ -112,9 +112,9 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     write_finds(file, [find])
     (kept,) = read_finds(file)
     assert kept == find
-    assert [x.subject for x in replayed([kept], KEYS)] == ["em"]
+    assert [(x.outcome, x.find.subject) for x in replayed([kept], KEYS)] == [("failed", "em")]
     monkeypatch.undo()
-    assert replayed([kept], KEYS) == []
+    assert [x.outcome for x in replayed([kept], KEYS)] == ["holds"]
 
 
 def test_the_code_of_a_find_shows_what_is_apart(monkeypatch, capsys):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from eomcheck.claims import CLAIMS, Case, State
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
-from eomcheck.errors import distinct, named
+from eomcheck.errors import named, some
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene
@@ -38,10 +38,10 @@ class Selection:
         Engines that an extra installs take part when named.
 
         Raises:
-            InputError: a formulation applies to none of `scenes`.
+            InputError: a formulation applies to none of `scenes`, or `claims` names none.
             UnknownNameError: a name is not registered.
         """
-        ids = tuple(CLAIMS if claims is None else distinct("claims", claims))
+        ids = tuple(CLAIMS if claims is None else some("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
         return cls(formulations_among(scenes, formulations), engines_among(engines), ids)

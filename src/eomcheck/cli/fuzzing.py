@@ -10,10 +10,10 @@ import typer
 
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
-from eomcheck.cli.options import Formulations, Kept, Kind, Seed, check_used, records_or_none
+from eomcheck.cli.options import Formulations, Kept, Seed, check_used, records_or_none
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import at_least_one, interval, listed
+from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, listed
 from eomcheck.output import counted
 
 if TYPE_CHECKING:
@@ -46,7 +46,14 @@ def _rations(text: str) -> list[int]:
 
 @app.command()
 def fuzz(
-    scene: Kind = "snake",
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help=f"{SCENE_HELP} [snake] With --replay: whose code the file may import.",
+            autocompletion=completing("scene", "robot"),
+        ),
+    ] = None,
     links: Annotated[
         str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
     ] = None,
@@ -111,7 +118,11 @@ def fuzz(
     ] = None,
     records: Kept = None,
     replay: Annotated[
-        Path | None, typer.Option(help="Look at the finds in this file again, and at nothing else.")
+        Path | None,
+        typer.Option(
+            help="Check the failures in this file again, and nothing else; code that they name is "
+            "imported only if --scene names it too."
+        ),
     ] = None,
     keep: Annotated[
         Path | None, typer.Option(help="Add finds to this file, such as validation/found.json.")
@@ -121,7 +132,8 @@ def fuzz(
 
     States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
     of the others. With --motions, motions by all formulations are compared. A campaign with
-    --records goes on where it stopped. Exit code 1 if there is a find, 130 if interrupted.
+    --records goes on where it stopped. Exit code 1 if there is a find, 2 if a kept one cannot be
+    checked again, 130 if interrupted.
     """
     check_writable(keep)
     if replay is not None:
@@ -130,6 +142,7 @@ def fuzz(
         check_used("with --replay", motions=motions, **elsewhere, **many)
         _replay(replay, formulation, scene)
         return
+    scene = "snake" if scene is None else scene
     if time is not None and states is not None:
         raise InputError("--time and --states: expected one of them, not both")
     most = None if states is not None else seconds_of(time or "1m")
@@ -280,23 +293,33 @@ def _motions(
     return plan if family is None else plan._replace(families=_families(family))
 
 
-def _replay(path: Path, formulation: list[str] | None, scene: str) -> None:
-    """Look at kept finds again; exit code 1 if one still fails."""
-    from eomcheck.console import console, progress
+def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> None:
+    """Check kept failures again.
+
+    Raises:
+        InputError: there are none, or one could not be checked and none fails.
+        typer.Exit: with 1, one still fails.
+    """
+    from eomcheck.console import progress
+    from eomcheck.errors import named
     from eomcheck.formulations import FORMULATIONS
     from eomcheck.lab.fuzzing.file import read_finds
     from eomcheck.lab.fuzzing.replay import replayed
+    from eomcheck.lab.report.fuzzing import print_replayed
 
-    if not path.exists():
+    for key in formulation or ():
+        named("formulation", key, FORMULATIONS)
+    if not path.is_file():
         raise InputError(f"{str(path)!r} is no file")
     finds = read_finds(path)
-    with progress("looking again at {find}", len(finds)) as advance:
-        still = replayed(finds, formulation or tuple(FORMULATIONS), advance)
-    console.print(
-        f"{counted(len(finds), 'find')}: {len(finds) - len(still)} hold now, {len(still)} fail"
-    )
-    for find in still:
-        console.print(str(find), markup=False)
-        print(find.python)
-    if still:
+    if not finds:
+        raise InputError(f"{str(path)!r} holds no finds: nothing is checked")
+    allowed = () if scene is None else (scene,)
+    with progress("checking {find} again", len(finds)) as advance:
+        results = replayed(finds, formulation or tuple(FORMULATIONS), advance, allowed)
+    print_replayed(results)
+    if any(one.outcome == "failed" for one in results):
         raise typer.Exit(1)
+    left = [one for one in results if one.outcome == "not checked"]
+    if left:
+        raise InputError(f"{counted(len(left), 'find')} could not be checked: {left[0].reason}")

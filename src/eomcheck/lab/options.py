@@ -67,11 +67,20 @@ def listed(texts: Iterable[str] | None) -> list[str] | None:
     """Return what was given as "a,b" or repeated as one list; None of nothing given.
 
     A name in a file (with a colon in it) is never taken apart.
+
+    Raises:
+        InputError: what was given names nothing: an empty selection would check nothing.
     """
     if not texts:
         return None
+    texts = list(texts)
     parts = (part for text in texts for part in ([text] if ":" in text else text.split(",")))
-    return [part.strip() for part in parts if part.strip()]
+    names = [part.strip() for part in parts if part.strip()]
+    if not names:
+        raise InputError(
+            f"{' '.join(texts)!r} names nothing, expected at least one, or several: a,b"
+        )
+    return names
 
 
 def numbers(name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = float) -> list[T]:
@@ -108,9 +117,9 @@ def parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
             raise InputError(f"set = {text!r}, expected NAME=VALUE such as mass=2 or mass=1,2,3")
         if name in found:
             raise InputError(f"set: {name} is given twice, expected {name}=1,2,3 for a list")
-        found[name] = None if value == "none" else numbers(name, [value])
-        if found[name] == []:
+        if not value.strip(", "):
             raise InputError(f"set = {text!r}, expected a number after {name}=")
+        found[name] = None if value == "none" else numbers(name, [value])
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.claims.finding import Finding, Verdict, diagnose, judge, worst_entry
 from eomcheck.claims.registry import Skipped
-from eomcheck.errors import InputError, distinct, named, whole_number
+from eomcheck.errors import InputError, named, some, whole_number
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
@@ -117,7 +117,7 @@ def check(
         states, seed, against, claims: see `check_functions`.
         holonomic: in place of what `functions` say of themselves, see `Functions.holonomic`.
     """
-    ids = tuple(FUNCTION_CLAIMS if claims is None else distinct("claims", claims))
+    ids = tuple(FUNCTION_CLAIMS if claims is None else some("claims", claims))
     selected = [named("claim", one, FUNCTION_CLAIMS) for one in ids]
     given = (
         states

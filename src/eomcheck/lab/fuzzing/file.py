@@ -1,4 +1,4 @@
-"""The file of finds, in which those of one cause are kept once."""
+"""The corpus: a file of failures, in which those of one cause are kept once."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from eomcheck.errors import InputError
-from eomcheck.files import write_text
+from eomcheck.errors import InputError, message_of
+from eomcheck.files import read_text, write_text
 from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.mechanics.scene import finite_array
 
 
 def read_finds(path: Path) -> list[Find]:
@@ -22,16 +23,40 @@ def read_finds(path: Path) -> list[Find]:
     if not path.exists():
         return []
     try:
-        return [_read(one) for one in json.loads(path.read_text(encoding="utf-8"))]
-    except (OSError, TypeError, KeyError, ValueError) as error:
-        raise InputError(f"{str(path)!r} holds no finds: {error}") from None
+        rows = json.loads(read_text(path))
+        if not isinstance(rows, list):
+            raise TypeError("expected a list")
+        return [_read(one) for one in rows]
+    except (OSError, TypeError, KeyError, ValueError, RecursionError) as error:
+        raise InputError(f"{str(path)!r} holds no finds: {message_of(error)}") from None
 
 
-def _read(one: dict[str, Any]) -> Find:
-    fields = set(Find.__dataclass_fields__)
-    if unknown := set(one) - fields:
+KINDS = {"float": (int, float), "str": str, "dict[str, Any]": dict, "list[float]": list}
+"""Annotation of a field of `Find` -> what it may be in JSON."""
+
+
+def _read(one: Any) -> Find:
+    """A failure of its row.
+
+    Raises:
+        TypeError, ValueError: a field is missing, unknown, of another type, or not finite.
+    """
+    if not isinstance(one, dict):
+        raise TypeError(f"{one!r}, expected names and values")
+    if unknown := set(one) - set(Find.__dataclass_fields__):
         raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
-    return Find(**one)
+    for name, value in one.items():
+        kind = KINDS[Find.__annotations__[name]]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise TypeError(f"{name} = {value!r}, expected {Find.__annotations__[name]}")
+    find = Find(**one)
+    for name in ("q", "v"):
+        finite_array(name, getattr(find, name), (len(getattr(find, name)),))
+    for name in ("t", "t_end"):
+        finite_array(name, getattr(find, name), ())
+    if find.t_end < 0.0:
+        raise ValueError(f"t_end = {find.t_end}, expected a time that is not negative")
+    return find
 
 
 def write_finds(path: Path, finds: Iterable[Find]) -> None:

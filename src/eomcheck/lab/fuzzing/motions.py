@@ -55,9 +55,14 @@ def judged_motions(
 
 def failures_of_motion(case: Case, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
     """Return what fails of one motion; see `judged_motions`."""
+    return [one for one in findings_of_motion(case, keys, t_end) if one.verdict == "failed"]
+
+
+def findings_of_motion(case: Case, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
+    """The findings about one motion, alone and beside others; see `judged_motions`."""
     able = [key for key in keys if FORMULATIONS[key].applies_to(case[0])]
-    (found,) = judged_motions([case], keys, t_end, [(0, key) for key in able])
-    return [one for one in found if one.verdict == "failed"]
+    (findings,) = judged_motions([case], keys, t_end, [(0, key) for key in able])
+    return findings
 
 
 def _judged(

@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, message_of
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lookup import value_of
 from eomcheck.mechanics.described.words import Constraint, Joint, Link
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import finite_array
 from eomcheck.random_mechanisms.description import Description
 from eomcheck.random_mechanisms.kinds import Random
+from eomcheck.robots.files import is_robot
 from eomcheck.testing.subject import Functions
 
 
@@ -64,14 +66,25 @@ def _tupled(x: Any) -> Any:
 def case_of(
     kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
 ) -> Case:
-    """Return the scene that `parameters_of` is of, or functions, in a state."""
+    """Return the scene that `parameters_of` is of, or functions, in a state.
+
+    Raises:
+        InputError: the scene has no such parameters or refuses them, or it has no such state.
+    """
     if isinstance(kind, Functions):
         scene: Any = kind
-    elif issubclass(kind, Random):
+        return scene, State(finite_array("q", q, (kind.n,)), finite_array("v", v, (kind.p,)), t)
+    if issubclass(kind, Random):
         scene = random_of(kind, parameters)
     else:
-        scene = kind(**parameters)
-    return scene, State(np.array(q, float), np.array(v, float), t)
+        try:
+            scene = kind(**parameters)
+        except TypeError as error:  # another name, or one too few
+            raise InputError(
+                f"{kind.key} of {', '.join(parameters)}: {message_of(error)}"
+            ) from None
+    position, velocity = scene.check_state(q, v, t)
+    return scene, State(position, velocity, t)
 
 
 @lru_cache(16)
@@ -84,7 +97,7 @@ def functions_named(name: str) -> Functions | None:
     Raises:
         InputError: no such file or module, or it cannot be run.
     """
-    found = value_of(name)
+    found = None if is_robot(name) else value_of(name)
     return found if isinstance(found, Functions) else None
 
 

@@ -1,38 +1,149 @@
-"""Finds looked at again: those that still fail."""
+"""Kept failures checked again: which still fail, which hold, and which nothing could be said of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims.finding import Verdict
+from eomcheck.engines import ALWAYS, ENGINES
+from eomcheck.errors import EomcheckError, described_error, message_of
+from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
-from eomcheck.lab.fuzzing.judging import Fault, failures
-from eomcheck.lab.fuzzing.motions import failures_of_motion
+from eomcheck.lab.fuzzing.judging import Fault, checked, named_in
+from eomcheck.lab.fuzzing.motion_finding import CLAIMS_OF_MOTIONS
+from eomcheck.lab.fuzzing.motions import findings_of_motion
+from eomcheck.lookup import home_of_code
+from eomcheck.robots.files import is_robot
+from eomcheck.testing.registry import FUNCTION_CLAIMS
 from eomcheck.testing.run import functions_at
 from eomcheck.testing.subject import Functions
 
+Outcome = Literal["failed", "holds", "inconclusive", "not checked"]
+
+
+class Replayed(NamedTuple):
+    """The outcome of a kept failure that is checked again.
+
+    Attributes:
+        find: the failure; where it still fails, with the error observed now.
+        outcome: "failed"; "holds": its claim was decided for its subject and holds; "inconclusive":
+            it was computed and could not be decided; "not checked": it could not be computed.
+        reason: why it was not decided, "" where it was.
+    """
+
+    find: Find
+    outcome: Outcome
+    reason: str = ""
+
 
 def replayed(
-    finds: Iterable[Find], formulations: Sequence[str], looked_at: Callable[[], None] = lambda: None
-) -> list[Find]:
-    """Return those finds that still fail, with what is observed now."""
-    still = []
+    finds: Iterable[Find],
+    formulations: Sequence[str],
+    looked_at: Callable[[], None] = lambda: None,
+    allowed: Collection[str] | None = None,
+) -> list[Replayed]:
+    """Check kept failures again, in their order.
+
+    Args:
+        finds: the failures.
+        formulations: keys of the formulations that take part.
+        looked_at: called after each.
+        allowed: names of scenes whose code may be imported, see `runs_code`; None for all.
+    """
+    results = []
     for one in finds:
-        failed = _failures_again(one, formulations)
-        told = Fault(one.whose, one.evidence) if one.t_end or one.whose == FUNCTIONS else None
-        still += [find_of(x, one.scene, told) for x in failed[:1]]
+        results.append(_replayed(one, formulations, allowed))
         looked_at()
-    return still
+    return results
 
 
-def _failures_again(one: Find, formulations: Sequence[str]) -> Sequence[Finding]:
-    """Return what still fails of a find."""
+def runs_code(name: str) -> tuple[str, str] | None:
+    """The file or module that a scene's name imports, and the name in it; None without an import.
+
+    Two names of one file are equal here.
+    """
+    code = None if is_robot(name) else home_of_code(name)
+    if code is None:
+        return None
+    home, of = code
+    return (str(Path(home).resolve()) if home.endswith(".py") else home), of
+
+
+def _replayed(one: Find, formulations: Sequence[str], allowed: Collection[str] | None) -> Replayed:
+    code = runs_code(one.scene)
+    if allowed is not None and code is not None and code not in map(runs_code, allowed):
+        reason = f"it runs code of {code[0]}, which is imported with --scene {one.scene} only"
+        return Replayed(one, "not checked", reason)
+    try:
+        findings, wanted = _findings(one, formulations)
+    except EomcheckError as error:
+        return Replayed(one, "not checked", message_of(error))
+    except Exception as error:  # of code that the find names
+        return Replayed(one, "not checked", f"raises {described_error(error)}")
+    failed = [x for x in findings if x.verdict == "failed" and wanted(x)]
+    if failed:
+        fault = Fault(one.whose, one.evidence) if one.t_end or one.whose == FUNCTIONS else None
+        return Replayed(find_of(failed[0], one.scene, fault), "failed")
+    return _undecided(one, findings, formulations)
+
+
+def _findings(
+    one: Find, formulations: Sequence[str]
+) -> tuple[Sequence[Finding], Callable[[Finding], bool]]:
+    """The findings about a kept failure's state, and which of them it fails by."""
     scene, state = one.case
-    same = one.claim, one.subject
+
+    def same(finding: Finding) -> bool:
+        return finding.claim == one.claim and _sides(finding) == _sides(one)
+
     if isinstance(scene, Functions):
-        found = functions_at(scene, state, [one.claim])
-    elif one.t_end:
-        found = failures_of_motion((scene, state), formulations, one.t_end)
-    else:
-        return failures((scene, state), [one.claim] if one.claim else list(CLAIMS), formulations)
-    return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
+        claims = _claims(one, FUNCTION_CLAIMS)
+        return functions_at(scene, state, claims), same if one.claim else lambda finding: True
+    if one.t_end:
+        _claims(one, CLAIMS_OF_MOTIONS)
+        return findings_of_motion((scene, state), formulations, one.t_end), same
+    claims = _claims(one, CLAIMS)
+    engines = named_in(one.subject, ENGINES) if one.claim else ALWAYS
+    # Whatever fails of the claim counts: a fault may show in another subject now.
+    return checked((scene, state), claims, formulations, engines), lambda finding: True
+
+
+def _sides(one: Find | Finding) -> list[str]:
+    """The sides of a subject such as "au ~ im", whichever comes first."""
+    return sorted(one.subject.split(" ~ "))
+
+
+def _claims(one: Find, known: Collection[str]) -> list[str]:
+    if one.claim and one.claim not in known:
+        raise EomcheckError(f"there is no claim {one.claim!r} about it")
+    return [one.claim] if one.claim else list(known)
+
+
+def _undecided(one: Find, findings: Sequence[Finding], formulations: Sequence[str]) -> Replayed:
+    """The outcome where nothing fails: "holds" only where the very subject was decided."""
+    about = [
+        x
+        for x in findings
+        if one.claim in ("", x.claim) and (not one.subject or _sides(x) == _sides(one))
+    ]
+    if not about:
+        absent = [x for x in named_in(one.subject, FORMULATIONS) if x not in formulations]
+        why = (
+            f"{', '.join(absent)} takes no part" if absent else f"nothing is about {one.subject!r}"
+        )
+        return Replayed(one, "not checked", why)
+    by_verdict = {x.verdict: x for x in about}
+    # All claims at once: some are undecided in any state. One claim holds if all of it is decided.
+    order: tuple[Verdict, ...] = "inconclusive", "passed", "not looked at"
+    if not one.claim:
+        order = "passed", "inconclusive", "not looked at"
+    verdict = next(x for x in order if x in by_verdict)
+    if verdict == "passed":
+        return Replayed(one, "holds")
+    undecided = by_verdict[verdict]
+    outcome: Outcome = "inconclusive" if verdict == "inconclusive" else "not checked"
+    sizes = f"observed {undecided.observed:.3g}, allowed {undecided.allowed:.3g}"
+    return Replayed(one, outcome, f"{undecided.subject}: {undecided.detail or sizes}")

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import re
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 
 from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import FAMILIES
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
+from eomcheck.lab.fuzzing.replay import Replayed
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
-from eomcheck.output import counted
+from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.output import counted, printable
 
 EVERY = 10.0
 """Seconds between two lines of progress."""
@@ -108,6 +110,24 @@ def finds_sheet(campaign: Campaign) -> Sheet:
     ]
     columns = "claim", "subject", "fault", "what", "evidence"
     return Sheet("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
+
+
+def print_replayed(results: Sequence[Replayed]) -> None:
+    """Print how many kept failures hold now, and each other one with its reason or its code."""
+    counts = Counter(one.outcome for one in results)
+    inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
+    unchecked = f", {counts['not checked']} not checked" if counts["not checked"] else ""
+    say(
+        f"{counted(len(results), 'find')}: {counts['holds']} hold now, {counts['failed']} fail"
+        f"{inconclusive}{unchecked}"
+    )
+    for number, (find, outcome, reason) in enumerate(results, 1):
+        if outcome == "failed":
+            say(printable(str(find)))
+            print(find.python)
+        elif outcome != "holds":
+            about = f"find {number}, {find.claim or 'all claims'} on {find.scene}"
+            say(printable(f"{outcome}: {about}: {reason}"))
 
 
 def print_campaign(campaign: Campaign) -> None:

@@ -13,7 +13,7 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, NamedTuple
 
-from eomcheck.errors import EomcheckError, InputError, RefusedError, distinct, named
+from eomcheck.errors import EomcheckError, InputError, RefusedError, named, some
 from eomcheck.evaluation.certified import (
     DIGITS_OF_DOUBLES,
     TRUE_DIGITS,
@@ -81,9 +81,9 @@ def cells(
     if not about:
         keys = ", ".join(kind.key for kind in kinds)
         raise InputError(f"scene = {keys}: the atlas has no families of states for it")
-    keys = distinct("family", about if family is None else family)
+    keys = some("family", about if family is None else family)
     families = [named("family", key, FAMILIES) for key in keys]
-    keys = distinct("formulation", FORMULATIONS if formulation is None else formulation)
+    keys = some("formulation", FORMULATIONS if formulation is None else formulation)
     methods = list(methods_of(keys))
     for one in families:
         apply = applicable(one.scene)
