@@ -92,7 +92,7 @@ class InBody(Engine):
         V = R.T @ v[:2] + np.array([0.0, self.c * omega])
         # ω × V of the centre, less what v turns by itself: ẋ and ẏ appear, and cancel.
         turned = self.m * omega * np.array([-V[1], V[0]])
-        own = self.m * omega * (R.T @ np.array([-v[1], v[0]]))
+        own = (self.m * omega * R.T) @ np.array([-v[1], v[0]])  # another rounding than `turned`
         force = turned - own
         return np.array([*(R @ force), self.c * force[1]])
 
