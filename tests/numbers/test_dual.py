@@ -11,6 +11,7 @@ from tests.exact import RandomFractions
 
 from eomcheck.numbers.dual import Dual, dual_angles, dual_root, duals, rate
 from eomcheck.numbers.linear import solve
+from eomcheck.numbers.pivots import EPS
 
 SEVEN = 7
 KINDS = {
@@ -109,3 +110,27 @@ def test_a_solution_moves_with_its_matrix_and_its_right_hand_side():
     b = duals(np.array([Fraction(8)], object), np.array([Fraction(7)], object))
     (x,) = solve(A, b, "A")
     assert (x.x, x.rate) == (4, Fraction(7 - 3 * 4, 2))
+
+
+@pytest.mark.parametrize(
+    ("function", "derivative"),
+    [
+        (np.sin, np.cos),
+        (np.cos, lambda x: -np.sin(x)),
+        (np.tan, lambda x: 1 / np.cos(x) ** 2),
+        (np.sqrt, lambda x: 0.5 / np.sqrt(x)),
+        (np.exp, np.exp),
+    ],
+)
+def test_functions_of_numpy_have_the_derivative_of_the_function_times_that_of_its_argument(
+    function, derivative
+):
+    at, slope = 0.7, 3.0
+    (found,) = function(np.array([Dual(at, slope)], object))
+    assert abs(found.x - function(at)) <= 4 * EPS
+    assert abs(found.rate - slope * derivative(at)) <= 4 * EPS * abs(found.rate)
+
+
+def test_powers_have_the_derivative_of_a_product():
+    found = Dual(Fraction(3), Fraction(2)) ** 3
+    assert (found.x, found.rate) == (27, 2 * 3 * 9)

@@ -177,6 +177,20 @@ def test_a_product_of_matrices_moves_by_the_size_of_its_terms(seed):
     assert not np.array_equal(noise.array(A) @ B, noise.array(A) @ B)
 
 
+@pytest.mark.parametrize(
+    "operation",
+    [np.add, np.subtract, np.multiply, np.true_divide, np.power, np.hypot],
+)
+@seeds
+def test_the_result_of_each_operation_on_whole_arrays_is_perturbed(operation, seed):
+    x, y = np.full(100, 3.0), np.full(100, 0.7)
+    noise = Noise(seed)
+    steps = relative_steps(operation(x, y), operation(noise.array(x), y))
+    assert (steps >= 0.5 - ROUNDING / STEP).all() and np.unique(steps).size > 10
+    steps = relative_steps(operation(x, y), operation(x, noise.array(y)))
+    assert (steps >= 0.5 - ROUNDING / STEP).all() and np.unique(steps).size > 10
+
+
 def test_slices_of_moved_arrays_and_what_is_made_of_them_are_moved_too():
     A = Noise(0).array(np.eye(3))
     for part in (A[1:], A.T, A[:, 0], A + 1.0, 1.0 - A, A @ np.ones(3), np.ones(3) @ A):
