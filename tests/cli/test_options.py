@@ -1,0 +1,484 @@
+"""Every option of every command changes what the command hands on, and every exit code is told."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from dataclasses import fields, is_dataclass
+from functools import cache
+from inspect import Parameter
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import typer
+
+from eomcheck import cli
+from eomcheck.cli.study import GROUPS, command_of
+from eomcheck.lab.fuzzing import campaign as campaigns
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.studies import study_of
+from eomcheck.mechanics.scene import Scene
+
+URDF = str(Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf")
+REFERENCES = Path(__file__).parents[2] / "validation" / "references"
+
+Seen = dict[str, Any]
+"""Function.argument -> its value, plain, in the last call of it."""
+
+
+# ---- What a command hands on ---------------------------------------------------------------------
+
+
+def plain(x: Any) -> Any:
+    """Return a value that can be compared and read: names of classes, text of paths."""
+    if isinstance(x, type):
+        return x.__name__
+    if isinstance(x, Path):
+        return str(x)
+    if isinstance(x, np.ndarray):
+        return x.tolist()
+    if isinstance(x, Scene):
+        return repr(x)
+    if isinstance(x, Records):
+        return "records"
+    if isinstance(x, tuple) and hasattr(x, "_asdict"):
+        return {name: plain(y) for name, y in x._asdict().items()}
+    if isinstance(x, dict):
+        return {plain(key): plain(y) for key, y in x.items()}
+    if isinstance(x, list | tuple):
+        return [plain(y) for y in x]
+    if hasattr(x, "key"):
+        return x.key
+    if is_dataclass(x):
+        return {one.name: plain(getattr(x, one.name)) for one in fields(x)}
+    return x if isinstance(x, str | int | float | None) else f"<{type(x).__name__}>"
+
+
+def stub(monkeypatch: pytest.MonkeyPatch, seen: Seen, name: str, value: Any = None) -> None:
+    """Replace a function by one that notes its arguments in `seen` and returns `value`."""
+    where, _, attribute = name.rpartition(".")
+    module = __import__(where, fromlist=["x"])
+    original = getattr(module, attribute)
+    signature = inspect.signature(original)
+
+    def noting(*arguments: Any, **options: Any) -> Any:
+        bound = signature.bind(*arguments, **options)
+        bound.apply_defaults()
+        for key, x in bound.arguments.items():
+            many = signature.parameters[key].kind is Parameter.VAR_KEYWORD
+            for inner, y in (x if many else {key: x}).items():
+                seen[f"{attribute}.{inner}"] = plain(y)
+        return value(*arguments, **options) if callable(value) else value
+
+    monkeypatch.setattr(module, attribute, noting)
+
+
+STUBS: dict[str, dict[str, Any]] = {
+    "validate": {
+        "eomcheck.lab.store.validation.look_at_kind": None,
+        "eomcheck.lab.store.validation.look_at_kinds": None,
+        "eomcheck.lab.report.findings.print_runs": None,
+        "eomcheck.lab.report.document.write_json": None,
+        "eomcheck.claims.trial.check_compared": None,
+        "eomcheck.cli.checking._write_page": None,
+    },
+    "prove": {
+        "eomcheck.lab.proof_jobs.proof_jobs": SimpleNamespace(),
+        "eomcheck.lab.proofs.Proofs": lambda *given, **how: SimpleNamespace(
+            run=lambda: None, write=lambda: None, failed=False, decided=True
+        ),
+        "eomcheck.lab.report.proofs.print_proofs": None,
+    },
+    "list": {"eomcheck.lab.report.registries.registry_sheet": lambda name: name}
+    | {"eomcheck.lab.show.terminal.print_sheets": None},
+    "report": {
+        "eomcheck.lab.report.page.write_page": None,
+        "eomcheck.lab.report.markdown.write_markdown": None,
+        "eomcheck.lab.report.junit.write_junit": None,
+        "eomcheck.lab.report.equivalences.write_equivalences": None,
+        "eomcheck.lab.report.overview.read": lambda paths, unread=None: [],
+    },
+    "export": {"eomcheck.cli.checking.write_text": None},
+    "reference": {
+        "eomcheck.lab.reference_runs.produce_all": lambda cases, where=None: ["made"],
+        "eomcheck.lab.references.write_reference": Path("there.json"),
+        "eomcheck.lab.references.reference_sheet": None,
+        "eomcheck.lab.show.terminal.print_sheets": None,
+    },
+    "fuzz": {
+        "eomcheck.lab.report.fuzzing.print_campaign": None,
+        "eomcheck.lab.fuzzing.file.read_finds": [],
+        "eomcheck.lab.fuzzing.file.write_finds": None,
+        "eomcheck.lab.fuzzing.replay.replayed": [],
+    },
+    "simulate": {
+        "eomcheck.simulate": SimpleNamespace(status="finished"),
+        "eomcheck.simulate_many": SimpleNamespace(status=np.array(["finished"])),
+        "eomcheck.lab.report.motions.print_trajectories": None,
+        "eomcheck.lab.report.many.print_many": None,
+        "eomcheck.lab.report.many.chart_of_many": None,
+        "eomcheck.lab.show.by_matplotlib.draw": None,
+    },
+    "acceleration": {"eomcheck.lab.report.accelerations.print_accelerations": 0},
+    "constraints": {"eomcheck.lab.report.constraints.print_constraints": 0},
+    "compare": {
+        "eomcheck.lab.comparing.compare": SimpleNamespace(agree=True),
+        "eomcheck.lab.report.comparison.print_comparison": None,
+        "eomcheck.lab.report.comparison.write_comparison": None,
+    },
+    "draw scene": {
+        "eomcheck.lab.show.mechanism.draw_scene": None,
+        "eomcheck.lab.show.animation.draw_motion": None,
+        "eomcheck.lab.mechanisms.sketches_of_motion": ([], np.zeros(1), 1),
+    },
+    "draw structure": {
+        "eomcheck.lab.show.structure.draw_structure": None,
+        "eomcheck.lab.structures.structure_of": lambda scene, formulation, *state: (
+            f"{formulation.key} of {scene!r}"
+        ),
+    },
+}
+"""Command -> the functions that it calls, and what stands for their results."""
+
+BASES = {
+    "validate": "--examples 1",
+    "list": "claims",
+    "report": "r.db",
+    "export": "r.db",
+    "fuzz": "--states 1",
+    "simulate": "0.1 --formulation kane",
+    "compare": URDF,
+    "draw scene": "a.svg",
+    "draw structure": "a.svg",
+}
+"""Command -> what it needs at least."""
+
+MANY, GIF, REPLAY = "0.1 --draws 2", "a.gif", "--replay f.json"
+"""Other words to begin with, for options that say nothing otherwise."""
+
+Case = tuple[str, Seen] | tuple[str, Seen, str]
+"""Words with the option, what follows of it, and the words to begin with if not the usual ones."""
+
+CASES: dict[str, dict[str, Case]] = {
+    "validate": {
+        "scene": ("--scene sleigh", {"look_at_kind.kind": "Sleigh"}),
+        "links": ("--links 2..5", {"look_at_kind.links": [2, 5]}),
+        "given": ("--set mass=2 --scene sleigh", {"look_at_kind.one": "~mass=2"}),
+        "examples": ("--examples 7", {"look_at_kind.examples": 7}),
+        "seed": ("--seed 9", {"look_at_kind.seed": 9}),
+        "engine": ("--engine casadi", {"look_at_kind.selection": "~'engines': ['CasadiEngine']"}),
+        "formulation": (
+            "--formulation au,el",
+            {"look_at_kind.selection": "~'formulations': ['au', 'el']"},
+        ),
+        "executor": ("--executor local:2", {"look_at_kind.where": "local:2"}),
+        "json": ("--json a.json", {"write_json.path": "a.json"}),
+        "records": ("--records new.db", {"look_at_kind.records": "records"}),
+        "report": ("--report a.html --records new.db", {"_write_page.path": "a.html"}),
+        "wide": ("--wide", {"print_runs.wide": True}),
+    },
+    "prove": {
+        "links": ("--links 2..3,7", {"proof_jobs.links": [2, 3, 7]}),
+        "points": ("--points 9", {"proof_jobs.points": 9}),
+        "seed": ("--seed 8", {"proof_jobs.seed": 8}),
+        "scene": ("--scene sleigh", {"proof_jobs.scene": "sleigh"}),
+        "formulation": ("--formulation au", {"proof_jobs.formulations": ["au"]}),
+        "executor": ("--executor local:2", {"Proofs.where": "local:2"}),
+        "json": ("--json a.json", {"Proofs.path": "a.json"}),
+        "records": ("--records new.db", {"Proofs.records": "records"}),
+    },
+    "list": {"registry": ("scenes", {"registry_sheet.name": "scenes"}, "")},
+    "report": {
+        "records": ("--junit a.xml other.db", {"read.paths": ["r.db", "other.db"]}),
+        "html": ("--html a.html", {"write_page.path": "a.html"}),
+        "markdown": ("--markdown a.md", {"write_markdown.path": "a.md"}),
+        "junit": ("--junit a.xml", {"write_junit.path": "a.xml"}),
+        "equivalences": ("--equivalences e.md", {"write_equivalences.path": "e.md"}),
+        "suite": (
+            "--suite there",
+            {"write_equivalences.suite": "there"},
+            "r.db --equivalences e.md",
+        ),
+    },
+    "export": {
+        "records": ("a.csv", {"write_text.text": "~\nother,done,"}, "other.db"),
+        "file": ("a.csv", {"write_text.path": "a.csv"}),
+    },
+    "reference": {
+        "names": ("disk", {"produce_all.cases": "~{'disk': {"}),
+        "folder": ("--folder .", {"write_reference.folder": "."}),
+        "executor": ("--executor local:2", {"produce_all.where": "local:2"}),
+    },
+    "fuzz": {
+        "scene": ("--scene sleigh", {"plan.kind": "Sleigh", "name": "sleigh"}),
+        "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
+        "engine": ("--engine none", {"plan.engines": []}),
+        "formulation": ("--formulation au,el", {"plan.formulations": ["au", "el"]}),
+        "claim": ("--claim bias,kinetic-energy", {"plan.claims": ["bias", "kinetic-energy"]}),
+        "time": ("--time 3m", {"run.states": None, "run.seconds": 180.0}, ""),
+        "states": ("--states 5", {"run.states": 5, "run.seconds": None}),
+        "seed": ("--seed 9", {"plan.seed": 9}),
+        "motions": ("--motions", {"plan": "MotionPlan"}),
+        "family": ("--family wide,fast", {"plan.families": ["wide", "fast"]}),
+        "climb": ("--no-climb", {"plan.climbing": False}),
+        "ration": (
+            "--ration 1,2,3,4,5",
+            {
+                "plan.ration.enclosures": 1,
+                "plan.ration.balls": 2,
+                "plan.ration.engines": 3,
+                "plan.ration.checks": 4,
+                "plan.ration.unlifted": 5,
+            },
+        ),
+        "executor": ("--executor local:2", {"run.executor": "local:2"}),
+        "records": ("--records new.db", {"records": "records"}),
+        "replay": (REPLAY, {"read_finds.path": "f.json", "replayed.finds": []}, ""),
+        "keep": ("--keep k.json", {"write_finds.path": "k.json", "write_finds.finds": ["find"]}),
+    },
+    "simulate": {
+        "words": ("sleigh 0.2", {"simulate.scene": "~Sleigh(", "simulate.t_end": 0.2}, ""),
+        "scene": ("--scene sleigh", {"simulate.scene": "~Sleigh("}),
+        "links": ("--scene coil --links 3", {"simulate.scene": "~length=[1.0, 1.0, 1.0]"}),
+        "given": ("--scene sleigh --set offset=0.25", {"simulate.scene": "~offset=0.25"}),
+        "speeds": ("--speeds 1,0.5", {"simulate.u0": [1.0, 0.5]}),
+        "formulation": ("--formulation au", {"simulate.key": "au"}, "0.1"),
+        "integrator": ("--integrator RK45", {"simulate.integrator": "RK45"}),
+        "tolerance": ("--tolerance 1e-5", {"simulate.rtol": 1e-5, "simulate.atol": 1e-5}),
+        "max_steps": ("--max-steps 7", {"simulate.max_steps": 7}),
+        "baumgarte": ("--baumgarte 10", {"simulate.baumgarte": 10.0}),
+        "projection": ("--projection 0.5", {"simulate.projection": 0.5}),
+        "draws": ("--draws 3", {"simulate_many.t_end": 0.1, "simulate_many.key": "kane"}),
+        "scale": ("--scale 0", {}, MANY),
+        "seed": ("--seed 5", {}, MANY),
+        "executor": (
+            "--executor local:2",
+            {"simulate_many.executor": "<ProcessPoolExecutor>"},
+            MANY,
+        ),
+        "plot": ("--plot a.svg", {"draw.path": "a.svg"}, MANY),
+    },
+    "acceleration": {
+        "name": ("sleigh", {"print_accelerations.scene": "~Sleigh("}),
+        "scene": ("--scene sleigh", {"print_accelerations.scene": "~Sleigh("}),
+        "links": (
+            "--scene coil --links 3",
+            {"print_accelerations.scene": "~length=[1.0, 1.0, 1.0]"},
+        ),
+        "given": (
+            "--scene sleigh --set offset=0.25",
+            {"print_accelerations.scene": "~offset=0.25"},
+        ),
+        "speeds": ("--speeds 1,0.5", {"print_accelerations.u": [1.0, 0.5]}),
+        "formulation": ("--formulation au,el", {"print_accelerations.keys": ["au", "el"]}),
+    },
+    "constraints": {
+        "scene": ("--scene sleigh", {"print_constraints.scene": "~Sleigh("}),
+        "links": ("--scene coil --links 3", {"print_constraints.scene": "~length=[1.0, 1.0, 1.0]"}),
+        "given": ("--scene sleigh --set offset=0.25", {"print_constraints.scene": "~offset=0.25"}),
+    },
+    "compare": {
+        "robot": ("", {"compare.scene": "~crane"}),
+        "engine": ("--engine mujoco,pinocchio", {"compare.engines": ["mujoco", "pinocchio"]}),
+        "states": ("--states 3", {"compare.states": 3}),
+        "seed": ("--seed 4", {"compare.seed": 4}),
+        "pairs": ("--pairs", {"print_comparison.pairs": True}),
+        "json": ("--json a.json", {"write_comparison.path": "a.json"}),
+    },
+    "draw scene": {
+        "path": ("b.svg", {"draw_scene.path": "b.svg"}, ""),
+        "scene": ("--scene sleigh", {}),
+        "links": ("--links 3", {}),
+        "given": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
+        "dark": ("--dark", {"draw_scene.dark": True}),
+        "end": ("--end 3", {"sketches_of_motion.end": 3.0}, GIF),
+        "frames": ("--frames 9", {"sketches_of_motion.frames": 9}, GIF),
+        "formulation": ("--formulation el", {"sketches_of_motion.formulation": "el"}, GIF),
+    },
+    "draw structure": {
+        "path": ("b.svg", {"draw_structure.path": "b.svg"}, ""),
+        "formulation": ("--formulation im", {"draw_structure.structure": "~im of "}),
+        "scene": ("--scene sleigh", {}),
+        "links": ("--links 3", {}),
+        "given": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
+        "dark": ("--dark", {"draw_structure.dark": True}),
+    },
+}
+"""Command -> option -> case. A new option without one fails `test_no_option_is_left_out`."""
+
+WITHOUT = {("export", "csv")}
+"""Options that can only be what they are: there is no other format."""
+
+
+USUAL: dict[tuple[str, str], Seen] = {}
+"""Command, words to begin with -> what is handed on without the option."""
+
+
+@cache
+def commands() -> dict[str, Any]:
+    """Return every command that is no study, by its words."""
+    top: Any = typer.main.get_command(cli.app)
+    return {
+        " ".join((name, *inner)): command
+        for name, group in top.commands.items()
+        for inner, command in (
+            [((key,), one) for key, one in group.commands.items()]
+            if name in GROUPS
+            else [((), group)]
+        )
+    }
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the files that are read."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("eomcheck.console.PATIENCE", 1e4)
+    for name in ("r.db", "other.db"):
+        with Records(tmp_path / name) as records:
+            records.add(Record(name.removesuffix(".db"), {}))
+    (tmp_path / "f.json").write_text("[]")
+    (tmp_path / "validation" / "references").mkdir(parents=True)
+    return tmp_path
+
+
+def handed_on(command: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> Seen:
+    """Return what a command hands on to what it calls."""
+    seen: Seen = {}
+    with monkeypatch.context() as patched:
+        for name, value in STUBS.get(command, {}).items():
+            stub(patched, seen, name, value)
+        patched.setattr(campaigns, "Campaign", lambda *given: Campaign(seen, *given))
+        patched.setattr(sys, "argv", ["eomcheck", *command.split(), *words])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+    assert stop.value.code in (0, 1, None)
+    return seen
+
+
+class Campaign:
+    """A campaign that finds something at once, and notes what it is given."""
+
+    def __init__(self, seen: Seen, plan: Any, name: str, strata: Any, kept: Any):
+        self.seen, self.finds = seen, {"key": "find"}
+        seen |= {"plan": type(plan).__name__, "name": name, "records": plain(kept)}
+        seen["strata"] = [one.name for one in strata]
+        for key, x in plan._asdict().items():
+            for inner, y in (x._asdict() if key == "ration" else {}).items():
+                seen[f"plan.ration.{inner}"] = y
+            seen[f"plan.{key}"] = plain(x)
+
+    def run(self, states: int | None, seconds: float | None, executor: str | None, told: Any):
+        self.seen |= {"run.states": states, "run.seconds": seconds, "run.executor": executor}
+
+
+def holds(expected: Any, found: Any) -> bool:
+    """Return whether a value is the one expected, or holds the text behind a "~"."""
+    if isinstance(expected, str) and expected.startswith("~"):
+        return expected[1:] in str(found)
+    return found == expected
+
+
+def test_no_option_is_left_out():
+    for command, one in commands().items():
+        options = {x.name for x in one.params} - {x for of, x in WITHOUT if of == command}
+        assert options == CASES[command].keys(), command
+    assert commands().keys() == CASES.keys()
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), [(command, option) for command in CASES for option in CASES[command]]
+)
+def test_every_option_changes_what_its_command_hands_on(command, option, here, monkeypatch):
+    words, expected, *begin = CASES[command][option]
+    base = begin[0] if begin else BASES.get(command, "")
+    default = BASES.get(command, "")
+    usual = USUAL.get((command, base))
+    if usual is None:
+        usual = handed_on(command, (base or default).split(), monkeypatch)
+        USUAL[command, base] = usual
+    changed = handed_on(command, f"{base} {words}".split(), monkeypatch)
+    wrong = {x: changed.get(x) for x, y in expected.items() if not holds(y, changed.get(x))}
+    assert not wrong
+    assert changed != usual or option == "robot"
+
+
+# ---- Studies -------------------------------------------------------------------------------------
+
+STUDIES = [(group, key) for group, keys in GROUPS.items() for key in keys]
+
+
+def value_of(name: str, parameter: Parameter, place: int) -> tuple[list[str], Any]:
+    """Return words for an option of a study, and the value that they stand for, of each its own."""
+    (kind, *_), flag = get_args(parameter.annotation), f"--{name.replace('_', '-')}"
+    text = str(kind)
+    if kind is bool:
+        return [flag], True
+    if "list[str]" in text:
+        both = [f"mass={place}", "offset=1"] if name == "set" else [f"first{place}", "second"]
+        return ([flag, both[0], flag, both[1]] if name == "set" else [flag, ",".join(both)]), both
+    for of, number in ((int, place), (float, place / 64)):
+        if of.__name__ in text:
+            many = f"list[{of.__name__}]" in text
+            return [flag, f"{number},{2 * number}" if many else str(number)], (
+                [number, 2 * number] if many else number
+            )
+    return [flag, f"some{place}"], Path(f"some{place}") if "Path" in text else f"some{place}"
+
+
+@pytest.mark.parametrize(("group", "key"), STUDIES, ids=[" ".join(x) for x in STUDIES])
+def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch):
+    study, given = study_of(key), dict[str, Any]()
+
+    def run(self, file: Path | None = None, fresh: bool = False, **options: Any) -> list[Record]:
+        given.update(options | {"records": file, "fresh": fresh})
+        return []
+
+    def write(self, found: Any, folder: Path) -> list[Path]:
+        given["figures"] = folder
+        return []
+
+    monkeypatch.setattr(type(study), "run", run)
+    monkeypatch.setattr(type(study), "write", write)
+    monkeypatch.setattr(
+        "eomcheck.lab.show.by_matplotlib.draw", lambda files, path: given.update(path=path)
+    )
+    chart = SimpleNamespace(files=list)
+    how = {"charts": lambda found: [chart], "sheets": lambda found: [], "said": lambda found: []}
+    for name, value in (how | {"alarm": lambda found: False}).items():
+        monkeypatch.setitem(study.__dict__, name, value)
+    command = command_of(key, drawn=group == "draw")
+    options = study.options()
+    shared = {"records", "fresh"} | ({"path"} if group == "draw" else {"json", "figures"})
+    assert {x.name for x in command.params} == options.keys() | shared
+    kept = ["--records", "k.db"] if study.small else ["k.db"]
+    base = [group, key, *(["a.svg"] if group == "draw" else []), *kept]
+
+    def ran(*more: str) -> dict[str, Any]:
+        given.clear()
+        monkeypatch.setattr(sys, "argv", ["eomcheck", *base, *more])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert not stop.value.code
+        return dict(given)
+
+    usual = ran()
+    assert usual["records"] == Path("k.db") and not usual["fresh"]
+    assert usual.keys() - {"path"} == options.keys() | {"records", "fresh"}
+    assert all(usual[name] == one.default for name, one in options.items())
+    words, values = ["--fresh"], {"fresh": True}
+    for place, (name, one) in enumerate(options.items(), 7):
+        more, values[name] = value_of(name, one, place)
+        words += more
+    if group == "draw":
+        assert usual["path"] == Path("a.svg")
+        assert ran(*words) == usual | values
+    else:
+        assert ran(*words, "--figures", ".", "--json", "a.json") == usual | values | {
+            "figures": Path()
+        }
+        assert Path("a.json").is_file()
