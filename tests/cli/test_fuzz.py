@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -21,6 +22,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     few = () if "--replay" in arguments else FEW
     monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *few, *arguments])
     monkeypatch.setattr(rounds, "BATCH", 8)
+    monkeypatch.setattr("eomcheck.lab.report.fuzzing.EVERY", math.inf)  # no line of progress
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return stop.value.code or 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +56,13 @@ wrong = Functions(3, bias=close, name="cart", **given)
 
 
 @pytest.fixture
-def mine(tmp_path: Path, monkeypatch) -> str:
-    """Return the path of a file with functions, right ones and ones that are wrong somewhere."""
+def mine(tmp_path: Path, monkeypatch) -> Iterator[str]:
+    """Yield the path of a file with functions, right ones and ones that are wrong somewhere."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     file = tmp_path / f"mine_{tmp_path.name.replace('-', '_')}.py"
     file.write_text(MINE.format(guides=str(GUIDES)))
-    return str(file)
+    yield str(file)
+    sys.modules.pop("cart", None)  # another test imports another file of this name
 
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:

@@ -40,6 +40,8 @@ def loaded() -> None:
 @pytest.fixture
 def session(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Session:
     """An empty repository with the files that the guide shows; returns what runs pytest there."""
+    for name in ("cart", "by_hand"):  # others of these names, which tests before have imported
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(Path(eomcheck.__file__).parents[1]))
     shown(pytester, "by_hand.py", "test_by_hand.py")

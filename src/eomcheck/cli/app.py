@@ -15,7 +15,8 @@ from eomcheck.errors import did_you_mean
 EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
     1: "a claim fails or a find is made, a motion does not reach its end, a formulation refuses, "
-    "libraries differ (`compare`), a constraint is redundant (`constraints`)",
+    "libraries differ or one gives no answer (`compare`), a constraint is redundant "
+    "(`constraints`)",
     2: "bad input, a missing library, or results that could not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }

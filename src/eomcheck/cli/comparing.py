@@ -41,7 +41,7 @@ def compare(
 ) -> None:
     """Compare how libraries read one file, by M, bias, forces and accelerations.
 
-    Exit code 1 if some differ by more than rounding.
+    Exit code 1 if some differ by more than rounding, or one that is installed gives no answer.
     """
     at_least_one(states=states)
     check_writable(json)
@@ -63,5 +63,5 @@ def compare(
     print_comparison(found, pairs)
     if json is not None:
         print(f"written: {json}")
-    if not found.agree:
+    if not found.agree or found.unanswered:
         raise typer.Exit(1)

@@ -46,8 +46,13 @@ class Comparison:
 
     @property
     def agree(self) -> bool:
-        """Whether all that took part answer everything, and the same."""
+        """Whether all that read the file answer everything, and the same."""
         return not (self.failed or self.faults)
+
+    @property
+    def unanswered(self) -> list[str]:
+        """The keys of libraries that are installed and gave no answer."""
+        return [key for key in self.refused if key not in self.missing]
 
     def of(self, library: str) -> list[Finding]:
         """Return what a library differs in by more than rounding."""

@@ -21,7 +21,7 @@ from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
-from eomcheck.lab.study import Study, unfinished
+from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.robots.files import robot_named
 from eomcheck.robots.urdf import FLOATING
 
@@ -197,8 +197,9 @@ def said(found: Sequence[Record]) -> Iterator[str]:
 
 
 def alarm(found: Sequence[Record]) -> bool:
-    """Return whether our own equations of a robot failed."""
-    return any(one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
+    """Return whether our own equations of a robot failed, or a robot could not be looked at."""
+    bad = (one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
+    return failed(found) or any(bad)
 
 
 STUDY = Study(

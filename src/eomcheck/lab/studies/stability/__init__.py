@@ -14,6 +14,6 @@ STUDY = Study(
     sheets=show.sheets,
     charts=show.charts,
     said=show.said,
-    alarm=show.silent,
+    alarm=show.alarm,
     reading=show.READING,
 )

@@ -55,9 +55,14 @@ def methods_in(atlas: Atlas) -> list[Method]:
     return list(dict.fromkeys(method for methods in atlas.values() for method in methods))
 
 
-def silent(found: Sequence[Record]) -> bool:
-    """Return whether anything is wrong that nothing tells."""
-    return any(outcome(record) is Outcome.SILENT for record in found)
+def wrong(record: Record) -> bool:
+    """Return whether a cell failed, or is wrong and nothing says so."""
+    return record.status == "failed" or outcome(record) is Outcome.SILENT
+
+
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether any cell failed, or is wrong and nothing says so."""
+    return any(map(wrong, found))
 
 
 def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
@@ -103,13 +108,12 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         title = "Severity at which a method first fails to give a good result"
         note = "Empty: it never does; –: it does not apply."
         yield Sheet(f"{name}-breaks", title, lines[0], lines[1:], note=note)
-    wrong = [r for r in found if outcome(r) is Outcome.SILENT or r.status == "failed"]
-    if wrong:
+    if any(map(wrong, found)):
         yield Sheet(
             "stability-wrong",
             "What failed, or is wrong and nothing says so",
             ("method", "outcome", "family", "variant", "severity", "what"),
-            [_wrong(record) for record in wrong],
+            [_wrong(record) for record in filter(wrong, found)],
         )
 
 
