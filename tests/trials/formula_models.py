@@ -218,7 +218,7 @@ FRICTIONS: dict[str, Callable[[Any, Any], Any]] = {
     "torque that is clamped": lambda q, v: np.clip(-5.0 * q - v, -1.0, 1.0),
     "backlash": lambda q, v: -40.0 * (np.maximum(q - 0.1, 0.0) + np.minimum(q + 0.1, 0.0)),
     "one-sided stop": lambda q, v: -500.0 * np.maximum(q - 0.6, 0.0),
-    "stop with damping": lambda q, v: -(q > 0.6) * (500.0 * (q - 0.6) + 3.0 * v),
+    "stop with damping": lambda q, v: -1.0 * (q > 0.6) * (500.0 * (q - 0.6) + 3.0 * v),
     "dead zone": lambda q, v: -4.0 * np.sign(v) * np.maximum(np.abs(v) - 0.3, 0.0),
 }
 

@@ -57,7 +57,10 @@ def _pinocchio_tree(seed: int) -> Functions:
 
 
 def _pinocchio_file(path: Path) -> Functions | None:
-    model = pin.buildModelFromUrdf(str(path))
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+    except ValueError:  # a fragment, or what urdfdom does not read
+        return None
     if not 0 < model.nv <= MOST_COORDINATES or model.nq != model.nv:
         return None
     low, high = np.maximum(model.lowerPositionLimit, -3), np.minimum(model.upperPositionLimit, 3)
@@ -71,16 +74,12 @@ def _pinocchio_file(path: Path) -> Functions | None:
 
 
 def drake_functions(add: Callable[[Any], None]) -> Functions | None:
-    """Return the functions of a plant to which `add(parser)` has added a robot."""
+    """Return the functions of a plant; `add(parser)` adds a robot whose root is `ground`."""
     multibody = required("pydrake.multibody.plant", "drake")
     plant = multibody.MultibodyPlant(time_step=0.0)
     parser = required("pydrake.multibody.parsing", "drake").Parser(plant)
     add(parser)
-    for index in plant.GetBodyIndices(plant.GetModelInstanceByName(_drake_name(plant))):
-        body = plant.get_body(index)
-        if body.is_floating():
-            plant.WeldFrames(plant.world_frame(), body.body_frame())
-            break
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("ground"))
     plant.Finalize()
     n = plant.num_velocities()
     if not 0 < n <= MOST_COORDINATES or plant.num_positions() != n:
@@ -92,10 +91,11 @@ def drake_functions(add: Callable[[Any], None]) -> Functions | None:
         plant.SetVelocities(context, np.zeros(n) if v is None else v)
         return context
 
-    def damping(q: Any, v: Any) -> Any:
-        forces = multibody.MultibodyForces(plant)
-        plant.CalcForceElementsContribution(at(q, v), forces)
-        return forces.generalized_forces() - plant.CalcGravityGeneralizedForces(context)
+    damping = np.zeros(n)
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        start = joint.velocity_start()
+        damping[start : start + joint.num_velocities()] = joint.default_damping_vector()
 
     def qdd(q: Any, v: Any) -> Any:
         return plant.get_generalized_acceleration_output_port().Eval(at(q, v)).copy()
@@ -107,23 +107,10 @@ def drake_functions(add: Callable[[Any], None]) -> Functions | None:
         gravity=lambda q: -plant.CalcGravityGeneralizedForces(at(q)),
         T=lambda q, v: plant.CalcKineticEnergy(at(q, v)),
         U=lambda q: plant.CalcPotentialEnergy(at(q)),
-        Q=damping,
+        Q=lambda q, v: -damping * v,
         qdd=qdd,
         name="drake",
     )
-
-
-def _drake_name(plant: Any) -> str:
-    return next(
-        name
-        for k in range(plant.num_model_instances())
-        if (name := plant.GetModelInstanceName(_index(k)))
-        not in ("WorldModelInstance", "DefaultModelInstance")
-    )
-
-
-def _index(k: int) -> Any:
-    return required("pydrake.multibody.tree", "drake").ModelInstanceIndex(k)
 
 
 def _drake_tree(seed: int) -> Functions | None:
@@ -141,7 +128,8 @@ def mujoco_functions(model: Any) -> Functions | None:
     n = model.nv
     if not 0 < n <= MOST_COORDINATES or model.nq != n or model.na:
         return None
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    disabled = mujoco.mjtDisableBit
+    model.opt.disableflags |= disabled.mjDSBL_CONSTRAINT | disabled.mjDSBL_ACTUATION
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(model)
 
@@ -167,7 +155,7 @@ def mujoco_functions(model: Any) -> Functions | None:
     return Functions(
         n,
         M=M,
-        bias=lambda q, v: at(q, v).qfrc_bias - weight(q),
+        bias=lambda q, v: at(q, v).qfrc_bias.copy() - weight(q),
         gravity=lambda q: weight(q) - at(q).qfrc_spring,
         Q=Q,
         qdd=lambda q, v: at(q, v).qacc.copy(),
