@@ -46,8 +46,8 @@ def plain(x: Any) -> Any:
         return repr(x)
     if isinstance(x, Records):
         return "records"
-    if isinstance(x, tuple) and hasattr(x, "_asdict"):
-        return {name: plain(y) for name, y in x._asdict().items()}
+    if isinstance(x, tuple) and hasattr(x, "_fields"):
+        return {name: plain(getattr(x, name)) for name in x._fields}  # type: ignore[attr-defined]
     if isinstance(x, dict):
         return {plain(key): plain(y) for key, y in x.items()}
     if isinstance(x, list | tuple):

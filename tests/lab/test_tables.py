@@ -1,0 +1,442 @@
+"""Tables: every column, held against data that is made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eomcheck.claims.finding import Proof
+from eomcheck.lab.comparison import Comparison
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
+from eomcheck.lab.fuzzing.strata import Stratum
+from eomcheck.lab.fuzzing.work import Candidate
+from eomcheck.lab.report import comparison, findings, fuzzing, many, motions, proofs
+from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
+from eomcheck.lab.report.evidence import evidence_sheet
+from eomcheck.lab.report.judged import Judged, by_claim
+from eomcheck.lab.report.overview import Overview
+from eomcheck.lab.report.states import digits_sheet, strata_sheet
+from eomcheck.lab.report.units import units
+from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.store.findings import PROOFS, RUNS
+from eomcheck.lab.store.kept import Kept
+from eomcheck.lab.store.record import Record
+from eomcheck.motion.many import Trajectories
+from eomcheck.motion.trajectory import Trajectory
+from eomcheck.scenes import SCENES, FlyballGovernor, Sleigh, Snake
+
+SLEIGH = Sleigh.example()
+
+
+def table(sheet: Sheet | None) -> list[dict[str, str]]:
+    """Return the rows of a table, by their headings."""
+    assert sheet is not None
+    return [dict(zip(sheet.columns, map(str, row), strict=True)) for row in sheet.rows]
+
+
+def kept(claim: str = "bias", subject: str = "au ~ el", **change: Any) -> Kept:
+    """Return a Finding, passed at half of what is allowed on a snake unless told otherwise."""
+    usual = Kept(
+        *(claim, subject, 0.5, 1.0, "passed", "property-tested: doubles", "", None, None),
+        *("snake", 3, 7, "", "code"),
+    )
+    return replace(usual, **change)
+
+
+def proof(sure: float, degree: int, height: float, **change: Any) -> Kept:
+    made = Proof(degree, height, (7, 11), 2, sure)
+    usual = {"evidence": "proved: identity", "case": None, "structure": f"snake[{degree}]"}
+    return kept(proof=made, **(usual | change))
+
+
+FEW = [
+    kept(observed=0.25, case=1),
+    kept(subject="im ~ kane", observed=0.75, case=2),
+    kept(subject="im ~ kane", verdict="inconclusive", observed=9.0, case=3),
+    kept(subject="im", verdict="not looked at", scene="sleigh", links=None, detail="why not"),
+    kept("mass-matrix", "pinocchio", observed=0.0, scene="sleigh", links=None, case=4),
+    kept("energy-rate", "el", verdict="failed", observed=3.0, detail="row 1", case=5),
+    kept("energy-rate", "el", verdict="failed", observed=7.0, case=6, links=4),
+]
+
+
+# ---- Claims --------------------------------------------------------------------------------------
+
+
+def test_the_table_of_what_is_worst_tells_how_bad_by_whom_where_and_of_how_many():
+    rows = {row["claim"]: row for row in table(worst_sheet(by_claim(FEW)))}
+    heads = "worst", "by", "on", "findings"
+    assert {key: tuple(row[x] for x in heads) for key, row in rows.items()} == {
+        "bias": ("75%", "im ~ kane", "snake[3] #2", "4, 1 inconclusive, 1 not looked at"),
+        "mass-matrix": ("0", "·", "·", "1"),
+        "energy-rate": ("FAIL", "el", "snake[4] #6", "2"),
+    }
+
+
+def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
+    names = ("au", "im", "pinocchio")
+    rows = table(party_sheet(by_claim(FEW), names, {"bias": 1.25, "energy-rate": 0.5}))
+    assert [tuple(row.values()) for row in rows if row["claim"] == "bias"] == [
+        (
+            *("bias", "75%", "25%", "75%", "·"),
+            "property-tested, 4, 1 inconclusive, 1 not looked at",
+            "1.2 s",
+        )
+    ]
+    (row,) = (row for row in rows if row["claim"] == "mass-matrix")
+    assert (row["all"], row["au"], row["pinocchio"], row["time"]) == ("0", "·", "0", "0.0 s")
+    assert "time" not in table(party_sheet(by_claim(FEW), names))[0]
+    rows = {row["claim"]: row for row in table(scene_sheet(by_claim(FEW), ["snake", "sleigh"]))}
+    cells = {key: (row["snake"], row["sleigh"]) for key, row in rows.items()}
+    assert cells == {
+        "bias": ("75%", "?"),
+        "mass-matrix": ("·", "0"),
+        "energy-rate": ("FAIL", "·"),
+    }
+    assert rows["bias"]["statement"] and rows["bias"]["evidence"] == "property-tested"
+
+
+@pytest.mark.parametrize(
+    ("observed", "text"), [(0.0, "0"), (0.0099, "<1%"), (0.0101, "1%"), (0.996, "100%")]
+)
+def test_a_cell_is_the_share_of_what_is_allowed_in_whole_percent(observed: float, text: str):
+    assert Judged((kept(observed=observed),)).text == text
+
+
+def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
+    some = [row for row in FEW if row.claim == "bias"]
+    some += [proof(1e-20, 4, 30.0), proof(2e-20, 9, 20.0)]
+    rows = table(evidence_sheet(Judged(tuple(some))))
+    assert [(row["scene"], row["evidence"]) for row in rows] == [
+        ("snake", "proved"),
+        ("snake", "property-tested"),
+        ("sleigh", "property-tested"),
+    ]
+    proved, tested, _ = rows
+    assert (proved["states"], proved["findings"], proved["ratio"]) == ("all", "2", "")
+    assert proved["where"] == "2 identities, wrong with a probability below 3.0e-20"
+    assert (tested["N"], tested["states"], tested["findings"]) == ("3", "3", "3")
+    assert (tested["inconclusive"], tested["ratio"]) == ("1", "75%")
+    assert (tested["observed"], tested["allowed"]) == ("0.75", "1")
+    assert tested["where"] == "im ~ kane, state 2"
+
+
+def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
+    rows = [
+        proof(1e-20, 4, 30.0),
+        proof(3e-20, 9, 20.0),
+        kept(verdict="not looked at", case=None, structure="snake[2]", detail="no"),
+        kept("mass-matrix", verdict="failed", case=None, structure="snake[2]"),
+    ]
+    assert Judged(tuple(rows)).failure_probability == pytest.approx(4e-20)
+    bias, other = table(proofs.proof_sheet(by_claim(rows)))[::-1]
+    counts = "proved", "disproved", "not looked at"
+    if bias["claim"] != "bias":
+        bias, other = other, bias
+    assert [bias[x] for x in counts] == ["2", "", "1"]
+    assert [other[x] for x in counts] == ["", "1", ""]
+    assert (bias["degree ≤"], bias["height ≤"]) == ("9", "30 bits")
+    assert (bias["failure probability <"], other["failure probability <"]) == ("3.0e-20", "")
+    jobs = SimpleNamespace(scenes=[1, 2, 3], points=4)
+    of: Any = SimpleNamespace(
+        findings={"a": rows[:2], "b": rows[2:]}, jobs=jobs, started_over=False, taken_over=1, seed=5
+    )
+    proofs.print_proofs(of)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 identities proved, 1 disproved on 2 of 3 structures (1 of them in an earlier" in said
+    assert "below 4.0e-20 (4 random points and primes each, seed 5)" in said
+
+
+def test_digits_are_the_fewest_and_the_median_of_each_formulation_and_scene():
+    rows = [kept(subject="au", digits=x) for x in (12.0, 9.0, 13.0)]
+    rows += [kept(subject="au", digits=8.0, scene="sleigh"), kept(subject="im", digits=15.0)]
+    assert [tuple(row.values()) for row in table(digits_sheet([*rows, kept()]))] == [
+        ("im", "1", "15.0 (15.0)", "·"),
+        ("au", "4", "9.0 (12.0)", "8.0 (8.0)"),
+    ]
+
+
+def test_strata_are_told_with_their_states():
+    found = table(strata_sheet({"snake": {"speeds": {"slow": 1, "fast": 30}}}))
+    assert found == [{"scene": "snake", "stratum": "speeds", "states": "slow (1 state), fast (30)"}]
+
+
+def test_the_totals_of_scenes_are_those_of_their_runs():
+    verdicts = ["passed", "inconclusive", "not looked at", "not looked at", "failed"]
+    one: Any = SimpleNamespace(
+        cases=7,
+        findings=[SimpleNamespace(verdict=x) for x in verdicts],
+        drawn=[SimpleNamespace(refused=x) for x in ((), ("im",), ("im", "em"))],
+        seconds={"bias": 1.5, "motion": 2.0},
+    )
+    heads, rows = findings._totals({"sleigh": one})
+    assert dict(zip(heads, *rows, strict=True)) == {
+        **{"scene": "sleigh", "states": "7", "findings": "5", "inconclusive": "1"},
+        **{"not looked at": "2", "refused": "2", "time": "4 s"},
+    }
+
+
+def test_of_failures_the_worst_is_printed_and_the_others_are_counted(capsys):
+    rows = [
+        kept(verdict="failed", observed=2.0, subject="au", case=1),
+        kept(verdict="failed", observed=9.0, subject="el", case=2),
+        kept(verdict="failed", observed=3.0, subject="im", case=3),
+        kept(verdict="failed", observed=4.0, subject="im", case=3, scene="sleigh", links=None),
+    ]
+    findings.print_failures(by_claim(rows))
+    first, second = " ".join(capsys.readouterr().out.split()).split("bias ")[1:]
+    assert first.startswith("[el] failed on snake, N = 3, state 2")
+    assert "(and 2 more of this claim)" in first and "more" not in second
+    assert second.startswith("[im] failed on sleigh, state 3")
+
+
+# ---- The verdict of a report ---------------------------------------------------------------------
+
+
+def run_of(scene: str, status: str, *rows: Kept) -> Record:
+    """Return the Record of a validation."""
+    series = {"engines": [], "engine versions": [], "claims": [], "seconds": []}
+    return Record(RUNS, {"scene": scene}, status, series=series, counts={"states": 4})
+
+
+@pytest.mark.parametrize("statuses", [("done", "failed"), ("failed", "done")])
+def test_one_run_that_did_not_end_is_no_passed_report(statuses):
+    made = Overview([run_of(x, y) for x, y in zip(("sleigh", "snake"), statuses, strict=True)])
+    made.rows = [kept()]
+    assert made.verdict == "not finished"
+    assert made.headline == "The run did not come to its end; until then none of 1 claim failed."
+    made = Overview([run_of("sleigh", "done"), run_of("snake", "done")])
+    made.rows = [kept(), kept(verdict="inconclusive")]
+    assert (made.verdict, made.open, made.states) == ("passed", 1, 8)
+    assert made.headline == "All 1 claim hold."
+    assert made.basis == "2 findings, 8 states, on snake; 1 inconclusive."
+
+
+def test_a_report_fails_by_one_failure_and_says_how_many_claims_were_checked():
+    made = Overview([run_of("snake", "done")])
+    made.records.append(Record(PROOFS, {"scene": "snake"}))
+    made.rows = [*FEW, kept("motion", verdict="inconclusive")]
+    assert (made.verdict, made.structures) == ("failed", 1)
+    assert made.headline == "1 of 4 claims fails: energy-rate."
+    made = Overview([run_of("snake", "done")])
+    made.rows = [kept(), kept("motion", verdict="inconclusive")]
+    assert made.headline == "1 of 2 claims hold; on the others nothing could be checked."
+    made = Overview([run_of("snake", "done")])
+    made.rows = [kept(verdict="inconclusive")]
+    assert (made.verdict, made.headline) == ("nothing checked", "No claim was checked.")
+
+
+# ---- Fuzzing -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def campaign() -> Campaign:
+    """A campaign of which everything is told by hand."""
+    plan: Any = SimpleNamespace(noun="motion", seed=5)
+    made = Campaign(plan, "snake", [Stratum(1, ()), Stratum(2, ())])
+    made.counts.update({"states": 240, "ordinary": 200, "climbed": 40, "passed": 99, "nought": 0})
+    made.counts.update({CROSSED + "im": 3, STOPPED + "im": 5, STOPPED + "kane": 2})
+    made.by_stratum.update(
+        {stratum.name: x for stratum, x in zip(made.strata, (11, 22), strict=True)}
+    )
+    made.worst = {
+        ("bias", "au"): Candidate(0.5, None),  # type: ignore[arg-type]
+        ("bias", "el"): Candidate(0.75, None),  # type: ignore[arg-type]
+        ("motion", ""): Candidate(0.25, None),  # type: ignore[arg-type]
+    }
+    made.lost = {"energy-rate": "branches"}
+    made.rounds, made.cpu_seconds, made.seconds = 6, 12.0, 48.0
+    find = Find("snake", {}, [], [], 0.0, "bias", "au ~ el", 2.0, 1.0, "scene", "known by", "row")
+    made.finds = {find.key: find}
+    return made
+
+
+def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
+    sheet = fuzzing.summary_sheet(campaign)
+    assert sheet.title == "Fuzzing snake, seed 5"
+    assert {row["what"]: row["how many"] for row in table(sheet)} == {
+        **{"motions": "240", "a second of CPU time": "20", "rounds": "6", "ordinary": "200"},
+        **{"climbed": "40", "passed": "99", "not in lanes: energy-rate": "branches"},
+    }
+    assert table(fuzzing.strata_sheet(campaign)) == [
+        {"structure": "1 link", "motions": "11"},
+        {"structure": "2 links", "motions": "22"},
+    ]
+    assert table(fuzzing.crossings_sheet(campaign)) == [
+        {"formulation": "im", "crossed": "3", "stopped before, or refused": "5"},
+        {"formulation": "kane", "crossed": "0", "stopped before, or refused": "2"},
+    ]
+    assert table(fuzzing.worst_sheet(campaign)) == [
+        {"claim": "bias", "ratio": "0.75", "formulation": "el"},
+        {"claim": "motion", "ratio": "0.25", "formulation": ""},
+    ]
+    assert table(fuzzing.finds_sheet(campaign)) == [
+        {
+            **{"claim": "bias", "subject": "au ~ el", "fault": "scene"},
+            **{"what": "row", "evidence": "known by"},
+        }
+    ]
+
+
+def test_a_campaign_prints_its_finds_or_that_there_are_none(
+    campaign: Campaign, monkeypatch, capsys
+):
+    monkeypatch.setattr(Find, "python", property(lambda find: "the code"))
+    fuzzing.print_campaign(campaign)
+    said = capsys.readouterr().out
+    assert "the code" in said and "no find" not in said
+    campaign.finds = {}
+    fuzzing.print_campaign(campaign)
+    assert "no find" in capsys.readouterr().out
+
+
+def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
+    campaign: Campaign, monkeypatch, capsys
+):
+    clock = iter([100.0, 104.0, 110.0, 112.0])
+    monkeypatch.setattr("eomcheck.lab.report.fuzzing.time.perf_counter", lambda: next(clock))
+    campaign.resumed = 40
+    teller = fuzzing.Teller()
+    teller(campaign)
+    assert capsys.readouterr() == ("", "")
+    teller(campaign)
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert said == "240 motions, 20 a second; worst 0.75, bias el; 1 find"
+    teller(campaign)
+    assert capsys.readouterr() == ("", "")
+
+
+# ---- Comparison of libraries ---------------------------------------------------------------------
+
+
+def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
+    made = Comparison(SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, {"three": "cannot"}, states=6)
+    made.refused["four"], made.missing = "not there", ["four"]
+    nothing = np.nan
+    made.apart = {
+        "M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]]),
+        "bias": np.array([[0.0, 0.0, nothing], [0.0, 0.0, nothing], [nothing, nothing, nothing]]),
+    }
+    made.why = {"one": [], "two": []}
+    made.said = {"one": [], "two": []}
+    made.faults = {("two", "bias"): "raises"}
+    sheet = comparison.library_sheet(made)
+    assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
+    assert table(sheet) == [
+        {"library": "One 1.0", "M": "1e-03", "bias": "0", "verdict": "agrees"},
+        {"library": "Two 2.0", "M": "2e-05", "bias": "fault", "verdict": "differs"},
+        {"library": "three", "M": "-", "bias": "-", "verdict": "no answer"},
+        {"library": "four", "M": "-", "bias": "-", "verdict": "not installed"},
+    ]
+    masses, _ = comparison.pair_sheets(made)
+    assert [tuple(row.values()) for row in table(masses)] == [
+        ("eomcheck", "", "1e-03", "2e-05"),
+        ("one", "1e-03", "", "4e-07"),
+        ("two", "2e-05", "4e-07", ""),
+    ]
+    assert list(comparison.sentences(made)) == [
+        "Two 2.0 differs: where it answers, it agrees. Why: no reason known.",
+        "three gave no answer: cannot",
+        "four was left out: not there",
+    ]
+    assert (made.agree, made.unanswered) == (False, ["three"])
+    made.faults = {}
+    assert made.agree
+
+
+# ---- Motions -------------------------------------------------------------------------------------
+
+
+def shown(monkeypatch, module: Any) -> list[Sheet]:
+    """Return a list to which the tables that a module prints are added."""
+    sheets: list[Sheet] = []
+    monkeypatch.setattr(module, "print_sheets", sheets.extend)
+    return sheets
+
+
+def trajectory(**change: Any) -> Trajectory:
+    """Return a motion of a sleigh, told by hand."""
+    zeros = np.zeros((3, SLEIGH.n))
+    usual = Trajectory(
+        *(SLEIGH, "kane", "RK45", 1e-6, 1e-6, np.array([0.0, 1.0, 2.0]), zeros, zeros, None),
+        *(np.array([5.0, 5.5, 4.75]), np.array([[1e-3], [4e-3], [2e-3]]), 77, 9, "finished", ""),
+        1.25,
+    )
+    return replace(usual, **change)
+
+
+def test_a_line_tells_end_effort_and_the_largest_errors_of_a_motion(monkeypatch, capsys):
+    sheets = shown(monkeypatch, motions)
+    short = trajectory(key="em", times=np.array([]), energy=np.array([]), status="failed")
+    short = replace(short, reason="singular", constraint_residual=np.zeros((0, 1)), steps=0)
+    motions.print_trajectories([trajectory(), short])
+    first, second = table(sheets[0])
+    assert first == {
+        **{"formulation": "kane", "end (s)": "2", "steps": "9", "right-hand sides": "77"},
+        **{"run time (s)": "1.2", "energy error": "5.0e-01 J", "constraint error (m/s)": "4.0e-03"},
+    }
+    assert (second["end (s)"], second["energy error"]) == ("0", "")
+    assert second["constraint error (m/s)"] == ""
+    assert capsys.readouterr().out.strip() == "em failed: singular"
+    scene = FlyballGovernor.example()
+    zeros = np.zeros((3, scene.n))
+    damped = trajectory(scene=scene, q=zeros, v=zeros, constraint_residual=None)
+    motions.print_trajectories([damped])
+    assert table(sheets[1])[0]["energy left"] == "4.75 J of 5 J"
+
+
+def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_in_them(
+    monkeypatch, capsys
+):
+    sheets = shown(monkeypatch, many)
+    m, times = 6, np.array([0.0, 3.0])
+    q = np.zeros((m, 2, 3))
+    q[:, 1] = np.arange(m)[:, None] + np.array([0.0, 10.0, 20.0])
+    q[5] = np.nan
+    energy = np.ones((m, 2)) * 2.0
+    energy[:, 1] += np.array([0.1, -0.2, 0.3, -0.4, 0.5, np.nan])
+    residual = np.zeros((m, 2, 1))
+    residual[:5, 0, 0] = [1e-3, 2e-3, 3e-3, 4e-3, 5e-3]
+    status = np.array(["finished"] * 5 + ["failed"])
+    reason = np.array([""] * 5 + ["too many steps"])
+    one = np.ones(m, int)
+    made = Trajectories(
+        *((SLEIGH,) * m, "kane", 1e-6, 1e-6, times, q, q, np.zeros((m, 2, 2)), energy, residual),
+        *(one, one, status, reason, 1.5),
+    )
+    many.print_many(made)
+    (sheet,) = sheets
+    assert sheet.title == "kane, t = 3 s"
+    assert sheet.note == "6 motions: 5 finished, 1 failed; 1.5 s of integration"
+    rows = [tuple(row.values()) for row in table(sheet)]
+    assert rows[:3] == [
+        ("x / m", "0", "1", "2", "3", "4"),
+        ("y / m", "10", "11", "12", "13", "14"),
+        (rows[2][0], "20", "21", "22", "23", "24"),
+    ]
+    assert rows[2][0].endswith(" / rad")
+    told = {name: cells for name, *cells in rows[3:]}
+    assert told == {
+        "energy error / J": ["1.00e-01", "2.00e-01", "3.00e-01", "4.00e-01", "5.00e-01"],
+        "constraint error / (m/s)": ["1.00e-03", "2.00e-03", "3.00e-03", "4.00e-03", "5.00e-03"],
+    }
+    assert capsys.readouterr().out.strip() == "motion 5 failed: too many steps"
+    chart = many.chart_of_many(made)
+    assert [*chart.panels] == [(name,) for name in SLEIGH.coordinate_names]
+    panel: Any = next(iter(chart.panels.values()))
+    whole, half = panel.bands
+    assert (whole.low[-1], whole.high[-1], half.low[-1], half.high[-1]) == (-2.0, 2.0, -1.0, 1.0)
+
+
+def test_each_coordinate_has_its_own_unit():
+    assert units(SLEIGH) == ["m", "m", "rad"]
+    assert units(Snake.coil(3)) == ["m", "m", *["rad"] * 3]
+    for kind in SCENES.values():
+        scene = kind.example()
+        assert len(units(scene)) == scene.n
