@@ -222,6 +222,11 @@ def said(found: Sequence[Record]) -> Iterator[str]:
             yield f"beyond its bound: {one.key}, {one.state}"
 
 
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether a result was off by more than its error bound."""
+    return failed(found) or any(one.state for one in rows_of(found, Delivered))
+
+
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
     """Yield certified digits over the number of links, and what the constant C rests on."""
     solved = [one for one in rows_of(found, Delivered) if one.refused is None]
@@ -259,7 +264,7 @@ STUDY = Study(
     worker=lambda known: _certified,
     sheets=sheets,
     charts=charts,
-    alarm=failed,
+    alarm=alarm,
     said=said,
     document=document_of("accuracy", Delivered),
     reading="Beside the public path, which states a bound of its error, machine code is held "

@@ -172,13 +172,18 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     yield Chart("agreement", "Agreement", ["diagram"], panels, grid, size=(5.4, 4.2))
 
 
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether a formulation is farther from the reference than rounding allows."""
+    return failed(found) or any(one.observed > one.allowed for one in rows_of(found, Agreement))
+
+
 STUDY = Study(
     key="agreement",
     cells=cells,
     worker=lambda known: _compared,
     sheets=sheets,
     charts=charts,
-    alarm=failed,
+    alarm=alarm,
     label="comparing formulations on snakes of {size}",
     small=True,
 )

@@ -90,6 +90,12 @@ def said(found: Sequence[Record]) -> Iterator[str]:
     yield f"observed / (κ ε scale): largest {top:.3g}; the constant C is {C:g}."
 
 
+def alarm(found: Sequence[Record]) -> bool:
+    """Return whether an error exceeds what the constant C allows."""
+    ratios = chain.from_iterable(x for r in found for x in r.series.values())
+    return failed(found) or any(ratio > C for ratio in ratios)
+
+
 STUDY = Study(
     key="tolerance",
     cells=cells,
@@ -97,6 +103,6 @@ STUDY = Study(
     sheets=sheets,
     said=said,
     label="",
-    alarm=failed,
+    alarm=alarm,
     small=True,
 )

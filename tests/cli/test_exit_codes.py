@@ -1,0 +1,295 @@
+"""Exit codes: what a command found decides them, and nothing else."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eomcheck import cli
+from eomcheck.claims.finding import Finding
+from eomcheck.cli.study import GROUPS
+from eomcheck.engines import engine_of
+from eomcheck.errors import WorkerError
+from eomcheck.evaluation.tolerance import C
+from eomcheck.lab import comparing
+from eomcheck.lab.comparison import Comparison
+from eomcheck.lab.fuzzing import campaign as campaigns
+from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.replay import Replayed
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.studies import study_of
+from eomcheck.lab.studies.accuracy import Delivered
+from eomcheck.lab.studies.agreement import Agreement
+from eomcheck.lab.studies.engines import Compared
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import Sleigh
+
+SLEIGH = Sleigh.example()
+STATE = State(*SLEIGH.initial_state(), 0.0)
+
+
+def code_of(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Run the command line in this process and return its exit code."""
+    monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    return stop.value.code or 0
+
+
+def finding(verdict: Any, claim: str = "bias", engine: str | None = None) -> Finding:
+    """Return a Finding about the sleigh."""
+    of = None if engine is None else engine_of(engine)
+    subject = engine or "au ~ el"
+    return Finding(claim, subject, SLEIGH, STATE, 0.5, 1.0, verdict, "compared: x", "", engine=of)
+
+
+def found(monkeypatch: pytest.MonkeyPatch, *findings: Finding, error: Any = None) -> None:
+    """Let `validate` find these, then raise an error if one is given."""
+
+    def look(kind: Any, run: Any, *how: Any) -> None:
+        run.findings.extend(findings)
+        run.ends.append(len(run.findings))
+        if error is not None:
+            raise error
+
+    monkeypatch.setattr("eomcheck.lab.store.validation.look_at_kind", look)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_one_failure_among_any_findings_is_1_the_first_and_the_last_included(place, monkeypatch):
+    verdicts = ["passed", "inconclusive", "not looked at"]
+    verdicts[place] = "failed"
+    found(monkeypatch, *map(finding, verdicts))
+    assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 1
+
+
+@pytest.mark.parametrize("verdicts", [["passed"], ["passed", "inconclusive", "not looked at"]])
+def test_findings_without_a_failure_are_0(verdicts, monkeypatch):
+    found(monkeypatch, *map(finding, verdicts))
+    assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 0
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "code"),
+    [
+        (["inconclusive", "inconclusive"], 2),
+        (["not looked at"], 2),
+        ([], 2),
+        (["inconclusive", "passed"], 0),
+        (["inconclusive", "failed"], 1),
+    ],
+)
+def test_an_engine_about_which_nothing_was_decided_is_2(verdicts, code, monkeypatch, capsys):
+    mine = [finding(x, "mass-matrix", "casadi") for x in verdicts]
+    found(monkeypatch, finding("passed"), *mine)
+    assert code_of(monkeypatch, "validate", "--scene", "sleigh", "--engine", "casadi") == code
+    assert ("casadi" in capsys.readouterr().err) == (code == 2)
+
+
+def test_an_interrupted_validation_is_130_and_one_that_lost_a_worker_2(monkeypatch, capsys):
+    words = "validate", "--scene", "sleigh"
+    found(monkeypatch, finding("failed"), error=KeyboardInterrupt())
+    assert code_of(monkeypatch, *words) == 130
+    found(monkeypatch, finding("passed"), error=WorkerError("a worker died"))
+    assert code_of(monkeypatch, *words) == 2
+    assert "a worker died" in capsys.readouterr().err
+
+
+class Proofs:
+    """Proofs that came to something by hand."""
+
+    failed, decided, error = False, True, None
+
+    def __init__(self, *how: Any):
+        self.how = how
+
+    def run(self) -> None:
+        if self.error is not None:
+            raise self.error
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({}, 0),
+        ({"failed": True}, 1),
+        ({"decided": False}, 2),
+        ({"failed": True, "decided": False}, 1),
+        ({"error": KeyboardInterrupt()}, 130),
+        ({"error": WorkerError("lost")}, 2),
+    ],
+)
+def test_a_disproof_is_1_and_nothing_proved_2(change, code, monkeypatch):
+    monkeypatch.setattr("eomcheck.lab.proofs.Proofs", type("Made", (Proofs,), change))
+    monkeypatch.setattr("eomcheck.lab.report.proofs.print_proofs", lambda proofs: None)
+    assert code_of(monkeypatch, "prove", "--scene", "sleigh") == code
+
+
+@pytest.mark.parametrize(
+    ("finds", "error", "code"),
+    [({}, None, 0), ({"a": 1}, None, 1), ({"a": 1}, KeyboardInterrupt(), 130)],
+)
+def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
+    def run(*how: Any) -> None:
+        if error is not None:
+            raise error
+
+    made = SimpleNamespace(finds=finds, run=run)
+    monkeypatch.setattr(campaigns, "Campaign", lambda *how: made)
+    monkeypatch.setattr("eomcheck.lab.report.fuzzing.print_campaign", lambda campaign: None)
+    assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--states", "1") == code
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "code"),
+    [
+        (["holds"], 0),
+        (["holds", "inconclusive"], 0),
+        (["holds", "failed"], 1),
+        (["not checked", "holds"], 2),
+        (["not checked", "failed"], 1),
+    ],
+)
+def test_a_kept_failure_that_fails_is_1_and_one_not_checked_2(
+    outcomes, code, monkeypatch, tmp_path
+):
+    results = [Replayed(Find("sleigh", {}, [], []), one, "why") for one in outcomes]
+    monkeypatch.setattr("eomcheck.lab.fuzzing.file.read_finds", lambda path: [1])
+    monkeypatch.setattr("eomcheck.lab.fuzzing.replay.replayed", lambda *how: results)
+    monkeypatch.setattr(Find, "python", "code")
+    (tmp_path / "kept.json").write_text("")
+    assert code_of(monkeypatch, "fuzz", "--replay", str(tmp_path / "kept.json")) == code
+
+
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize(("status", "code"), [("finished", 0), ("failed", 1), ("refused", 1)])
+def test_one_motion_that_does_not_reach_its_end_is_1(place, status, code, monkeypatch):
+    both = ["finished", "finished"]
+    both[place] = status
+    left = [SimpleNamespace(status=x) for x in both]
+    monkeypatch.setattr("eomcheck.simulate", lambda *how, **more: left.pop(0))
+    monkeypatch.setattr("eomcheck.lab.report.motions.print_trajectories", lambda found: None)
+    assert code_of(monkeypatch, "simulate", "1", "--formulation", "au,el") == code
+    many = SimpleNamespace(status=np.array(both))
+    monkeypatch.setattr("eomcheck.simulate_many", lambda *how, **more: many)
+    monkeypatch.setattr("eomcheck.lab.report.many.print_many", lambda found: None)
+    assert code_of(monkeypatch, "simulate", "1", "--draws", "2") == code
+
+
+@pytest.mark.parametrize("command", ["acceleration", "constraints"])
+@pytest.mark.parametrize(("count", "code"), [(0, 0), (1, 1), (3, 1)])
+def test_refusals_and_redundant_constraints_are_1(command, count, code, monkeypatch):
+    name = f"print_{command}".replace("acceleration", "accelerations")
+    module = name.removeprefix("print_")
+    monkeypatch.setattr(f"eomcheck.lab.report.{module}.{name}", lambda *how: count)
+    assert code_of(monkeypatch, command, "--scene", "sleigh") == code
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({}, 0),
+        ({"refused": {"drake": "no"}, "missing": ["drake"]}, 0),
+        ({"refused": {"drake": "no"}}, 1),
+        ({"faults": {("mujoco", "M"): "raises"}}, 1),
+        ({"findings": {("mujoco", "bias"): finding("failed")}}, 1),
+        ({"findings": {("mujoco", "bias"): finding("inconclusive")}}, 0),
+    ],
+)
+def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatch):
+    made = Comparison(SLEIGH, {"mujoco": "MuJoCo 3"}, why={"mujoco": []}, said={"mujoco": []})
+    for name, value in change.items():
+        setattr(made, name, value)
+    made.apart = {"M": np.zeros((2, 2))}
+    monkeypatch.setattr(comparing, "compare", lambda *how: made)
+    monkeypatch.setattr("eomcheck.named.scene_of", lambda name: SLEIGH)
+    assert code_of(monkeypatch, "compare", "robot.urdf") == code
+
+
+# ---- Studies -------------------------------------------------------------------------------------
+
+STUDIES = [(group, key) for group, keys in GROUPS.items() if group != "draw" for key in keys]
+MEASURES = {"long-run", "paper", "stiff", "work-precision"}
+"""Studies of where formulations fail: a motion that does not reach its end is what they measure."""
+
+
+def told(
+    monkeypatch: pytest.MonkeyPatch, key: str, records: list[Record], error: Any = None
+) -> Any:
+    """Let a study come to these Records, and print nothing of them."""
+    study = study_of(key)
+
+    def run(self: Any, *how: Any, **options: Any) -> list[Record]:
+        if error is not None:
+            raise error
+        return records
+
+    monkeypatch.setattr(type(study), "run", run)
+    for name in ("charts", "sheets", "said"):
+        monkeypatch.setitem(study.__dict__, name, lambda found: [])
+    return study
+
+
+@pytest.mark.parametrize(("group", "key"), STUDIES, ids=[" ".join(x) for x in STUDIES])
+def test_a_cell_that_failed_is_1_where_a_study_is_no_measurement_of_failures(
+    group, key, monkeypatch, tmp_path
+):
+    records = ["--records"] if study_of(key).small else []
+    words = group, key, *records, str(tmp_path / "r.db")
+    told(monkeypatch, key, [Record(key, {}, "failed", "overflow")])
+    assert code_of(monkeypatch, *words) == (0 if key in MEASURES else 1)
+    told(monkeypatch, key, [])
+    assert code_of(monkeypatch, *words) == 0
+    told(monkeypatch, key, [], KeyboardInterrupt())
+    assert code_of(monkeypatch, *words) == 130
+
+
+def record(key: str, row: Any) -> Record:
+    """Return a finished cell of a study with one row."""
+    return record_of_rows(key, {}, [row])
+
+
+RIGHT = Delivered("au", 2, None, of_bound=0.5, machine_of_bound=0.5)
+BESIDE = Agreement("im", 2, 0.5, 1.0, 9.0)
+
+
+def cell(relative: float, bound: float, status: Any = "done") -> Record:
+    """Return a cell of the atlas of stability."""
+    return Record("stability", {}, status, errors={"relative": relative, "bound": bound})
+
+
+ALARMS = {
+    "accuracy": (record("accuracy", RIGHT), record("accuracy", replace(RIGHT, state="beyond"))),
+    "agreement": (record("agreement", BESIDE), record("agreement", replace(BESIDE, observed=2.0))),
+    "tolerance": (
+        Record("tolerance", {}, series={"bias": [0.5 * C]}),
+        Record("tolerance", {}, series={"bias": [0.5 * C, 2.0 * C]}),
+    ),
+    "robots": (
+        Record("robots", {}, counts={"failed": 0, "disproved": 0, "passed": 9}),
+        Record("robots", {}, counts={"failed": 0, "disproved": 1}),
+    ),
+    "engines": tuple(
+        record("engines", Compared("casadi", "1", "sleigh", "bias", 3, failed, 1e-3, 0.5, False))
+        for failed in (0, 2)
+    ),
+    "stability": (cell(1e-3, 1e-2), cell(1e-3, 9e-4)),
+}
+"""Study -> a finished cell in which all is well, and one in which something is wrong."""
+
+
+@pytest.mark.parametrize("key", ALARMS)
+def test_a_study_that_finds_an_error_that_nothing_tells_is_1(key, monkeypatch, tmp_path):
+    (group,) = (group for group, one in STUDIES if one == key)
+    words = [group, key, *(["--records"] if study_of(key).small else []), str(tmp_path / "r.db")]
+    well, wrong = ALARMS[key]
+    told(monkeypatch, key, [well])
+    assert code_of(monkeypatch, *words) == 0
+    told(monkeypatch, key, [well, wrong, well])
+    assert code_of(monkeypatch, *words) == 1
