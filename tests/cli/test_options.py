@@ -292,6 +292,13 @@ CASES: dict[str, dict[str, Case]] = {
         "baumgarte": ("--baumgarte 10", {"simulate.baumgarte": 10.0}),
         "projection": ("--projection 0.5", {"simulate.projection": 0.5}),
         "draws": ("--draws 3", {"simulate_many.t_end": 0.1, "simulate_many.key": "kane"}),
+        "tolerance of draws": (
+            "--tolerance 1e-5",
+            {"simulate_many.rtol": 1e-5, "simulate_many.atol": 1e-5},
+            MANY,
+        ),
+        "max_steps of draws": ("--max-steps 7", {"simulate_many.max_steps": 7}, MANY),
+        "formulation of draws": ("--formulation au", {"simulate_many.key": "au"}, MANY),
         "scale": ("--scale 0", {}, MANY),
         "seed": ("--seed 5", {}, MANY),
         "executor": (

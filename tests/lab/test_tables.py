@@ -57,6 +57,7 @@ def proof(sure: float, degree: int, height: float, **change: Any) -> Kept:
 
 FEW = [
     kept(observed=0.25, case=1),
+    kept(subject="el ~ kane", observed=0.125, case=1),
     kept(subject="im ~ kane", observed=0.75, case=2),
     kept(subject="im ~ kane", verdict="inconclusive", observed=9.0, case=3),
     kept(subject="im", verdict="not looked at", scene="sleigh", links=None, detail="why not"),
@@ -73,7 +74,7 @@ def test_the_table_of_what_is_worst_tells_how_bad_by_whom_where_and_of_how_many(
     rows = {row["claim"]: row for row in table(worst_sheet(by_claim(FEW)))}
     heads = "worst", "by", "on", "findings"
     assert {key: tuple(row[x] for x in heads) for key, row in rows.items()} == {
-        "bias": ("75%", "im ~ kane", "snake[3] #2", "4, 1 inconclusive, 1 not looked at"),
+        "bias": ("75%", "im ~ kane", "snake[3] #2", "5, 1 inconclusive, 1 not looked at"),
         "mass-matrix": ("0", "·", "·", "1"),
         "energy-rate": ("FAIL", "el", "snake[4] #6", "2"),
     }
@@ -85,7 +86,7 @@ def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
     assert [tuple(row.values()) for row in rows if row["claim"] == "bias"] == [
         (
             *("bias", "75%", "25%", "75%", "·"),
-            "property-tested, 4, 1 inconclusive, 1 not looked at",
+            "property-tested, 5, 1 inconclusive, 1 not looked at",
             "1.2 s",
         )
     ]
@@ -121,7 +122,7 @@ def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
     proved, tested, _ = rows
     assert (proved["states"], proved["findings"], proved["ratio"]) == ("all", "2", "")
     assert proved["where"] == "2 identities, wrong with a probability below 3.0e-20"
-    assert (tested["N"], tested["states"], tested["findings"]) == ("3", "3", "3")
+    assert (tested["N"], tested["states"], tested["findings"]) == ("3", "3", "4")
     assert (tested["inconclusive"], tested["ratio"]) == ("1", "75%")
     assert (tested["observed"], tested["allowed"]) == ("0.75", "1")
     assert tested["where"] == "im ~ kane, state 2"
@@ -246,8 +247,8 @@ def campaign() -> Campaign:
         {stratum.name: x for stratum, x in zip(made.strata, (11, 22), strict=True)}
     )
     made.worst = {
-        ("bias", "au"): Candidate(0.5, None),  # type: ignore[arg-type]
         ("bias", "el"): Candidate(0.75, None),  # type: ignore[arg-type]
+        ("bias", "au"): Candidate(0.5, None),  # type: ignore[arg-type]
         ("motion", ""): Candidate(0.25, None),  # type: ignore[arg-type]
     }
     made.lost = {"energy-rate": "branches"}
