@@ -82,8 +82,9 @@ T, U = (Part("energies", i, relative=True) for i in (0, 1))
 CONSTRAINT = Part("constraint")
 GRADIENT = replace(CONSTRAINT, relative=True)
 """Of the constraint; a constant has none."""
-VELOCITIES, RESIDUAL = (
+VELOCITIES, POSITIONS, RESIDUAL = (
     Part("velocities", 0, relative=True),
+    Part("positions", relative=True),
     Part("position_residual", relative=True),
 )
 PARTIAL, TURNING, REMAINDER, SWING, GYROSCOPIC, ACTIVE, MASS = (
@@ -124,6 +125,9 @@ ABOUT: dict[str, dict[str, tuple[Part, ...]]] = {
     "position-rate": {"four-bar-chain": (JACOBIAN, RESIDUAL)},
     "constraint-drift": {"snake": (DRIFT, GRADIENT), "turntable-ball": (DRIFT,)},
     "kinetic-energy": {"snake": (M, T)},
+    "position-velocity": {"sleigh": (POSITIONS, VELOCITIES)},
+    "height-velocity": {"rolling-disk": (U,)},
+    "moved-energy": {"sleigh": (VELOCITIES,)},
     "null-space-embedding": {"snake": (EMBEDDING,)},
     "null-space-speeds": {"snake": (W, JACOBIAN)},
     "speeds-velocity": {"snake": (W, Part("speeds_of"), Part("qdot")), "turntable-ball": (OFFSET,)},

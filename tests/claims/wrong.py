@@ -137,6 +137,7 @@ def shape_in(at: Quantities, part: Part) -> tuple[int, ...]:
         "qdot": (*here, at.kinematics),
         "position_residual": (*here, at.q),
         "potential": (*here, at.q),
+        "positions": (*here, at.q),
     }
     if hasattr(at.scene, "chain"):
         arguments |= {

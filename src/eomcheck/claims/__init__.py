@@ -7,7 +7,7 @@ from __future__ import annotations
 
 # In the order in which a failure is closest to its cause: single terms, then identities between
 # them, then whole accelerations.
-from eomcheck.claims import terms, speeds, chain  # isort: skip
+from eomcheck.claims import terms, positions, speeds, chain  # isort: skip
 from eomcheck.claims import accelerations, redundant, physics, truth, refusals  # isort: skip
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
@@ -23,6 +23,7 @@ __all__ = [
     "accelerations",
     "chain",
     "physics",
+    "positions",
     "redundant",
     "refusals",
     "speeds",

@@ -105,6 +105,8 @@ def returned(scene: Scene, at: Quantities) -> Iterator[Returned]:
     yield "energies", "U", U, ()
     if scene.dissipation is not None:
         yield "dissipation", "R", scene.dissipation(*here), ()
+    if scene.positions is not None:
+        yield "positions", "r", scene.positions(*place), (bodies, d)
     if scene.position_residual is not None:
         rows = len(range(r)[scene.holonomic])
         yield "position_residual", "Φ", scene.position_residual(*place), (rows,)

@@ -99,6 +99,8 @@ class Scene(ABC):
     - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
       -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
       it loses energy in no other way, unless a clock drives its constraints
+    - `positions(parameters, prepared, q) -> (n_b, d)`: where the centres of mass are, in fixed
+      directions; V of `velocities` is held against it. None, and no function, where nobody said
     - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
       rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
 
@@ -159,6 +161,7 @@ class Scene(ABC):
     qdot: ClassVar[Callable[..., Any] | None] = None
     energies: ClassVar[Callable[..., Any]]
     dissipation: ClassVar[Callable[..., Any] | None] = None
+    positions: ClassVar[Callable[..., Any] | None] = None
     position_residual: ClassVar[Callable[..., Any] | None] = None
     quasi_velocities: ClassVar[Callable[..., Any]]
     chain: ClassVar[Callable[..., Any]]

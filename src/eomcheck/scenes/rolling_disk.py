@@ -140,6 +140,11 @@ def velocities(parameters, angles, q, v):
     return np.array(V, v.dtype), np.array(omega, v.dtype)
 
 
+def positions(parameters, angles, q):
+    """Return where the centre is (1, 3)."""
+    return np.array([[q[0], q[1], parameters.radius[0] * angles.cos[1]]], q.dtype)
+
+
 def potential(parameters, angles, q):
     """Return U, J."""
     return parameters.mass[0] * parameters.gravity[0] * parameters.radius[0] * angles.cos[1]

@@ -88,6 +88,12 @@ def velocities(parameters, angle, q, v):
     return np.array(V, v.dtype), v[2:].reshape(1, 1)
 
 
+def positions(parameters, angle, q):
+    """Return where the centre of mass is (1, 2)."""
+    offset = parameters.offset[0]
+    return np.array([[q[0] + offset * angle.cos[0], q[1] + offset * angle.sin[0]]], q.dtype)
+
+
 def constraint(parameters, angle, q, v):
     """Return c (1,), m/s: the velocity of the edge across itself, to the right."""
     return np.array([v[0] * angle.sin[0] - v[1] * angle.cos[0]], v.dtype)

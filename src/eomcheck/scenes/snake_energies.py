@@ -29,6 +29,18 @@ def velocities(parameters, angles, q, v):
     return passed_on(parameters.length, angles, v[0], v[1], v[2:])
 
 
+def positions(parameters, angles, q):
+    """Return where the centres of mass are (N, 2)."""
+    length = parameters.length
+    found, x, y = np.zeros((length.size, 2), q.dtype), q[0], q[1]
+    for i in range(length.size):
+        found[i, 0] = x + length[i] * angles.cos[i] / 2
+        found[i, 1] = y + length[i] * angles.sin[i] / 2
+        x = x + length[i] * angles.cos[i]
+        y = y + length[i] * angles.sin[i]
+    return found
+
+
 def of_joints(factor, x):
     """Return Σ f_i (x_{i+1} - x_i)² / 2 over the joints, or None where no joint has an f."""
     if factor is None:

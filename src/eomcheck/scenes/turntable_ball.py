@@ -181,6 +181,11 @@ def velocities(parameters, prepared, q, v):
     return v[:2].reshape(1, 2), rotation(prepared.angles, v).reshape(1, 3)
 
 
+def positions(parameters, prepared, q):
+    """Return where the centre is (1, 2)."""
+    return q[:2].reshape(1, 2)
+
+
 def constraint(parameters, prepared, q, v):
     """Return c (2,), m/s: where they touch, how the ball moves against the table."""
     R, rate, omega = parameters.radius[0], prepared.rate[0], rotation(prepared.angles, v)

@@ -1,0 +1,330 @@
+"""Claims about mistakes that both derivations of a scene share: where its bodies are, and T.
+
+M and T may be made of the same wrong velocity V, and then agree. Whatever else a scene gives tells:
+the positions of its bodies, their heights in U, and motions of the whole scene, which keep T.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from eomcheck.claims.case import Case
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import Look, Sides, check, claim
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
+from eomcheck.mechanics import plane
+from eomcheck.mechanics.records import Symmetry
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.dual import Dual, duals, rate, value
+from eomcheck.numbers.entries import each, map_record, objects
+from eomcheck.numbers.lanes import lanes_in
+
+# ---- Velocities of bodies ------------------------------------------------------------------------
+
+
+def _linear_along(velocities: Callable, *here: Any) -> Any:
+    """Return the share of v in V (n_b, d) along a direction, of (parameters, prepared, q, v, it)."""
+    *still, v, direction = here
+    return rate(velocities(*objects(tuple(still)), duals(v, direction))[0])
+
+
+def _angular_along(velocities: Callable, *here: Any) -> Any:
+    """Return the share of v in ω (n_b, e); see `_linear_along`."""
+    *still, v, direction = here
+    return rate(velocities(*objects(tuple(still)), duals(v, direction))[1])
+
+
+def _rate_along_q(
+    positions: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
+) -> Any:
+    """Return how fast the positions (n_b, d) change, of what is prepared and its rates, q and q̇."""
+    return rate(positions(objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+
+
+def _rate_of_height(
+    axis: int,
+    potential: Callable,
+    parameters: Any,
+    still: Any,
+    rates: Any,
+    q: Array,
+    qdot: Array,
+    masses: Array,
+) -> Array:
+    """Return the rates (2,) of ∂²U/∂g∂m along `masses` (n_b,), and of ∂U/∂g: of heights, m/s.
+
+    Each derivative has a depth of its own: that by q is outermost, that by the mass follows.
+
+    Args:
+        axis: component of gravity.
+        potential: function of a scene.
+        parameters: of the scene, `mass` and `gravity` among them.
+        still: what it prepares.
+        rates: how fast that changes.
+        q: coordinates (n,).
+        qdot: their rates (n,).
+        masses: changes of the masses (n_b,).
+    """
+    parameters = objects(parameters)
+    mass = each(lambda m, change: Dual(Dual(m, change)), parameters.mass, masses)
+    along = np.array([int(i == axis) for i in range(len(parameters.gravity))], object)
+    gravity = each(lambda g, change: Dual(Dual(Dual(g, change))), parameters.gravity, along)
+    weighed = parameters._replace(mass=mass, gravity=gravity)
+    of_q = rate(potential(weighed, map_record(duals, still, rates), duals(q, qdot)))
+    return np.array([rate(rate(of_q)), rate(value(of_q))], object)
+
+
+@cache
+def potential_of(energies: Callable) -> Callable:
+    """Return U as a function of (parameters, prepared, q), of a scene that writes its energies."""
+
+    def potential(parameters: Any, prepared: Any, q: Array) -> Any:
+        return energies(parameters, prepared, q, np.zeros(np.shape(q), object))[1]
+
+    return potential
+
+
+class _Heights:
+    """The heights of bodies, as far as U tells them: by its derivatives by masses and gravity.
+
+    They exist where the parameters are called `mass` and `gravity`. A gravity of d components tells
+    the whole position, one number the height along one direction, which nobody says.
+    """
+
+    def __init__(self, e: Quantities, numbers: type):
+        self._e, self._numbers = e, numbers
+        gravity, mass = (getattr(e.parameters, name, None) for name in ("gravity", "mass"))
+        self.bodies = 0 if gravity is None or mass is None else np.shape(mass)[0]
+        self.components = np.shape(gravity)[0] if self.bodies else 0
+
+    def rates(self, moving: tuple, masses: Array) -> list[Array]:
+        """Return the rates (2,) of `_rate_of_height` by each component of gravity.
+
+        Args:
+            moving: what is prepared, how fast it changes, q (n,) and q̇ (n,).
+            masses: changes of the masses (n_b,).
+        """
+        e, axes = self._e, range(self.components)
+        scene = e.scene
+        U = scene.potential if "energies" in scene.composed else potential_of(scene.energies)
+        here = U, e.parameters, *moving, masses
+        return [e.run(_rate_of_height, axis, *here) for axis in axes]
+
+    def moving(self, qdot: Array) -> tuple:
+        """Return what `rates` reads while q changes along a direction (n,)."""
+        e = self._e
+        return *e.prepared_and_rates(qdot, False), e.q, qdot
+
+    def of_each(self, qdot: Array) -> list[list[Any]]:
+        """Return how fast the heights of each body change along a direction (n,)."""
+        moving, units = self.moving(qdot), np.eye(self.bodies, dtype=self._numbers)
+        return [[x[0] for x in self.rates(moving, unit)] for unit in units]
+
+
+def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exact: bool) -> bool:
+    """Return whether all that gravity does in U is in proportion to the masses of the bodies.
+
+    Else other numbers weigh too, and a derivative by a mass need not be a height.
+    """
+    for found in heights.rates(heights.moving(direction), at.parameters.mass):
+        of_masses, of_all = found
+        left = of_masses - of_all
+        if not (left == 0 if exact else abs(left) <= NOTICEABLE * abs(of_all)):
+            return False
+    return True
+
+
+def _moving_along(look: Look, at: Quantities) -> tuple[Array, type]:
+    """Return a direction (n,) with a share of every coordinate, and the type of its literals."""
+    shares = [(-1) ** i * (i + 1) for i in range(at.scene.n)]
+    if look.exact:
+        return sum(x * k for x, k in zip(look.directions, shares, strict=False)), object
+    literals: Any = object if lanes_in(at.q) else np.float64
+    return np.array(shares, literals), literals
+
+
+@claim(
+    "position-velocity",
+    "V² = ṙ² of each body",
+    "(25), (26)",
+    "velocity of a centre of mass",
+    rate_of="r",
+)
+def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Bodies move as fast as their positions change: those given, and those that U tells."""
+    direction, literals = _moving_along(look, at)
+    heights, positions = _Heights(at, literals), at.scene.positions
+    if positions is None and heights.components < 2:
+        return
+    V = at.run(_linear_along, at.scene.velocities, at.parameters, at.prepared, at.q, at.v, direction)
+    if positions is not None:
+        here = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
+        r = at.run(_rate_along_q, positions, *here)
+        for k in range(len(V)):
+            yield Sides(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
+    if not heights.components == V.shape[1] > 1:
+        return
+    judged = look.exact or not (at.copied or lanes_in(at.q))  # others only follow what is judged
+    if not judged or _weighs_bodies_only(at, heights, direction, look.exact):
+        for k, rates in enumerate(heights.of_each(direction)):
+            yield Sides(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
+
+
+SQUARE = (("V²",),)
+
+
+def _squared(a: Any) -> Array:
+    """Return the square of a vector (1,)."""
+    found = np.empty(1, object)
+    found[0] = sum(x * x for x in a)
+    return found
+
+
+def _moves(e: Evaluation) -> tuple[Array, Array]:
+    """Return ∂V/∂v (n_b, d, n) and the rates of heights (n_b, components, n)."""
+    heights, axes = _Heights(e, np.float64), np.eye(e.scene.n)
+    here = e.scene.velocities, e.parameters, e.prepared, e.q, e.v
+    J = np.stack([np.asarray(e.run(_linear_along, *here, x), np.float64) for x in axes], -1)
+    h = np.stack([np.asarray(heights.of_each(x), np.float64) for x in axes], -1)
+    return J, h
+
+
+@check(
+    "height-velocity",
+    "|ḣ| ≤ |V| of each body",
+    "(25), (26)",
+    "velocity of a centre of mass",
+)
+def height_velocity(case: Case) -> Iterator[Finding]:
+    """The height of a body in U changes no faster than the body moves, whatever the velocity."""
+    at = case.at
+    heights = _Heights(at, np.float64)
+    if not heights.components:
+        return
+    d = np.shape(at.run(at.scene.velocities, at.parameters, at.prepared, at.q, at.v)[0])[1]
+    if heights.components == d > 1:
+        return  # the whole position is told
+    direction, _ = _moving_along(case, at)
+    if not _weighs_bodies_only(at, heights, direction, exact=False):
+        return
+    J, h = at.kept(_moves)
+    if not (np.isfinite(J).all() and np.isfinite(h).all()):
+        return
+    for k in range(heights.bodies):
+        sizes = np.sqrt((J[k] ** 2).sum(axis=0) + (h[k] ** 2).sum(axis=0))
+        scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0)
+
+        def left(e: Evaluation, k: int = k, scale: Array = scale) -> Array:
+            J, h = (x[k] * scale for x in e.kept(_moves))
+            return J.T @ J - h.T @ h
+
+        worst = np.linalg.eigh(left(at))[1][:, 0] * scale
+        rise, speed = (float(((x[k] @ worst) ** 2).sum()) for x in (h, J))
+        n = at.scene.n
+        sensitivity = 2.0 * n
+        if rise - speed > allowed_error(sensitivity):  # more noise only allows more
+            sensitivity += n * sensitivity_of(at, left)
+        # A velocity that is all of one size: nothing moves faster than 1.
+        sides = np.array([max(rise, speed)]), np.array([speed])
+        yield case.compare(f"body {k + 1}", *sides, sensitivity, names=HEIGHT, scale=1.0)
+
+
+HEIGHT = (("ḣ² of its height in U",),)
+
+
+# ---- Motions of the whole scene ------------------------------------------------------------------
+
+SHIFT = *plane.SHIFT, 1.5
+"""m."""
+PLACE = re.compile("[xyz]")
+"""What names of coordinates begin with that are places in fixed directions."""
+
+
+def _places(scene: Scene) -> dict[str, list[int]]:
+    """Return the coordinates called x, y and z, or x_1, y_1 and so on, by their direction.
+
+    Empty where a place has an x and no y: it may be one along a rail.
+    """
+    angles = set(range(scene.n)[scene.angle_coordinates])
+    found: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(scene.coordinate_names):
+        if i not in angles and PLACE.match(name):
+            found.setdefault(name[1:], {})[name[0]] = i
+    if any(not {"x", "y"} <= axes.keys() for axes in found.values()):
+        return {}
+    return {axis: [of[axis] for of in found.values() if axis in of] for axis in "xyz"}
+
+
+def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
+    """Yield the motions of a whole scene that must keep T although the scene does not say so.
+
+    Coordinates called x, y and z are places in fixed directions. Reasons against are a clock that
+    drives bodies, and bodies that do not move with the places or turn with them; against a turn in
+    the plane, lengths among the other coordinates, and bodies that do not turn with the angles.
+    """
+    scene, q, v, places = at.scene, at.q, at.v, _places(at.scene)
+    if not places:
+        return
+    V, omega = at.run(scene.velocities, at.parameters, at.prepared, q, np.zeros_like(v))
+    if np.any(V) or np.any(omega):
+        return  # a clock drives it
+    here = scene.velocities, at.parameters, at.prepared, q, v
+    axes = np.eye(scene.n)
+    J, turns = (
+        np.stack([np.asarray(at.run(f, *here, x), np.float64) for x in axes], -1)
+        for f in (_linear_along, _angular_along)
+    )
+    moved = [i for of in places.values() for i in of]
+    if turns[:, :, moved].any() or not J[:, :, moved].any(axis=(1, 2)).all():
+        return
+    shifted = q.copy()
+    for axis, shift in zip("xyz", SHIFT, strict=True):
+        shifted[places[axis]] += shift
+    yield Symmetry("translation", scene, shifted, v, np.eye(scene.n))
+    angles = np.arange(scene.n)[scene.angle_coordinates]
+    level = J.shape[1] == 2 and turns.shape[1] == 1 and not places["z"]
+    if not level or len(angles) + len(moved) < scene.n:
+        return
+    heading = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))[0]
+    if largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
+        return  # a body that does not turn, or at another rate
+    image = np.eye(scene.n)
+    c, s = np.cos(plane.TURN), np.sin(plane.TURN)
+    for x, y in zip(places["x"], places["y"], strict=True):
+        image[np.ix_((x, y), (x, y))] = [[c, -s], [s, c]]
+    turned = image @ q
+    turned[angles] += plane.TURN * heading
+    yield Symmetry("rotation", scene, turned, image @ v, image)
+
+
+def _kinetic_energy(e: Evaluation) -> Any:
+    return e.run(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
+
+
+@check("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
+def moved_energy(case: Case) -> Iterator[Finding]:
+    """Turning, shifting or mirroring the whole scene keeps T, wherever nothing speaks against it."""
+    at = case.at
+    said = tuple(at.scene.symmetries(at.q, at.v))
+    names = {one.name for one in said}
+    for moved in (*said, *(one for one in tried_motions(at) if one.name not in names)):
+        there = Evaluation(moved.scene, moved.q, moved.v, at.t)
+        found, expected = (np.array([float(_kinetic_energy(e))]) for e in (there, at))
+        sensitivity = float(expected[0])
+        if not abs(found[0] - expected[0]) <= allowed_error(sensitivity):
+            # More noise only allows more.
+            each_way = (sensitivity_of(e, _kinetic_energy, coordinates=True) for e in (at, there))
+            sensitivity = sum(each_way)
+        finding = case.compare(moved.name, found, expected, sensitivity, names=(("T",),))
+        if finding.verdict == "failed" and moved.name not in names:
+            finding = finding.because("coordinates called x, y, z are places in fixed directions")
+        yield finding
