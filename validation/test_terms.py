@@ -23,6 +23,9 @@ CLOSED = [kind for kind in SCENES.values() if kind.position_residual is not None
         "constraint-velocity",
         "constraint-drift",
         "kinetic-energy",
+        "position-velocity",
+        "height-velocity",
+        "moved-energy",
     ],
 )
 def test_terms_are_what_defines_them(claim: str, links, examples):

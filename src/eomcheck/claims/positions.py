@@ -1,7 +1,7 @@
-"""Claims about mistakes that both derivations of a scene share: where its bodies are, and T.
+"""Claims about mistakes shared by both derivations of a scene: positions of bodies, and T.
 
-M and T may be made of the same wrong velocity V, and then agree. Whatever else a scene gives tells:
-the positions of its bodies, their heights in U, and motions of the whole scene, which keep T.
+M and T may be made of the same wrong velocity V, and then agree. The positions of bodies, their
+heights in U and motions of the whole scene, which keep T, are independent of that velocity.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import Dual, duals, rate, value
 from eomcheck.numbers.entries import each, map_record, objects
+from eomcheck.numbers.generic import NotRationalError
 from eomcheck.numbers.lanes import lanes_in
 
 # ---- Velocities of bodies ------------------------------------------------------------------------
 
 
 def _linear_along(velocities: Callable, *here: Any) -> Any:
-    """Return the share of v in V (n_b, d) along a direction, of (parameters, prepared, q, v, it)."""
+    """Return the share of v in V (n_b, d), of (parameters, prepared, q, v, direction)."""
     *still, v, direction = here
     return rate(velocities(*objects(tuple(still)), duals(v, direction))[0])
 
@@ -103,7 +104,8 @@ class _Heights:
     def __init__(self, e: Quantities, numbers: type):
         self._e, self._numbers = e, numbers
         gravity, mass = (getattr(e.parameters, name, None) for name in ("gravity", "mass"))
-        self.bodies = 0 if gravity is None or mass is None else np.shape(mass)[0]
+        told = np.ndim(gravity) == np.ndim(mass) == 1  # None has no dimension
+        self.bodies = np.shape(mass)[0] if told else 0
         self.components = np.shape(gravity)[0] if self.bodies else 0
 
     def rates(self, moving: tuple, masses: Array) -> list[Array]:
@@ -138,7 +140,11 @@ def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exa
     for found in heights.rates(heights.moving(direction), at.parameters.mass):
         of_masses, of_all = found
         left = of_masses - of_all
-        if not (left == 0 if exact else abs(left) <= NOTICEABLE * abs(of_all)):
+        try:
+            weighs = not (left == 0 if exact else abs(left) <= NOTICEABLE * abs(of_all))
+        except NotRationalError:
+            continue  # bounds of degrees are equal to nothing, and bound sides that may be skipped
+        if weighs:
             return False
     return True
 
@@ -165,7 +171,9 @@ def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
     heights, positions = _Heights(at, literals), at.scene.positions
     if positions is None and heights.components < 2:
         return
-    V = at.run(_linear_along, at.scene.velocities, at.parameters, at.prepared, at.q, at.v, direction)
+    V = at.run(
+        _linear_along, at.scene.velocities, at.parameters, at.prepared, at.q, at.v, direction
+    )
     if positions is not None:
         here = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
         r = at.run(_rate_along_q, positions, *here)
@@ -245,8 +253,10 @@ HEIGHT = (("ḣ² of its height in U",),)
 
 SHIFT = *plane.SHIFT, 1.5
 """m."""
-PLACE = re.compile("[xyz]")
-"""What names of coordinates begin with that are places in fixed directions."""
+PLACE = re.compile("([xyz])(_.*|[0-9]*)")
+"""Names of coordinates that are places in fixed directions: x, y_2, z1."""
+ELSEWHERE = 0.7
+"""How far the other coordinates are moved to see whether directions turn with them, rad or m."""
 
 
 def _places(scene: Scene) -> dict[str, list[int]]:
@@ -257,19 +267,51 @@ def _places(scene: Scene) -> dict[str, list[int]]:
     angles = set(range(scene.n)[scene.angle_coordinates])
     found: dict[str, dict[str, int]] = {}
     for i, name in enumerate(scene.coordinate_names):
-        if i not in angles and PLACE.match(name):
-            found.setdefault(name[1:], {})[name[0]] = i
+        place = PLACE.fullmatch(name)
+        if i not in angles and place is not None:
+            found.setdefault(place[2], {})[place[1]] = i
     if any(not {"x", "y"} <= axes.keys() for axes in found.values()):
         return {}
     return {axis: [of[axis] for of in found.values() if axis in of] for axis in "xyz"}
+
+
+def _along_each(at: Evaluation, along: Callable) -> Array:
+    """Return ∂V/∂v (n_b, d, n) or ∂ω/∂v (n_b, e, n), see `_linear_along`."""
+    here = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
+    axes = np.eye(at.scene.n)
+    return np.stack([np.asarray(at.run(along, *here, x), np.float64) for x in axes], -1)
+
+
+def _in_turning_frame(at: Evaluation, J: Array, moved: list[int]) -> bool:
+    """Return whether some body moves with the places as they turn: they are none in fixed axes.
+
+    Directions that differ elsewhere, while their lengths and angles are the same, have turned.
+
+    Args:
+        at: the state.
+        J: ∂V/∂v (n_b, d, n) there.
+        moved: the coordinates that are places.
+    """
+    others = np.setdiff1d(np.arange(at.scene.n), moved)
+    q = at.q.copy()
+    q[others] += ELSEWHERE
+    here, there = J[..., moved], _along_each(Evaluation(at.scene, q, at.v, at.t), _linear_along)
+    there = there[..., moved]
+
+    def differ(a: Array, b: Array) -> Array:
+        return np.abs(a - b).max(axis=(1, 2)) > NOTICEABLE * np.abs(a).max(axis=(1, 2))
+
+    turned = differ(here, there) & ~differ(*(x.swapaxes(1, 2) @ x for x in (here, there)))
+    return bool(turned.any())
 
 
 def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     """Yield the motions of a whole scene that must keep T although the scene does not say so.
 
     Coordinates called x, y and z are places in fixed directions. Reasons against are a clock that
-    drives bodies, and bodies that do not move with the places or turn with them; against a turn in
-    the plane, lengths among the other coordinates, and bodies that do not turn with the angles.
+    drives bodies, bodies that do not move with the places or turn with them, and places in a frame
+    that turns; against a turn in the plane, lengths among the other coordinates, and bodies that do
+    not turn with the angles.
     """
     scene, q, v, places = at.scene, at.q, at.v, _places(at.scene)
     if not places:
@@ -277,14 +319,13 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     V, omega = at.run(scene.velocities, at.parameters, at.prepared, q, np.zeros_like(v))
     if np.any(V) or np.any(omega):
         return  # a clock drives it
-    here = scene.velocities, at.parameters, at.prepared, q, v
-    axes = np.eye(scene.n)
-    J, turns = (
-        np.stack([np.asarray(at.run(f, *here, x), np.float64) for x in axes], -1)
-        for f in (_linear_along, _angular_along)
-    )
+    J, turns = (_along_each(at, along) for along in (_linear_along, _angular_along))
+    if not (np.isfinite(J).all() and np.isfinite(turns).all()):
+        return
     moved = [i for of in places.values() for i in of]
     if turns[:, :, moved].any() or not J[:, :, moved].any(axis=(1, 2)).all():
+        return
+    if _in_turning_frame(at, J, moved):
         return
     shifted = q.copy()
     for axis, shift in zip("xyz", SHIFT, strict=True):
@@ -312,7 +353,7 @@ def _kinetic_energy(e: Evaluation) -> Any:
 
 @check("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
 def moved_energy(case: Case) -> Iterator[Finding]:
-    """Turning, shifting or mirroring the whole scene keeps T, wherever nothing speaks against it."""
+    """T is the same for the scene turned, shifted or mirrored, unless there is a reason against."""
     at = case.at
     said = tuple(at.scene.symmetries(at.q, at.v))
     names = {one.name for one in said}
