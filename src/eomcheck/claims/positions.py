@@ -103,7 +103,8 @@ class _Heights:
 
     def __init__(self, e: Quantities, numbers: type):
         self._e, self._numbers = e, numbers
-        gravity, mass = (getattr(e.parameters, name, None) for name in ("gravity", "mass"))
+        gravity: Any = getattr(e.parameters, "gravity", None)
+        mass: Any = getattr(e.parameters, "mass", None)
         told = np.ndim(gravity) == np.ndim(mass) == 1  # None has no dimension
         self.bodies = np.shape(mass)[0] if told else 0
         self.components = np.shape(gravity)[0] if self.bodies else 0
@@ -149,11 +150,12 @@ def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exa
     return True
 
 
-def _moving_along(look: Look, at: Quantities) -> tuple[Array, type]:
+def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
     """Return a direction (n,) with a share of every coordinate, and the type of its literals."""
     shares = [(-1) ** i * (i + 1) for i in range(at.scene.n)]
     if look.exact:
-        return sum(x * k for x, k in zip(look.directions, shares, strict=False)), object
+        moved: Any = sum(x * k for x, k in zip(look.directions, shares, strict=False))
+        return moved, object
     literals: Any = object if lanes_in(at.q) else np.float64
     return np.array(shares, literals), literals
 
@@ -181,7 +183,9 @@ def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
             yield Sides(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
     if not heights.components == V.shape[1] > 1:
         return
-    judged = look.exact or not (at.copied or lanes_in(at.q))  # others only follow what is judged
+    judged = look.exact or not (
+        getattr(at, "copied", False) or lanes_in(at.q)
+    )  # others only follow what is judged
     if not judged or _weighs_bodies_only(at, heights, direction, look.exact):
         for k, rates in enumerate(heights.of_each(direction)):
             yield Sides(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
