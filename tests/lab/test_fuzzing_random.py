@@ -139,8 +139,7 @@ def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
         again, state = case_of(kind, parameters_of(scene), q, v, 0.0)
         assert repr(again) == repr(scene) and again.structure == scene.structure
         assert np.array_equal(state.q, q)
-    (finding, *_) = failures((scene, State(q, v + 0.5, 0.0)), [], ()) or [None]
-    assert finding is None
+    assert not failures((scene, State(q, v + 0.5, 0.0)), ["kinetic-energy"], ())
     from eomcheck.claims import Finding
 
     told = Finding("equivalence", "au ~ im", scene, State(q, v, 0.0), 1.0, 0.0, "failed", "tested")
