@@ -10,12 +10,14 @@ import pytest
 from typer.testing import CliRunner
 
 from eomcheck.claims.proof import prove
-from eomcheck.claims.run import validate
+from eomcheck.claims.run import Run, validate
+from eomcheck.claims.selection import Selection
 from eomcheck.cli import app
 from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab.comparing import compare
+from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.named import scene_of
 from eomcheck.robots import from_mjcf, mjcf_file
 
@@ -182,6 +184,54 @@ def test_an_equality_that_is_not_active_is_none(tmp_path: Path):
     text = EQUALITIES["joint"][0].replace("<joint ", '<joint active="false" ')
     (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))
     assert from_mjcf(tmp_path / "loop.xml").r == 0
+
+
+FOUR_BAR = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="crank" pos="0 0 0.1"><joint name="crank" axis="0 1 0" damping="0.1"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0"/>
+      <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0" ref="0.3"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.3"/>
+      </body>
+    </body>
+    <body name="rocker" pos="0.3 0 0.1">
+      <joint name="rocker" axis="0 -1 0" stiffness="2" springref="0.4"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 -0.1 0 0.3"/>
+    </body>
+  </worldbody>
+  <equality>HELD</equality>
+</mujoco>
+"""
+HELD = '<connect body1="coupler" body2="rocker" anchor="0 0 0.3"/>'
+"""A pin in space, of a mechanism that stays in a plane: one of its three rows is redundant."""
+
+
+def four_bar(path: Path, pins: int) -> Mechanism:
+    path.write_text(FOUR_BAR.replace("HELD", pins * HELD), encoding="utf-8")
+    return from_mjcf(path)
+
+
+@pytest.mark.parametrize("pins", [1, 2])
+def test_as_many_constraints_as_coordinates_or_more_are_validated(tmp_path: Path, pins: int):
+    scene = four_bar(tmp_path / "bar.xml", pins)
+    assert (scene.n, scene.r) == (3, 3 * pins)
+    run, selection = Run(), Selection.of(scenes=[scene])
+    run.look_at_scene(scene, selection, 1, 0)
+    assert {one.verdict for one in run.findings} >= {"passed"}
+    assert [str(one) for one in run.findings if one.verdict == "failed"] == []
+    assert all(one.state.v.any() for one in run.drawn)  # it still moves
+    by_uk = {one.verdict for one in run.findings if one.claim == "equations-residual"}
+    assert by_uk == {"passed"}
+    embedded = {one.subject for one in run.findings if one.claim == "null-space-embedding"}
+    assert embedded == set()
+
+
+def test_more_constraints_than_coordinates_are_neither_proved_nor_disproved(tmp_path: Path):
+    (found,) = prove(four_bar(tmp_path / "bar.xml", 2), points=1)
+    assert found.verdict == "not looked at"
+    assert found.detail.startswith("6 constraints on 3 coordinates: at a random point no velocity")
 
 
 # ---- What is refused -----------------------------------------------------------------------------

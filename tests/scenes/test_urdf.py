@@ -13,12 +13,15 @@ from tests.robots import arm, body
 import eomcheck
 from eomcheck.claims.proof import prove
 from eomcheck.claims.repeat import python_of
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.named import kinds_of, left_out, scene_of
+from eomcheck.robots.urdf import urdf_kind
 from eomcheck.scenes import from_urdf
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -125,6 +128,15 @@ def test_a_file_is_a_kind_of_scene_wherever_a_name_is():
     assert kind is type(robot("arm"))
     assert kind.example().as_described
     assert kind.structure.fget(kind()) == "arm"
+
+
+def test_random_robots_of_a_file_without_gravity_have_some_or_none():
+    kind = urdf_kind(ROBOTS / "arm.urdf", gravity=None)
+    run, claims = Run(), ["finite-terms", "generalized-forces"]
+    run.look_at_kind(kind, Selection.of(["gw"], [], claims, scenes=[kind]), (1, 1), 8, 0)
+    assert {one.verdict for one in run.findings} == {"passed"}
+    drawn = [one.scene.gravity for one in run.drawn[1:]]  # type: ignore[attr-defined]
+    assert {None if x is None else x.shape for x in drawn} == {None, (3,)}
 
 
 # ---- What is refused -----------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from eomcheck.evaluation.sensitivity import (
     speeds_told,
 )
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.formulations import FORMULATIONS, Formulation, Partition
+from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.linear import column_scale
@@ -129,7 +129,7 @@ class Case(AtDoubles):
     def partitions(self) -> Iterator[tuple[str, Partition]]:
         """The paper's partition and the pivoted one."""
         yield "em", self.at.partition
-        yield "em, pivoted", self.at.partition_for(FORMULATIONS["em"], pivoted=True)
+        yield "em, pivoted", self.at.pivoted_partition
 
     @property
     def added_row(self) -> tuple[Array, Partition]:

@@ -110,6 +110,12 @@ def prove_structure(
         InputError: see `check_shapes`.
     """
     check_shapes(scene)
+    if scene.r > scene.n:
+        why = (
+            f"{scene.r} constraints on {scene.n} coordinates: at a random point no velocity "
+            "satisfies them (eomcheck.with_constraints leaves those that are independent)"
+        )
+        return [_skipped(scene, ("finite-terms", "speeds"), why)]
     draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
         for _ in range(points):

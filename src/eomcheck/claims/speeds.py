@@ -34,7 +34,12 @@ from eomcheck.numbers.entries import map_record, objects
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:
-    """Return the w (n, n-r) of the embedding method."""
+    """Return the w (n, n-r) of the embedding method.
+
+    Raises:
+        RefusedError: the constraints are not independent, or more than coordinates.
+    """
+    e.refuse_partition()
     return em.embedding(e.terms.a, e.terms.gamma, partition)[0]
 
 

@@ -201,11 +201,8 @@ class Evaluation(Quantities):
             raise InputError(f"pivoted = True: {formulation.key} has no partition to choose")
         if formulation.redundant:
             return self.independent_partition
-        if formulation.partitioned and self.scene.r > self.scene.n:
-            what = (
-                f"{self.scene.r} constraints on {self.scene.n} coordinates leave nothing to solve"
-            )
-            raise RefusedError("a_1", 0.0, 0.0, what)
+        if formulation.partitioned:
+            self.refuse_partition()
         return self.pivoted_partition if pivoted else self.partition
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:

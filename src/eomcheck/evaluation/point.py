@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity
 from eomcheck.mechanics.scene import Scene
@@ -242,6 +243,13 @@ class Quantities:
         """The paper's partition: the first r columns of a are dependent."""
         columns = np.arange(self.scene.n)
         return Partition(columns[: self.scene.r], columns[self.scene.r :])
+
+    def refuse_partition(self) -> None:
+        """Raise RefusedError where there are more constraints than coordinates to split."""
+        n, r = self.scene.n, self.scene.r
+        if r > n:
+            what = f"{r} constraints on {n} coordinates leave nothing to solve"
+            raise RefusedError("a_1", 0.0, 0.0, what)
 
     def speeds_read(self, formulation: Formulation) -> Array:
         """Return the speeds that the functions of `formulation` read beside q: v, u or x."""

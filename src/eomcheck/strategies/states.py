@@ -82,7 +82,7 @@ def state_ranges(
     return StateRanges(
         own or tuple(usual[flag] for flag in angles_of(scene)),
         Range(-heading, heading),
-        Range(-speed, speed, (scene.p,)),
+        Range(-speed, speed, (scene.p or scene.n,)),  # many constraints may leave motions
         Range(0.0, time if scene.depends_on_time else 0.0),
     )
 

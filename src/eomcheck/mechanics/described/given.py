@@ -52,8 +52,9 @@ def fields_of(made: Made) -> dict[str, Any]:
     for name, value in made.defaults:
         what, unit, sign, drawn = DRAWN[name]
         among = None if made.closed and name in GEOMETRY else drawn
+        shape = (2 if made.topology.planar else 3,) if name == "gravity" else np.shape(value)
         found[name] = parameter(
-            *(what, unit, sign, among, np.shape(value)),
+            *(what, unit, sign, among, shape),
             default=value,
             optional=name in OPTIONAL,
             read=name not in NOT_READ,
