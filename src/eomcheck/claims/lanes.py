@@ -18,7 +18,7 @@ import numpy as np
 from eomcheck.claims.at_doubles import AtDoubles
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
-from eomcheck.errors import RefusedError
+from eomcheck.errors import RefusedError, described_error
 from eomcheck.evaluation.doubles import SPEEDS, Acceleration
 from eomcheck.evaluation.lanes import (
     LaneEvaluation,
@@ -163,7 +163,7 @@ class LaneCase(AtDoubles):
                     found += list(self._looked_at(CLAIMS[one]))
                 except NOT_LIFTED as error:
                     said = isinstance(error, NotInLanesError)
-                    self.lost[one] = str(error) if said else f"{type(error).__name__}: {error}"
+                    self.lost[one] = str(error) if said else described_error(error)
         return found
 
     def _looked_at(self, claim: Claim) -> Iterator[Outcome]:

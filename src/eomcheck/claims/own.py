@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.point import Point
 from eomcheck.claims.shapes import returned
-from eomcheck.errors import RefusedError
+from eomcheck.errors import RefusedError, message_of
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.records import State
@@ -41,7 +41,7 @@ def not_rational(scene: Scene) -> str:
             _run_all(Point(scene, FiniteField(random_prime(source), source)))
             _known[which] = ""
         except (TypeError, DomainError) as error:
-            _known[which] = f"not rational: {' '.join(str(error).split())}"
+            _known[which] = f"not rational: {message_of(error)}"
         except (RefusedError, ZeroDivisionError):
             _known[which] = ""  # defined nowhere near, which `prove` is to tell
         except Exception as error:

@@ -237,6 +237,8 @@ def _checked(method: str, value: Any, shape: Shape) -> Array:
     if not hasattr(value, "__array__"):
         raise EngineFault(f"{method} returned {_kind(value)}, {expected}")
     array = np.asarray(value)
+    if np.ma.is_masked(value):
+        raise EngineFault(f"{method} returned a masked array, of which entries are masked")
     if len(array.shape) != len(shape) or any(
         want not in (None, have) for have, want in zip(array.shape, shape, strict=True)
     ):

@@ -22,6 +22,8 @@ GUARD_BITS = 64
 MOST_BITS = 4096
 """Precision at which the search gives up, unless the digits asked for need more than a quarter."""
 
+MOST_DIGITS = 1_000_000
+"""Decimal digits that may be asked for: a ball then takes half a megabyte."""
 
 ZERO = 2.0**-400
 """An entry below this share of the larger of |v̇| and |v|² passes for zero, which has no digits."""
@@ -83,7 +85,8 @@ def enclose(
 
     Raises:
         InputError: wrong shapes, values that are not finite, u and v both given or none, `digits`
-            below 1, `pivoted` without a partition, a formulation that does not apply to the scene.
+            below 1 or above `MOST_DIGITS`, `pivoted` without a partition, a formulation that does
+            not apply to the scene.
         UnknownNameError: no such formulation.
         RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
     """
@@ -96,7 +99,7 @@ def enclose(
         if v is None
         else {"v": finite_array("v", v, (scene.n,))}
     )
-    digits = whole_number("digits", digits)
+    digits = whole_number("digits", digits, most=MOST_DIGITS)
     partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
     return enclosure(scene, formulation, q, start, t, digits, partition)
 

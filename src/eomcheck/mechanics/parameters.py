@@ -17,6 +17,19 @@ from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.contract import Arithmetic
 from eomcheck.numbers.float64 import FLOAT64
 
+MOST_LINKS = 1_000_000
+"""Links of a scene: its parameters then take some 50 MB."""
+
+
+def number_of_links(links: Any) -> int:
+    """Number of links as an int.
+
+    Raises:
+        InputError: it is no whole number, below 1 or above `MOST_LINKS`.
+    """
+    return whole_number("links", links, most=MOST_LINKS)
+
+
 Sign = Literal["> 0", ">= 0", ""]
 Shape = tuple[int, ...] | Callable[[int], tuple[int, ...]]
 
@@ -196,7 +209,7 @@ class Parametric(Scene):
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
         """Return what ordinary scenes of this kind are drawn from, by name of argument."""
-        count = whole_number("links", links) if cls.has_links else 0
+        count = number_of_links(links) if cls.has_links else 0
         return {
             name: one.drawn._replace(shape=one.shape_of(count))
             for name, one in cls.declared.items()

@@ -34,7 +34,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, shown
 from eomcheck.mechanics.choices import Choices, Ways
 from eomcheck.mechanics.composed import compose
 from eomcheck.mechanics.records import Range, Symmetry
@@ -374,7 +374,7 @@ FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" 
 def checked_scene(scene: Any) -> Scene:
     """Return `scene`; raise `InputError` where it is none."""
     if not isinstance(scene, Scene):
-        raise InputError(f"scene = {scene!r}, expected a scene such as Snake.paper()")
+        raise InputError(f"scene = {shown(scene)}, expected a scene such as Snake.paper()")
     return scene
 
 
@@ -386,11 +386,11 @@ def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
     """
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in "fiuO":
+        if given.dtype.kind not in "fiuO" or np.ma.is_masked(value):
             raise TypeError
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} = {value!r} is not an array of real numbers") from None
+        raise InputError(f"{name} = {shown(value)} is not an array of real numbers") from None
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}, expected {shape}")
     if not np.isfinite(array).all():

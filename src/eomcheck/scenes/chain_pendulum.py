@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import whole_number
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
-from eomcheck.mechanics.parameters import OfLinks, of_links, parameter, stretched
+from eomcheck.mechanics.parameters import OfLinks, number_of_links, of_links, parameter, stretched
 from eomcheck.numbers.contract import Array
 
 
@@ -55,13 +54,13 @@ class ChainPendulum(Described, OfLinks, description=description):
     @classmethod
     def rods(cls, links: int) -> ChainPendulum:
         """Return a chain of slender rods of 1 m and 1 kg, stretched along x."""
-        one = np.ones(whole_number("links", links))
+        one = np.ones(number_of_links(links))
         return cls(one, one, one / 12)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[ChainPendulum]:
         """Yield a chain of rods with gravity, and one without."""
-        rods = cls.rods(whole_number("links", links))
+        rods = cls.rods(number_of_links(links))
         yield rods
         yield replace(rods, gravity=None)
 

@@ -24,7 +24,7 @@ from eomcheck.errors import whole_number
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
-from eomcheck.mechanics.parameters import OfLinks, parameter
+from eomcheck.mechanics.parameters import MOST_LINKS, OfLinks, number_of_links, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.numbers.contract import Arithmetic, Array
@@ -104,13 +104,13 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
     @classmethod
     def rods(cls, windows: int) -> FourBarChain:
         """Return the benchmark: slender rods of 1 m and 1 kg, upright, tips moving at 1 m/s."""
-        one = np.ones(2 * whole_number("windows", windows) + 1)
+        one = np.ones(2 * whole_number("windows", windows, most=MOST_LINKS) + 1)
         return cls(one, one / 12)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[FourBarChain]:
         """Yield the benchmark with `links` windows, and the same without gravity."""
-        rods = cls.rods(whole_number("links", links))
+        rods = cls.rods(number_of_links(links))
         yield rods
         yield replace(rods, gravity=None)
 

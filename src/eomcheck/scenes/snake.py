@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import RefusedError, whole_number
+from eomcheck.errors import RefusedError
 from eomcheck.mechanics import plane
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import (
     OfLinks,
+    number_of_links,
     of_joints,
     of_links,
     parameter,
@@ -90,7 +91,7 @@ class Snake(OfLinks, functions=PARTS):
 
         At N = 7 these are the paper's angles up to its rounding.
         """
-        return cls._uniform(links, 7.0 / whole_number("links", links))
+        return cls._uniform(links, 7.0 / number_of_links(links))
 
     @classmethod
     def pattern(cls, links: int) -> Snake:
@@ -98,7 +99,7 @@ class Snake(OfLinks, functions=PARTS):
 
         Wheels turn against their links along the chain: near i = 90 they stand across it.
         """
-        return cls._uniform(whole_number("links", links), 1.0)
+        return cls._uniform(number_of_links(links), 1.0)
 
     @classmethod
     def _uniform(cls, links: int, degrees: float) -> Snake:
@@ -109,7 +110,7 @@ class Snake(OfLinks, functions=PARTS):
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Snake]:
         """Yield a coiled snake; if it has joints, with and without springs, dampers, both."""
-        coil = cls.coil(whole_number("links", links))
+        coil = cls.coil(number_of_links(links))
         yield coil
         if coil.links > 1:
             yield replace(coil, stiffness=None)
@@ -209,7 +210,7 @@ class Snake(OfLinks, functions=PARTS):
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Snake, Array]:
         """Return a snake whose wheels are seen to be turned."""
-        scene = cls.paper() if links is None else cls.coil(whole_number("links", links))
+        scene = cls.paper() if links is None else cls.coil(number_of_links(links))
         angle = np.full(scene.links, 0.35)
         pose = 0.45 + 2.4 / scene.links * np.arange(scene.links)
         return replace(scene, wheel_angle=angle), np.r_[0.9, 0.7, pose] * scene.length.mean()

@@ -16,7 +16,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
 from eomcheck.mechanics.records import Range, State
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.strategies.entries import entry_of, interval, parameter_of
 
 CURVATURE = 0.4
@@ -46,8 +46,9 @@ def states(
         time: latest time, s, where the scene depends on time.
 
     Raises:
-        InputError: negative or infinite bounds.
+        InputError: no scene, negative or infinite bounds.
     """
+    checked_scene(scene)
     for name, bound in (("position", position), ("angle", angle), ("speed", speed), ("time", time)):
         interval(name, (0.0, bound), 0.0)
     coordinates, *rest = state_ranges(scene, position, angle, speed, time)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines import EngineFault
+from eomcheck.errors import described_error
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.subject import INPUTS, MAY_READ_MORE, Functions
 
@@ -64,10 +65,9 @@ class Answers:
         except EngineFault as fault:
             raise BrokenError(name, fault.what) from fault
         except Exception as error:
-            text = " ".join(str(error).split())
-            what = f"{type(error).__name__}: {text}" if text else type(error).__name__
+            what = described_error(error)
             # As PyTorch says of an array of NumPy.
-            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
+            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in what else ""
             raise BrokenError(name, what + hint) from error
         if handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes():
             self.changed.add(name)
@@ -78,9 +78,13 @@ class Answers:
             raise BrokenError(name, "answers None, expected an array of numbers")
         try:
             raw = np.asarray(_plain(answer))
+            if np.ma.is_masked(answer):
+                raise BrokenError(name, "answers a masked array, of which entries are masked")
             if raw.dtype.kind not in "fiuO":
                 raise TypeError
             array = np.array(raw, np.float64)
+        except OverflowError:
+            raise BrokenError(name, "answers a number that is too large for a double") from None
         except (TypeError, ValueError, RuntimeError):
             kind = type(answer).__name__
             raise BrokenError(name, f"answers a {kind}, expected an array of numbers") from None

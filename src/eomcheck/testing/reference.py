@@ -11,7 +11,7 @@ from eomcheck.engines import Answers, Engine, EngineFault, engine_of, made, repr
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.subject import Functions
 
@@ -21,8 +21,11 @@ def from_scene(scene: Scene) -> Functions:
 
     Forces all are in `Q` where the scene has no potential energy; where it has one, forces at rest
     are `gravity` and damping follows from `R`.
+
+    Raises:
+        InputError: `scene` is no scene, such as the name of one.
     """
-    zero = np.zeros(scene.n)
+    zero = np.zeros(checked_scene(scene).n)
 
     def terms(q: Array, v: Array) -> Any:
         return Evaluation(scene, q, v, 0.0).terms

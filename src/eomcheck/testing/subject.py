@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.errors import InputError, UnknownNameError, whole_number
+from eomcheck.errors import InputError, UnknownNameError, shown, whole_number
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import finite_array
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.source import python_of_functions
 
@@ -53,6 +54,12 @@ INPUTS: dict[str, Input] = {
     "qdot": Input("qv", ("n",), "rates of the coordinates"),
 }
 """Name -> what the function of that name is."""
+
+MOST_COORDINATES = 10_000
+"""Coordinates of functions: a mass matrix then takes 800 MB."""
+
+MOST_STATES = 1_000_000
+"""States that may be drawn in one call."""
 
 MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv"}
 """Name -> what a function is called with if it has two arguments that must be given."""
@@ -117,18 +124,18 @@ class Functions:
     """Makes what they are called with of an array of doubles, such as `torch.as_tensor`."""
 
     def __post_init__(self):
-        whole_number("n", self.n)
+        whole_number("n", self.n, most=MOST_COORDINATES)
         for name in self.given:
             if not callable(self.function(name)):
-                raise InputError(f"{name} = {self.function(name)!r}, expected a function")
+                raise InputError(f"{name} = {shown(self.function(name))}, expected a function")
         for name in ("factory", "array"):
             made = getattr(self, name)
             if made is not None and not callable(made):
-                raise InputError(f"{name} = {made!r}, expected a function")
+                raise InputError(f"{name} = {shown(made)}, expected a function")
         if not self.given:
             raise InputError(f"no function is given, expected at least one of {', '.join(INPUTS)}")
         if self.speeds is not None:
-            whole_number("speeds", self.speeds)
+            whole_number("speeds", self.speeds, most=MOST_COORDINATES)
             if self.qdot is None and self.speeds != self.n:
                 raise InputError(
                     f"speeds = {self.speeds} without qdot(q, u), which would tell how {self.n} "
@@ -196,8 +203,8 @@ class Functions:
             given = _pairs(self.ranges)
             if given is None or (given.ndim == 2 and len(given) not in (self.n, size)):
                 raise InputError(
-                    f"ranges = {self.ranges!r}, expected (low, high) with low < high, or {self.n} "
-                    f"such pairs for the coordinates, or {size} with the velocities"
+                    f"ranges = {shown(self.ranges)}, expected (low, high) with low < high, or "
+                    f"{self.n} such pairs for the coordinates, or {size} with the velocities"
                 )
             if given.ndim == 1:
                 full[:] = given
@@ -210,10 +217,11 @@ def _pairs(ranges: Any) -> Array | None:
     """Return pairs low < high as an array (2,) or (m, 2), None if they are none."""
     try:
         pairs = np.asarray(ranges, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     fits = pairs.shape == (2,) or (pairs.ndim == 2 and pairs.shape[1] == 2)
-    if not fits or not np.isfinite(pairs).all() or (pairs[..., 0] >= pairs[..., 1]).any():
+    numbers = np.isfinite(pairs).all() and not np.ma.is_masked(ranges)
+    if not fits or not numbers or (pairs[..., 0] >= pairs[..., 1]).any():
         return None
     return pairs
 
@@ -242,21 +250,19 @@ def checked_states(functions: Functions, states: Any) -> Sequence[State] | int:
         InputError: neither a number of at least 1 nor a list of (q, v) of the right shapes.
     """
     if isinstance(states, int | np.integer):
-        return whole_number("states", states)
+        return whole_number("states", states, most=MOST_STATES)
     try:
         pairs = [(q, v) for q, v in states]
-        found = [State(np.array(q, np.float64), np.array(v, np.float64)) for q, v in pairs]
+        sizes = {"q": functions.n, "v": functions.p}
+        found = [
+            State(finite_array("q", q, (sizes["q"],)), finite_array("v", v, (sizes["v"],)))
+            for q, v in pairs
+        ]
     except (TypeError, ValueError):
         found = []
-    n, p = functions.n, functions.p
-    good = [one for one in found if one.q.shape == (n,) and one.v.shape == (p,)]
-    if (
-        not found
-        or len(good) < len(found)
-        or not all(np.isfinite([*one.q, *one.v]).all() for one in good)
-    ):
+    if not found:
         raise InputError(
-            f"states = {states!r}, expected a number of at least 1 or a list of (q, v) of {n} and "
-            f"{p} finite numbers"
+            f"states = {shown(states)}, expected a number of at least 1 or a list of "
+            f"(q, v) of {functions.n} and {functions.p} finite numbers"
         )
     return found

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, TypeVar
 
 from eomcheck.claims.finding import DECIDED
-from eomcheck.errors import EomcheckError
+from eomcheck.errors import EomcheckError, described_error
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.show.chart import Chart
@@ -53,7 +53,7 @@ def _of_study(key: str, overview: Overview) -> Section | None:
         try:
             return list(what(found))
         except (EomcheckError, ArithmeticError, LookupError, *WRONG) as error:
-            why = f"{type(error).__name__}: {error}"
+            why = described_error(error)
             overview.unread.append(f"the records of {key!r} cannot be shown: {why}")
             return None
 

@@ -17,6 +17,7 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run
 from eomcheck.claims.strata import links_of
+from eomcheck.errors import described_error
 from eomcheck.lab.store.kept import COLUMNS, Kept
 from eomcheck.lab.store.record import Record
 
@@ -105,7 +106,7 @@ def fault_of(record: Record) -> str | None:
             lists = record.series["claims"], record.series["seconds"]
             _ = record.settings["scene"], [*zip(*lists, strict=True)]
     except (LookupError, TypeError, ValueError) as error:
-        return f"{type(error).__name__}: {error}"
+        return described_error(error)
     return None
 
 
