@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from tests.claims.test_every_claim_fails import ABOUT, EMBEDDING, MACHINE_CODE, sample, shape_of
+from tests.claims.wrong import Part, share, wrong_formulation, wrong_scene
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judge, judged
 from eomcheck.claims.lanes import ABSENT, lane_cases, liftable
 from eomcheck.claims.strata import scene_cases
+from eomcheck.engines import ENGINES
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
@@ -165,3 +169,58 @@ def test_verdicts_by_number_are_those_of_judge():
     found = judged(observed, allowed_error(1.0) * sensitivity, scale)
     each = zip(observed, sensitivity, scale, found, strict=True)
     assert all(judge(float(x), float(s), float(z))[1] == NAMES[y] for x, s, z, y in each)
+
+
+# ---- Where claims fail ---------------------------------------------------------------------------
+
+WRONG = [
+    (claim, key, part)
+    for claim, about in ABOUT.items()
+    for key, parts in about.items()
+    for part in parts
+    if claim in LIFTED and part.of not in ENGINES and part not in (MACHINE_CODE, EMBEDDING)
+]
+
+
+def test_every_screened_claim_is_compared_where_it_fails():
+    assert {claim for claim, _, _ in WRONG} | {"null-space-embedding"} == set(LIFTED)
+
+
+FIRST = {claim: (claim, key, part) for claim, key, part in reversed(WRONG)}
+"""By day each claim is compared where the first of what it is about is wrong."""
+
+
+@pytest.mark.parametrize(
+    ("claim", "key", "part"),
+    [
+        pytest.param(
+            *one,
+            id=", ".join(map(str, one)),
+            marks=() if one == FIRST[one[0]] else pytest.mark.night,
+        )
+        for one in WRONG
+    ],
+)
+def test_a_claim_fails_in_lanes_where_it_fails_alone(claim: str, key: str, part: Part):
+    """The wrong scene is side by side with itself."""
+    (scene, state), entry = sample(key), next(part.each_entry(shape_of(key, part)))
+    formulations = dict(FORMULATIONS)
+    if part.of in FORMULATIONS:
+        formulations[part.of] = wrong_formulation(part, entry, share(2.0**-10))
+    else:
+        scene = wrong_scene(scene, part, entry, share(2.0**-10))
+    with patch.dict(FORMULATIONS, formulations):
+        keys = dict.fromkeys(("au", "im", "kane", *({part.of} & FORMULATIONS.keys())))
+        able = tuple(FORMULATIONS[key] for key in keys if FORMULATIONS[key].applies_to(scene))
+        there = Case(Evaluation(scene, *state), able, ()).look(CLAIMS[claim])
+        ((_, case),) = lane_cases([(scene, state), (scene, state)], able)
+        found = {one.subject: one for one in case.look([claim])}
+    assert not case.lost
+    judged_alone = {one.subject: one for one in there if not one.subject.endswith("pivoted")}
+    assert "failed" in {one.verdict for one in judged_alone.values()}
+    for subject, one in judged_alone.items():
+        both = found[subject]
+        assert [NAMES[verdict] for verdict in both.verdict] == [one.verdict] * 2, subject
+        if one.verdict == "failed":
+            assert both.observed == pytest.approx(one.observed, rel=1e-3)
+            assert both.allowed == pytest.approx(one.allowed, rel=0.9)

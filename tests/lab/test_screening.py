@@ -1,0 +1,212 @@
+"""Screening: whatever fails is suspect, the worst suspects are judged, nothing is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.claims.wrong import with_entry
+from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
+
+import eomcheck
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.lanes import LaneCase, liftable
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import judging, rounds, screening
+from eomcheck.lab.fuzzing.draws import drawn
+from eomcheck.lab.fuzzing.families import ORDINARY
+from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.judging import fault_of
+from eomcheck.lab.fuzzing.replay import replayed
+from eomcheck.lab.fuzzing.rounds import run_round
+from eomcheck.lab.fuzzing.screening import TRUTH, Ration, Screened, screened
+from eomcheck.lab.fuzzing.work import Result, Round
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import SCENES, Snake, snake_terms
+
+FORMULAE = tuple(FORMULATIONS.values())
+
+
+def ordinary(kind: Any, count: int) -> list:
+    return drawn(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
+
+
+# ---- Nothing is left out -------------------------------------------------------------------------
+
+
+def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch):
+    """With a ration of one in one, also what differs from lane to lane: pivoted partitions."""
+    asked, subjects, in_lanes = set(), set(), set()
+    right, look = judging.checked, LaneCase.look
+
+    def recorded(case, claims, *how):
+        found = right(case, claims, *how)
+        asked.update(claims)
+        subjects.update(one.subject for one in found)
+        return found
+
+    def looked(self, claims):
+        found = look(self, claims)
+        in_lanes.update(one.claim for one in found)
+        return found
+
+    monkeypatch.setattr(rounds, "checked", recorded)
+    monkeypatch.setattr(LaneCase, "look", looked)
+    here = plan(batch=2, families=(ORDINARY,), climbing=False, engines=("pinocchio",))
+    run_round(here._replace(ration=Ration(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
+    assert in_lanes >= set(liftable(ALL)) - NOT_ON_A_SNAKE
+    assert asked | in_lanes >= set(ALL) - NOT_ON_A_SNAKE - {"true-error"}
+    assert "em, pivoted" in subjects and "invariance" in in_lanes
+
+
+NOT_ON_A_SNAKE = {"position-rate", "redundant-rows", "height-velocity"}
+"""Claims that a snake gives nothing for in lanes."""
+
+
+def test_what_is_wrong_only_when_the_scene_is_moved_is_suspect_for_that():
+    class Pulled(Snake, functions=()):
+        """A snake that is pulled along x: no claim about a force but `invariance` needs U."""
+
+        @staticmethod
+        def terms(parameters, prepared, q, v):
+            found = snake_terms.terms(parameters, prepared, q, v)
+            pull = np.zeros(len(q), dtype=np.asarray(q).dtype) + 0 * q[0]
+            pull[0] = pull[0] + parameters.mass[0]
+            return found._replace(Q=pull if found.Q is None else found.Q + pull)
+
+    found = screened(ordinary(Pulled, 4), FORMULAE, ("invariance",), every=0)
+    assert all("invariance" in claims for claims in found.suspects.values())
+    assert len(found.suspects) == 4
+
+
+# ---- The worst suspects are judged ---------------------------------------------------------------
+
+
+def test_of_many_suspects_the_highest_are_judged(monkeypatch):
+    cases = ordinary(Snake, 4)
+    found = Screened(4, {("bias", ""): np.array([2.0, 9.0, 5.0, 0.5])})
+    found.suspects = {0: {"bias"}, 1: {"bias"}, 2: {"bias"}}
+    judged = []
+
+    def nothing(case, claims, *_):
+        judged.append(next(i for i, one in enumerate(cases) if one is case))
+        return []
+
+    monkeypatch.setattr(rounds, "screened", lambda *_: found)
+    monkeypatch.setattr(rounds, "checked", nothing)
+    result = Result(0, STRATUM, {})
+    rounds.look_at(plan(), result, cases, set(), 2)
+    assert judged == [1, 2]
+    assert result.counts["suspect"] == 3 and result.counts["suspects judged"] == 2
+
+
+@pytest.mark.parametrize(("error", "suspect"), [(3e-12, True), (3e-13, False)])
+def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, suspect):
+    """An error that is a number, rad/s², where the bound is 9e-13."""
+    cases = ordinary(Snake, 1)
+    monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), error))
+    found = screened(cases, FORMULAE[:1], ("true-error",), every=1)
+    assert bool(found.suspects) == suspect
+
+
+# ---- Terms that are not finite -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["M", "Q", "B", "a", "gamma", "b"])
+def test_a_state_with_a_term_that_is_not_finite_is_told_of_as_such(name: str):
+    kind: Any = type(SCENES["turntable-ball"].example() if name == "b" else Snake.coil(2))
+
+    def terms(parameters, prepared, q, v):
+        found = kind.terms(parameters, prepared, q, v)
+        term = getattr(found, name)
+        huge = with_entry(term, (-1,) * term.ndim, lambda x: (x + 2) * 2**1000 * 2**1000)
+        return found._replace(**{name: huge})
+
+    Bad: Any = type("Bad", (kind,), {"terms": staticmethod(terms)})
+    if name == "b":
+        scene = Bad.example()
+        start = scene.initial_state()
+        cases = [(scene, State(*start, 0.3))]
+    else:
+        cases = [
+            (Bad(**{x: getattr(scene, x) for x in Snake.declared}), state)
+            for scene, state in ordinary(Snake, 2)
+        ]
+    found = screened(cases, FORMULAE, ALL, every=0)
+    assert found.unseen == list(range(len(cases)))
+
+
+# ---- The truth at its time -----------------------------------------------------------------------
+
+
+def driven_case() -> tuple[Any, State]:
+    scene = SCENES["turntable-ball"].example()
+    q, _ = scene.initial_state()
+    return scene, State(q, eomcheck.velocity(scene, q, [0.5, -0.4, 0.3], t=0.7), 0.7)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+def test_a_driven_scene_is_enclosed_at_its_time_in_lanes(speeds: bool, monkeypatch):
+    case = driven_case()
+    able = tuple(f for f in FORMULAE if f.applies_to(case[0]))
+    if not speeds:
+        able = tuple(f for f in able if not f.in_speeds)
+        monkeypatch.setattr(
+            type(case[0]), "refuse_speeds", lambda self, q: (_ for _ in ()).throw(_refused())
+        )
+    found = screened([case], able, ("true-error",), every=1)
+    assert found.enclosed == 1 and not found.suspects
+    assert {key for claim, key in found.heights if claim == TRUTH} == {f.key for f in able}
+
+
+def _refused() -> Exception:
+    return eomcheck.RefusedError("speeds", 0.0, 1.0, "a test")
+
+
+def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
+    """At t = 0 the truth is another one, and a right formulation would be a silent error."""
+    scene, state = driven_case()
+    failed = Finding("power-balance", "au", scene, state, 1.0, 0.1, "failed", "made up")
+    assert fault_of(failed).whose == judging.ALARM
+
+
+# ---- Of a pair both are held against the truth ---------------------------------------------------
+
+
+@pytest.mark.parametrize("wrong", ["au", "im"])
+def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monkeypatch):
+    (case,) = ordinary(Snake, 1)
+    finding = Finding("equivalence", "au ~ im", *case, 1.0, 0.1, "failed", "made up")
+    right = judging.acceleration
+
+    def answer(scene, key, *arguments, **options):
+        found = right(scene, key, *arguments, **options)
+        if key == wrong:
+            found = replace(found, vdot=found.vdot + 1e-3)
+        return found
+
+    monkeypatch.setattr(judging, "acceleration", answer)
+    fault = fault_of(finding)
+    assert fault.whose == judging.SILENT and f"{wrong}: true error" in fault.evidence
+
+
+# ---- Kept failures of all claims -----------------------------------------------------------------
+
+
+def test_a_kept_failure_of_all_claims_is_checked_by_all():
+    (case,) = ordinary(Wrong, 1)
+    scene, (q, v, t) = case
+    parameters = {name: _plain(getattr(scene, name)) for name in Snake.declared}
+    of_all = {"parameters": parameters, "q": q.tolist(), "v": v.tolist(), "t": float(t)}
+    right = Find("snake", **of_all)
+    (holds,) = replayed([right], KEYS)
+    assert holds.outcome == "holds"
+    name = f"{__file__}:Wrong"
+    (fails,) = replayed([Find(name, **of_all)], KEYS)
+    assert fails.outcome == "failed"
+
+
+def _plain(x: Any) -> Any:
+    return x.tolist() if isinstance(x, np.ndarray) else x
