@@ -157,8 +157,8 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "errors console output pytest_plugin",
-    "files lookup",
+    "calls errors console output pytest_plugin",
+    "files lookup supervisor",
     "numbers",
     "kernels mechanics",
     "robots random_mechanisms",

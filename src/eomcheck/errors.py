@@ -33,7 +33,9 @@ def message_of(error: BaseException) -> str:
     """The message of an exception in one line, "" without one, also where its `__str__` raises."""
     try:
         text = str(error)
-    except Exception as broken:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as broken:
         return f"its text cannot be read: __str__ raises {type(broken).__name__}"
     return one_line(text)
 
@@ -55,6 +57,22 @@ class EomcheckError(Exception):
     def __str__(self):
         # One sentence on one line, however the values in it are printed.
         return one_line(super().__str__())
+
+
+class CallError(Exception):
+    """A call of code outside this package ended otherwise than by an answer or an Exception.
+
+    Attributes:
+        name: of the function, such as "Engine.bias".
+        what: how it ended: "raised SystemExit: 0", "gave no answer in 60 s".
+    """
+
+    def __init__(self, name: str, what: str):
+        self.name, self.what = name, what
+        super().__init__(name, what)
+
+    def __str__(self):
+        return f"{self.name} {self.what}"
 
 
 class InputError(EomcheckError, ValueError):
@@ -79,9 +97,13 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {lower[near[0]]!r}?)" if near else ""
 
 
-def raised(error: BaseException, at: FrameSummary) -> str:
-    """Return what was raised, and in which line: "raised KeyError: 'x' (own.py, line 3)"."""
-    return f"raised {described_error(error)} ({Path(at.filename).name}, line {at.lineno})"
+def raised(error: BaseException, at: FrameSummary | None) -> str:
+    """Describe an exception and the line: "raised KeyError: 'x' (own.py, line 3)".
+
+    Of a `CallError` it is how the call ended; without `at` there is no line.
+    """
+    what = error.what if isinstance(error, CallError) else f"raised {described_error(error)}"
+    return what if at is None else f"{what} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
@@ -173,6 +195,10 @@ def required(module: str, extra: str | None = None) -> Any:
 
 class WorkerError(EomcheckError):
     """A process or machine that was given work did not return it; the rest is done and safe."""
+
+
+class DiedError(WorkerError):
+    """A process that was given work died, or a scheduler was left without any."""
 
 
 class RefusedError(EomcheckError, ArithmeticError):

@@ -5,14 +5,25 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from sysconfig import get_paths
+from traceback import extract_tb
 from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from eomcheck.errors import EomcheckError, InputError, UnknownNameError, did_you_mean
+from eomcheck import calls
+from eomcheck.errors import (
+    CallError,
+    EomcheckError,
+    InputError,
+    UnknownNameError,
+    described_error,
+    did_you_mean,
+    raised,
+)
 
 T = TypeVar("T")
 
@@ -183,11 +194,41 @@ def _importable(folder: str) -> Iterator[None]:
             sys.path.append(folder)
 
 
-def _run(home: str, load) -> ModuleType:
+def _run(home: str, load: Callable[[], ModuleType]) -> ModuleType:
+    calls.foreign()
     try:
-        return load()
+        module = calls.call(f"import of {home}", load, slow=True)
     except EomcheckError:
         raise
-    except (Exception, SystemExit) as error:
-        what = f"{type(error).__name__}: {error}"
+    except Exception as error:
+        what = described_error(error)
+        if isinstance(error, CallError):
+            what = error.what.removeprefix("raised ")
         raise InputError(f"{home!r} cannot be imported: {what}") from error
+    _run_here.add(getattr(module, "__file__", None) or "")
+    return module
+
+
+_run_here: set[str] = set()
+"""Files of the modules that were looked up."""
+
+
+def looked_up_code() -> bool:
+    """Return whether code of a file or of an installed package was looked up and run."""
+    return bool(_run_here)
+
+
+def outside(error: BaseException) -> str:
+    """Return which code outside this package raised an error, and in which line; "" where none did.
+
+    Once a file was looked up, that is it, or one that it imports and that is not installed.
+    """
+    if isinstance(error, CallError):
+        return str(error)
+    installed = [Path(x) for name, x in get_paths().items() if name not in ("scripts", "data")]
+    for at in reversed(extract_tb(error.__traceback__) if _run_here else []):
+        file = Path(at.filename)
+        known = at.filename.startswith("<") or file.is_relative_to(Path(__file__).parent)
+        if at.filename in _run_here or not (known or any(map(file.is_relative_to, installed))):
+            return f"{file.name}: {at.name} {raised(error, at)}"
+    return ""

@@ -17,7 +17,7 @@ import eomcheck
 from eomcheck import cli
 from eomcheck.claims import run as run_of_claims
 from eomcheck.cli.checking import REGISTRIES
-from eomcheck.errors import WorkerError
+from eomcheck.errors import DiedError, WorkerError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.findings import RUNS
 from eomcheck.lab.store.groups import record_of_rows
@@ -276,8 +276,12 @@ def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys,
 
 @pytest.mark.parametrize(
     ("ended", "code"),
-    [(KeyboardInterrupt(), 130), (WorkerError("1 item killed every worker: bicycle"), 2)],
-    ids=["Ctrl-C", "killed"],
+    [
+        (KeyboardInterrupt(), 130),
+        (DiedError("1 item killed every worker: bicycle"), 1),
+        (WorkerError("the workers have another version of eomcheck"), 2),
+    ],
+    ids=["Ctrl-C", "killed", "other sources"],
 )
 def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_done(
     monkeypatch, capsys, tmp_path, ended, code
@@ -298,7 +302,7 @@ def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_do
     assert sorted(of_runs) == ["done"] + ["failed"] * (len(SCENES) - 1), "not finished"
     said = capsys.readouterr()
     assert "findings passed" in said.out
-    assert ("interrupted" if code == 130 else "killed every worker") in said.out + said.err
+    assert ("interrupted" if code == 130 else str(ended)) in said.out + said.err
 
 
 def test_bench_rhs_times_what_was_asked_for(monkeypatch, capsys, tmp_path):

@@ -168,8 +168,12 @@ OWN = "from eomcheck.testing.subject import Functions\nown = Functions(1, M=lamb
 Case = tuple[str, Seen] | tuple[str, Seen, str]
 """Words with the option, what follows of it, and the words to begin with if not the usual ones."""
 
+PATIENT = {"patience": ("--patience 7", {"set_patience.seconds": 7.0})}
+"""The option of every command that runs code that is not ours."""
+
 CASES: dict[str, dict[str, Case]] = {
     "validate": {
+        **PATIENT,
         "scene": ("--scene sleigh", {"look_at_kind.kind": "Sleigh"}),
         "links": ("--links 2..5", {"look_at_kind.links": [2, 5]}),
         "given": ("--set mass=2 --scene sleigh", {"look_at_kind.one": "~mass=2"}),
@@ -187,6 +191,7 @@ CASES: dict[str, dict[str, Case]] = {
         "wide": ("--wide", {"print_runs.wide": True}),
     },
     "prove": {
+        **PATIENT,
         "links": ("--links 2..3,7", {"proof_jobs.links": [2, 3, 7]}),
         "points": ("--points 9", {"proof_jobs.points": 9}),
         "seed": ("--seed 8", {"proof_jobs.seed": 8}),
@@ -219,6 +224,7 @@ CASES: dict[str, dict[str, Case]] = {
         "executor": ("--executor local:2", {"produce_all.where": "local:2"}),
     },
     "fuzz": {
+        **PATIENT,
         "scene": ("--scene sleigh", {"plan.kind": "Sleigh", "name": "sleigh"}),
         "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
         "engine": ("--engine none", {"plan.engines": []}),
@@ -280,6 +286,7 @@ CASES: dict[str, dict[str, Case]] = {
         ),
     },
     "simulate": {
+        **PATIENT,
         "words": ("sleigh 0.2", {"simulate.scene": "~Sleigh(", "simulate.t_end": 0.2}, ""),
         "scene": ("--scene sleigh", {"simulate.scene": "~Sleigh("}),
         "links": ("--scene coil --links 3", {"simulate.scene": "~length=[1.0, 1.0, 1.0]"}),
@@ -309,6 +316,7 @@ CASES: dict[str, dict[str, Case]] = {
         "plot": ("--plot a.svg", {"draw.path": "a.svg"}, MANY),
     },
     "acceleration": {
+        **PATIENT,
         "name": ("sleigh", {"print_accelerations.scene": "~Sleigh("}),
         "scene": ("--scene sleigh", {"print_accelerations.scene": "~Sleigh("}),
         "links": (
@@ -323,11 +331,13 @@ CASES: dict[str, dict[str, Case]] = {
         "formulation": ("--formulation au,el", {"print_accelerations.keys": ["au", "el"]}),
     },
     "constraints": {
+        **PATIENT,
         "scene": ("--scene sleigh", {"print_constraints.scene": "~Sleigh("}),
         "links": ("--scene coil --links 3", {"print_constraints.scene": "~length=[1.0, 1.0, 1.0]"}),
         "given": ("--scene sleigh --set offset=0.25", {"print_constraints.scene": "~offset=0.25"}),
     },
     "compare": {
+        **PATIENT,
         "robot": ("", {"compare.scene": "~crane"}),
         "engine": ("--engine mujoco,pinocchio", {"compare.engines": ["mujoco", "pinocchio"]}),
         "states": ("--states 3", {"compare.states": 3}),
@@ -403,6 +413,7 @@ def handed_on(command: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -
     with monkeypatch.context() as patched:
         for name, value in STUBS.get(command, {}).items():
             stub(patched, seen, name, value)
+        stub(patched, seen, "eomcheck.calls.set_patience")
         patched.setattr(campaigns, "Campaign", lambda *given: Campaign(seen, *given))
         patched.setattr(sys, "argv", ["eomcheck", *command.split(), *words])
         with pytest.raises(SystemExit) as stop:
@@ -483,7 +494,8 @@ def value_of(name: str, parameter: Parameter, place: int) -> tuple[list[str], An
 
 @pytest.mark.parametrize(("group", "key"), STUDIES, ids=[" ".join(x) for x in STUDIES])
 def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch):
-    study, given = study_of(key), dict[str, Any]()
+    study, given, patient = study_of(key), dict[str, Any](), list[float]()
+    monkeypatch.setattr("eomcheck.calls.set_patience", patient.append)
 
     def run(self, file: Path | None = None, fresh: bool = False, **options: Any) -> list[Record]:
         given.update(options | {"records": file, "fresh": fresh})
@@ -504,7 +516,8 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
         monkeypatch.setitem(study.__dict__, name, value)
     command = command_of(key, drawn=group == "draw")
     options = study.options()
-    shared = {"records", "fresh"} | ({"path"} if group == "draw" else {"json", "figures"})
+    shared = {"records", "fresh", "patience"}
+    shared |= {"path"} if group == "draw" else {"json", "figures"}
     assert {x.name for x in command.params} == options.keys() | shared
     kept = ["--records", "k.db"] if study.small else ["k.db"]
     base = [group, key, *(["a.svg"] if group == "draw" else []), *kept]
@@ -521,7 +534,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     assert usual["records"] == Path("k.db") and not usual["fresh"]
     assert usual.keys() - {"path"} == options.keys() | {"records", "fresh"}
     assert all(usual[name] == one.default for name, one in options.items())
-    words, values = ["--fresh"], {"fresh": True}
+    words, values = ["--fresh", "--patience", "7"], {"fresh": True}
     for place, (name, one) in enumerate(options.items(), 7):
         more, values[name] = value_of(name, one, place)
         words += more
@@ -533,3 +546,4 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
             "figures": Path()
         }
         assert Path("a.json").is_file()
+    assert patient[0] == 60.0 and patient[-1] == 7.0

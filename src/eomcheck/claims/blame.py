@@ -7,7 +7,7 @@ import traceback
 from pathlib import Path
 
 import eomcheck
-from eomcheck.errors import raised
+from eomcheck.errors import CallError, raised
 from eomcheck.mechanics.scene import FUNCTIONS, Scene
 
 HERE = Path(eomcheck.__file__).parent
@@ -18,7 +18,9 @@ def raised_in(scene: Scene, error: BaseException) -> str:
     files = _files(type(scene))
     through = [x for x in traceback.extract_tb(error.__traceback__) if x.filename in files]
     if not through:
-        return ""
+        kinds = [f"{kind.__name__}." for kind in type(scene).__mro__]
+        own = isinstance(error, CallError) and error.name.startswith(tuple(kinds))
+        return str(error) if own else ""
     return f"{type(scene).__name__}.{through[-1].name} {raised(error, through[-1])}"
 
 

@@ -14,7 +14,15 @@ import numpy as np
 
 from eomcheck.claims.finding import DECIDED, Finding, resembles, worst_of
 from eomcheck.claims.registry import CLAIMS
-from eomcheck.engines import ENGINES, Answers, Engine, EngineFault, made, represents
+from eomcheck.engines import (
+    ENGINES,
+    Answers,
+    Engine,
+    EngineFault,
+    made,
+    represents,
+    version_of,
+)
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import HUGE, largest
@@ -196,7 +204,7 @@ def unseen(case: Case, kind: type[Engine], why: str) -> Finding:
 
 def evidence_of(kind: type[Engine]) -> str:
     """Return the level of evidence of a comparison, and what it rests on."""
-    return f"compared: {kind.version()}"
+    return f"compared: {version_of(kind)}"
 
 
 def compared(

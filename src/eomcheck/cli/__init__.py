@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
+from contextlib import suppress
+from typing import Any, NoReturn
 
+from eomcheck import calls, supervisor
 from eomcheck.cli import checking, comparing, drawing, fuzzing, motions
 from eomcheck.cli.app import app, help_width, usage_error
 from eomcheck.cli.study import bench, draw, study
 from eomcheck.console import said_at_work
-from eomcheck.errors import EomcheckError
+from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_error
+from eomcheck.lookup import looked_up_code, outside
 from eomcheck.output import unfailing
 
 for group in (bench, study, draw):
@@ -22,7 +27,47 @@ for group in (bench, study, draw):
 
 
 def main() -> None:
-    """Run the command line; bad input is one sentence and exit code 2."""
+    """Run the command line; bad input is one sentence and exit code 2.
+
+    A command that runs code of a user's file, or of an outside library that may crash, runs in a
+    process of its own, which `eomcheck.supervisor` watches.
+    """
+    pipe = supervisor.serve()
+    if pipe is not None:
+        supervisor.give(pipe, code := _exit_code())
+        sys.exit(code)
+    if not supervisor.possible():
+        _run()
+    if not any(".py:" in word for word in sys.argv[1:]):
+        try:
+            with calls.requiring():
+                _run()
+        except calls.UnsupervisedError:
+            pass  # another way in which such code is named: a package's engine, a corpus
+    sys.exit(supervisor.command(sys.argv[1:]))
+
+
+def _exit_code() -> int:
+    """Run the command line, and return its exit code when all its output is written."""
+    code: Any = 1
+    try:
+        _run()
+    except SystemExit as end:
+        code = end.code
+    except BaseException:
+        traceback.print_exc()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    return code if isinstance(code, int) else 0
+
+
+def _run() -> NoReturn:
+    """Run the command line in this process.
+
+    Raises:
+        SystemExit: with the exit code.
+    """
     # Matrices of a few hundred rows gain nothing from threads, and lose much where other programs
     # run. Libraries read this when they are loaded, which is after this line.
     for library in ("OPENBLAS", "MKL", "OMP"):
@@ -32,16 +77,29 @@ def main() -> None:
             with said_at_work(" ".join(["starting", *sys.argv[1:2]])):
                 how = {"prog_name": "eomcheck", "terminal_width": help_width()}
                 code = app(**how, standalone_mode=False)
-                sys.exit(code if isinstance(code, int) else 0)
+        except WorkerError as error:
+            code = _said(str(error), 1 if isinstance(error, DiedError) else 2)
         except EomcheckError as error:
-            print(f"eomcheck: {error}", file=sys.stderr)
-            sys.exit(2)
-        except Exception as error:
-            said = usage_error(error)
-            if said is None:
+            code = _said(str(error), 2)
+        except (KeyboardInterrupt, calls.UnsupervisedError):
+            raise
+        except BaseException as error:
+            if (said := usage_error(error)) is not None:
+                print(said, file=sys.stderr)
+                code = 2
+            elif said := outside(error):
+                code = _said(said, 1)
+            elif isinstance(error, Exception) or not looked_up_code():
                 raise
-            print(said, file=sys.stderr)
-            sys.exit(2)
+            else:
+                # No command of ours ends so: code that is not ours wants the process to end.
+                code = _said(f"no verdict: raised {described_error(error)}", 1)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _said(sentence: str, code: int) -> int:
+    print(f"eomcheck: {sentence}", file=sys.stderr)
+    return code
 
 
 __all__ = ["app", "checking", "comparing", "drawing", "fuzzing", "main", "motions"]

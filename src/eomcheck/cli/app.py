@@ -16,7 +16,7 @@ EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
     1: "a claim fails or a find is made, a motion does not reach its end, a formulation refuses, "
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
-    "(`constraints`)",
+    "(`constraints`), code that is not ours ends its process or gives no answer",
     2: "bad input, a missing library, or results that could not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
@@ -97,7 +97,7 @@ def _first_sentence(command: Any) -> str:
     return (command.help or "").split("\n\n")[0].replace("\n", " ").strip()
 
 
-def usage_error(error: Exception) -> str | None:
+def usage_error(error: BaseException) -> str | None:
     """Return what is said of words that are no command line; None of any other error.
 
     One sentence in one line, or the help of a group of commands of which none is named. What

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
@@ -19,6 +20,7 @@ from eomcheck.cli.options import (
     Json,
     Kept,
     Kind,
+    Patience,
     Seed,
     Where,
     check_folder,
@@ -72,6 +74,7 @@ def validate(
     wide: Annotated[
         bool, typer.Option("--wide", help="Print every formulation, engine or scene by itself.")
     ] = False,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Check every claim on the example of a scene (the paper's robot) and on random ones.
 
@@ -88,7 +91,7 @@ def validate(
     from eomcheck.claims.strata import links_of
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable
-    from eomcheck.engines import engines_among
+    from eomcheck.engines import engines_among, version_of
     from eomcheck.lab.report.document import write_json
     from eomcheck.lab.report.findings import print_runs
     from eomcheck.lab.store.executors import check_place
@@ -120,7 +123,7 @@ def validate(
             raise InputError(f"executor = {executor!r}: {own}")
     check_place(executor)
     for made in selection.engines:
-        made.version()  # a missing library is bad input, said before anything is computed
+        version_of(made)  # a missing library is bad input, said before anything is computed
     runs = {kind.key: Run() for kind in kinds}
     how = selection, bounds, examples, seed
     interrupted, lost = False, None
@@ -178,6 +181,7 @@ def prove(
     executor: Where = "local",
     json: Json = None,
     records: Kept = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of a scene at once."""
     numbers = None if links is None else whole_numbers(links)

@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
+from eomcheck.calls import PATIENCE, foreign
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
-from eomcheck.cli.options import Json, Seed
+from eomcheck.cli.options import Json, Patience, Seed
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import at_least_one, listed
@@ -38,11 +39,13 @@ def compare(
         bool, typer.Option("--pairs", help="Also print each library beside each other.")
     ] = False,
     json: Json = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Compare how libraries read one file, by M, bias, forces and accelerations.
 
     Exit code 1 if some differ by more than rounding, or one that is installed gives no answer.
     """
+    foreign()
     at_least_one(states=states)
     check_writable(json)
     from eomcheck.console import progress

@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
-from eomcheck.cli.options import Formulations, Kept, Seed, check_used, records_or_none
-from eomcheck.errors import InputError
+from eomcheck.cli.options import (
+    Formulations,
+    Kept,
+    Patience,
+    Seed,
+    check_used,
+    records_or_none,
+)
+from eomcheck.errors import InputError, WorkerError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, listed
 from eomcheck.output import counted
@@ -127,6 +135,7 @@ def fuzz(
     keep: Annotated[
         Path | None, typer.Option(help="Add finds to this file, such as validation/found.json.")
     ] = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Look for states at which a claim fails, by the thousand, and keep them.
 
@@ -160,7 +169,7 @@ def fuzz(
     low, high = interval(links or "1..12")
     if executor is not None:
         check_place(executor)
-    interrupted = False
+    interrupted, lost = False, None
     with stoppable(), records_or_none(records) as kept:
         if functions_named(scene) is not None:
             unused = {"links": links, "engine": engine, "formulation": formulation}
@@ -185,6 +194,8 @@ def fuzz(
                 campaign.run(states, most, executor, Teller())
         except KeyboardInterrupt:
             interrupted = True
+        except WorkerError as error:
+            lost = error
         if keep is not None and campaign.finds:
             from eomcheck.lab.fuzzing.file import read_finds, write_finds
 
@@ -195,6 +206,8 @@ def fuzz(
     if interrupted:
         console.print("interrupted: the tables hold what was looked at until then")
         raise typer.Exit(130)
+    if lost is not None:
+        raise lost
     if campaign.finds:
         raise typer.Exit(1)
 
@@ -218,13 +231,14 @@ def _selection(
 ) -> Selection:
     from eomcheck.claims.selection import Selection
     from eomcheck.claims.trial import represented
+    from eomcheck.engines import version_of
 
     engines = [] if engine == ["none"] else engine
     selection = Selection.of(formulation, engines, claim, scenes=[kind])
     if engines:
         represented(selection.engines, (kind,))
     for made in selection.engines:
-        made.version()  # a missing library is bad input, said before anything is computed
+        version_of(made)  # a missing library is bad input, said before anything is computed
     return selection
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
@@ -17,6 +18,7 @@ from eomcheck.cli.options import (
     Links,
     One,
     OneOrNot,
+    Patience,
     check_figure,
     check_used,
     scene_asked,
@@ -146,6 +148,7 @@ def simulate(
         str | None, typer.Option(metavar="PLACE", help="Where to compute --draws.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Integrate a motion by each formulation, and print how well it kept energy and constraints.
 
@@ -213,6 +216,7 @@ def acceleration(
     given: Given = None,
     speeds: Speeds = None,
     formulation: Formulations = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Print what each formulation says at the start, how far to trust it, or why it refuses.
 
@@ -228,7 +232,9 @@ def acceleration(
 
 
 @app.command()
-def constraints(scene: One = ONE, links: Links = None, given: Given = None) -> None:
+def constraints(
+    scene: One = ONE, links: Links = None, given: Given = None, patience: Patience = PATIENCE
+) -> None:
     """Tell which constraints of a scene are redundant at its start: which the others imply.
 
     Exit code 1 if some are.

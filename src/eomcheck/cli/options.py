@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eomcheck import calls
 from eomcheck.cli.complete import completing
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
@@ -70,6 +71,24 @@ Json = Annotated[Path | None, typer.Option("--json", help="Write the results to 
 Kept = Annotated[
     Path | None,
     typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+]
+
+
+def _patient(seconds: float) -> float:
+    if not 0 < seconds <= 1e6:
+        raise InputError(f"patience = {seconds}, expected seconds, a positive number up to 1e6")
+    calls.set_patience(seconds)
+    return seconds
+
+
+Patience = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        callback=_patient,
+        help="How long a call of your own code or of an outside library may take; the first call "
+        f"of a function, and an import, {calls.FIRST} times as long.",
+    ),
 ]
 
 

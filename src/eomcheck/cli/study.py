@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
+from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import Command, CommandLine, Group
 from eomcheck.cli.complete import completing
-from eomcheck.cli.options import Fresh, Json, Kept, Measured, check_figure, check_folder
+from eomcheck.cli.options import Fresh, Json, Kept, Measured, Patience, check_figure, check_folder
 from eomcheck.errors import UnknownNameError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import listed, numbers, whole_numbers
@@ -74,11 +75,12 @@ def command_of(key: str, drawn: bool = False) -> Any:
     one = study_of(key)
 
     def command(**given: Any) -> None:
+        del given["patience"]
         (_draw if drawn else _run)(one, **given)
 
     shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if drawn else {}
     shared["records"] = (Kept, None) if one.small else (Measured, Parameter.empty)
-    shared["fresh"] = Fresh, False
+    shared |= {"fresh": (Fresh, False), "patience": (Patience, PATIENCE)}
     if not drawn:
         shared |= {"json": (Json, None), "figures": (Figures, None)}
     parameters = {

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from inspect import getattr_static
 
-from eomcheck.engines.answers import Answers, EngineFault, made, represents
+from eomcheck import calls
+from eomcheck.engines.answers import Answers, EngineFault, made, represents, version_of
 from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.drake import DrakeEngine
@@ -68,6 +69,8 @@ def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engi
     """
     found: dict[str, type[Engine]] = {}
     for kind in map(engine_of, ALWAYS if names is None else distinct("engines", names)):
+        if kind.extra is not None:
+            calls.foreign()  # a library that may crash
         if found.setdefault(kind.key, kind) is not kind:
             raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
     return tuple(found.values())
@@ -109,4 +112,5 @@ __all__ = [
     "engines_among",
     "made",
     "represents",
+    "version_of",
 ]

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck import calls
+from eomcheck.calls import call
 from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
-from eomcheck.errors import EngineError, InputError, raised
+from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
+from eomcheck.output import printable
 
 ELSEWHERE = 0.25
 """How far off the states are at which an engine is asked before, see `Answers.disturb`."""
@@ -40,7 +43,7 @@ def made(kind: type[Engine], scene: Scene) -> Engine:
         EngineError: its library is not installed.
     """
     try:
-        return kind(scene)
+        return call(f"{kind.__name__}(scene)", kind, scene)
     except EngineError:
         raise
     except Exception as error:
@@ -55,12 +58,31 @@ def represents(kind: type[Engine], scene: Scene) -> bool:
         EngineError: its library is not installed.
     """
     try:
-        return bool(kind.represents(scene))
+        return bool(call(f"{kind.__name__}.represents", kind.represents, scene))
     except EngineError:
         raise
     except Exception as error:
         said = f"engine {kind.__name__}: represents({scene.name}) {_raised(error)}"
         raise InputError(said) from error
+
+
+def version_of(kind: type[Engine]) -> str:
+    """Return name and version of the library of an engine, one line.
+
+    Raises:
+        InputError: the engine raises an exception instead, or returns no text.
+        EngineError: its library is not installed.
+    """
+    try:
+        found = call(f"{kind.__name__}.version", kind.version)
+    except EngineError:
+        raise
+    except Exception as error:
+        raise InputError(f"engine {kind.__name__}: version() {_raised(error)}") from error
+    if not isinstance(found, str) or not found.strip():
+        what = repr(found) if isinstance(found, str) else _kind(found)
+        raise InputError(f"engine {kind.__name__}: version() returned {what}, expected a text")
+    return printable(found.strip())
 
 
 class Answers:
@@ -197,7 +219,7 @@ class Answers:
         handed = [np.array(x) if isinstance(x, np.ndarray) else x for x in arguments]
         function: Callable[..., Any] = getattr(self.engine, method)
         try:
-            result = function(*handed)
+            result = call(f"{type(self.engine).__name__}.{method}", function, *handed)
         except Exception as error:
             raise EngineFault(f"{method} {_raised(error)}") from error
         for here, before in zip(handed, arguments, strict=True):
@@ -210,12 +232,15 @@ def _raised(error: Exception) -> str:
     """Return what an engine raised, and in which line."""
     through = traceback.extract_tb(error.__traceback__)
     theirs = [x for x in through if not _is_library(Path(x.filename))]
+    if isinstance(error, CallError) and not theirs:
+        return raised(error, None)
     return raised(error, (theirs or through)[-1])
 
 
 def _is_library(path: Path) -> bool:
     """Return whether a file is ours, or of an installed package."""
-    return path.parent == Path(__file__).parent or "site-packages" in path.parts
+    ours = path.parent == Path(__file__).parent or path == Path(calls.__file__)
+    return ours or "site-packages" in path.parts
 
 
 def _kind(value: Any) -> str:

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from eomcheck import strategies
+from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run, Selection
-from eomcheck.engines import Engine
+from eomcheck.engines import Engine, version_of
 from eomcheck.engines.files import BY_FORMAT, FileEngine
-from eomcheck.errors import EngineError, InputError, UnknownNameError
+from eomcheck.errors import EngineError, InputError, UnknownNameError, message_of
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.draws import draw
@@ -66,7 +67,7 @@ def compare(
     found, made = Comparison(scene), {}
     for key, kind in readers(scene, engines).items():
         try:
-            found.versions[key] = kind.version()
+            found.versions[key] = version_of(kind)
         except EngineError as error:
             if engines is not None:
                 raise
@@ -74,10 +75,10 @@ def compare(
             found.missing.append(key)
             continue
         try:
-            made[key] = kind(scene)
+            made[key] = call(f"{kind.__name__}(scene)", kind, scene)
             found.said[key], found.why[key] = made[key].said, []
         except Exception as error:  # whatever a library makes of a file it cannot read
-            found.refused[key] = " ".join(str(error).split())
+            found.refused[key] = message_of(error)
             del found.versions[key]
     if not made:
         raise InputError(f"nothing to compare {scene.name} with: " + _told(found.refused))

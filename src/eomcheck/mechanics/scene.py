@@ -34,6 +34,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from eomcheck.calls import calling
 from eomcheck.errors import InputError, shown
 from eomcheck.mechanics.choices import Choices, Ways
 from eomcheck.mechanics.composed import compose
@@ -188,6 +189,8 @@ class Scene(ABC):
                     generic(function)
                 if name in FUNCTIONS and name not in vars(cls):
                     setattr(cls, name, staticmethod(function))
+        if not cls.__module__.startswith("eomcheck."):
+            _guard(cls)
         compose(cls)
 
     @property
@@ -369,6 +372,27 @@ class Scene(ABC):
 
 FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" in str(of)}
 """Names under which scenes hold functions."""
+
+
+def _guard(kind: type[Scene]) -> None:
+    """Have what the body of a user's scene gives called by `eomcheck.calls.call`."""
+    for name, value in list(vars(kind).items()):
+        word = f"{kind.__name__}.{name}"
+        if isinstance(value, property) and value.fget is not None:
+            guarded = property(calling(word, value.fget), value.fset, value.fdel)
+        elif isinstance(value, staticmethod | classmethod) and isfunction(value.__func__):
+            guarded = type(value)(calling(word, value.__func__))
+        elif isfunction(value):
+            guarded = calling(word, value)
+        else:
+            continue
+        if not _inner(value).__module__.startswith("eomcheck."):
+            setattr(kind, name, guarded)
+
+
+def _inner(value: Any) -> Any:
+    """Return the function of a property or of a method that needs no object."""
+    return getattr(value, "fget", None) or getattr(value, "__func__", value)
 
 
 def checked_scene(scene: Any) -> Scene:

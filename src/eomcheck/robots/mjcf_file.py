@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from eomcheck.errors import required
+from eomcheck.calls import call, foreign
+from eomcheck.errors import message_of, required
 from eomcheck.robots.urdf_robot import MOST
 from eomcheck.robots.urdf_xml import Element, Format, Unreadable, number, root_of
 
@@ -51,15 +52,20 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
     """
     for root in _roots(path):
         _check(root, path)
+    foreign()
     library = required("mujoco", "mujoco")
     try:
-        spec = _read(library, path)
-        out = _strip(library, spec, str(path))
-        return spec.compile(), out
+        return call(f"MuJoCo, reading {path.name},", _compiled, library, path, slow=True)
     except Unreadable:
         raise
     except Exception as error:  # its own kinds, and those of Python
-        raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {error}") from None
+        raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
+
+
+def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
+    spec = _read(library, path)
+    out = _strip(library, spec, str(path))
+    return spec.compile(), out
 
 
 def _read(library: Any, path: Path) -> Any:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.calls import call
 from eomcheck.engines import EngineFault
-from eomcheck.errors import described_error
+from eomcheck.errors import CallError, described_error
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.subject import INPUTS, MAY_READ_MORE, Functions
 
@@ -61,9 +62,11 @@ class Answers:
         arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
         arguments = [(arrays | {"t": t})[letter] for letter in self.reads(name)]
         try:
-            answer = function(*arguments)
+            answer = call(f"{self.functions.name}: {name}", function, *arguments)
         except EngineFault as fault:
             raise BrokenError(name, fault.what) from fault
+        except CallError as error:
+            raise BrokenError(name, error.what.removeprefix("raised ")) from error
         except Exception as error:
             what = described_error(error)
             # As PyTorch says of an array of NumPy.

@@ -9,6 +9,7 @@ from typing import Any
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.engines import version_of
 from eomcheck.lab.show.text import write_json as write_document
 
 
@@ -27,7 +28,7 @@ def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
             cases.append({} if state is None else finding.place)
         rows.append(finding.as_dict(whole=state is None) | {"case": index[case]})
     document = {
-        "engines": [engine.version() for engine in selection.engines],
+        "engines": [version_of(engine) for engine in selection.engines],
         "formulations": [formulation.key for formulation in selection.formulations],
         "claims": {
             id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}

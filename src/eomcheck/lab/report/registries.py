@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from eomcheck.errors import message_of
 from eomcheck.lab.report.scenes import first_line, registered_scenes
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
@@ -58,14 +59,14 @@ def function_claims_sheet() -> Sheet:
 
 
 def _engines() -> Sheet:
-    from eomcheck.engines import ENGINE, ENGINES, engine_of
+    from eomcheck.engines import ENGINE, ENGINES, engine_of, version_of
     from eomcheck.errors import EngineError
     from eomcheck.lookup import announced
 
     rows = []
     for engine in ENGINES.values():
         try:
-            library = engine.version()
+            library = version_of(engine)
         except EngineError:
             library = "not installed"
         own = yes(engine.offers("constraint_jacobian"))
@@ -75,10 +76,10 @@ def _engines() -> Sheet:
         package = "" if point.dist is None else f"none: package {point.dist.name}"
         try:
             engine = engine_of(name)
-            told = engine.version(), package, yes(engine.offers("constraint_jacobian"))
+            told = version_of(engine), package, yes(engine.offers("constraint_jacobian"))
             row = (*told, first_line(engine))
         except Exception as error:  # whatever somebody else's does, the others are listed
-            row = "cannot be loaded", package, "", " ".join(str(error).split())
+            row = "cannot be loaded", package, "", message_of(error)
         rows.append((Cell(name, "name"), *row))
     columns = ("key", "library", "installed by the extra", "own constraints", "what it is")
     return Sheet("engines", "", columns, rows)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import pickle
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import (
     Executor,
@@ -11,12 +13,30 @@ from concurrent.futures import (
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from eomcheck.errors import InputError, WorkerError, required
+from eomcheck.errors import DiedError, InputError, WorkerError, required
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.provenance import sources
 
 CONNECT_SECONDS = 6
 """How long a scheduler, and then its first worker, may keep us waiting."""
+
+ALONE_SECONDS = 20
+"""How long a scheduler may be without workers while there is work."""
+LOGS = "distributed", "distributed.client"
+"""Loggers that write tracebacks of their own where a scheduler has died."""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Have the library write nothing of what is reported by exceptions."""
+    levels = {name: logging.getLogger(name).level for name in LOGS}
+    for name in levels:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 class Dask(Place):
@@ -24,9 +44,22 @@ class Dask(Place):
 
     width = 1024
     killed = "KilledWorker"
+    every = 1.0
 
     def __init__(self, address: str):
         self.address = address
+        self._client: Any = None
+        self._alone_since: float | None = None
+
+    def check(self) -> None:
+        """Raise DiedError where the scheduler has had no worker for `ALONE_SECONDS`."""
+        if self._client is None or self._client.scheduler_info()["workers"]:
+            self._alone_since = None
+            return
+        now = time.monotonic()
+        self._alone_since = self._alone_since or now
+        if now - self._alone_since > ALONE_SECONDS:
+            raise DiedError(f"the dask scheduler at {self.address!r} has no workers left")
 
     def call(self, function: Callable, item: Any) -> tuple:
         """Return the function, guarded."""
@@ -36,7 +69,12 @@ class Dask(Place):
     @contextmanager
     def open(self) -> Iterator[Executor]:
         """Connect; leaving early cancels what has not begun."""
-        client = self._connect(required("distributed", "cluster").Client)
+        make = required("distributed", "cluster").Client
+        with _quiet():
+            yield from self._opened(make)
+
+    def _opened(self, make: Callable) -> Iterator[Executor]:
+        client = self._client = self._connect(make)
         try:
             # pure: equal items are still as many items.
             pool = client.get_executor(pure=False)
@@ -49,6 +87,7 @@ class Dask(Place):
                 raise
             pool.shutdown()
         finally:
+            self._client = None
             client.close()
 
     def _connect(self, make: Callable) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.engines import version_of
 from eomcheck.lab.store.findings import RUNS, STATES, cases_of, kept_of, record_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
@@ -73,7 +74,7 @@ class Keeper:
         series = {
             "formulations": [formulation.key for formulation in selection.formulations],
             "engines": [engine.key for engine in selection.engines],
-            "engine versions": [engine.version() for engine in selection.engines],
+            "engine versions": [version_of(engine) for engine in selection.engines],
             "claims": list(selection.claims),
             "seconds": [run.seconds.get(one, 0.0) for one in selection.claims],
             "strata": [name for name, _, _ in strata],

@@ -17,6 +17,13 @@ class Place(ABC):
     killed = ""
     """Name of the exception that says that an item has killed its workers again and again."""
 
+    every: float | None = None
+    """Seconds without a result after which `check` is asked; None for never."""
+
+    def check(self) -> None:
+        """Raise DiedError where nobody is left who could do the work."""
+        return
+
     @abstractmethod
     def open(self) -> AbstractContextManager[Executor]:
         """Provide an Executor; whatever leaves the block early cancels the work."""

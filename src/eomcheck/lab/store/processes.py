@@ -15,6 +15,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from typing import Any
 
+from eomcheck import calls, supervisor
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.provenance import THREADS
 
@@ -41,6 +42,21 @@ class Local(Place):
             pool.shutdown(cancel_futures=True)
             raise
         pool.shutdown()
+        for process in context.started:
+            _bar_last_call(process)
+
+
+def _bar_last_call(process: multiprocessing.context.SpawnProcess) -> None:
+    """Have no later process make the call of outside code in which this one died, if it did.
+
+    The pool itself ends its processes by SIGTERM where one has died.
+    """
+    folder, status = calls.boards(), process.exitcode
+    if folder is None or status in (None, -signal.SIGTERM):
+        return
+    last = calls.read(folder / str(process.pid))
+    if last is not None:
+        calls.bar(last.name, 0, supervisor.why_died(folder, process.pid, status))
 
 
 class _Process(multiprocessing.context.SpawnProcess):

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
-from eomcheck.errors import WorkerError
+from eomcheck.errors import DiedError, WorkerError
 from eomcheck.lab.store.executors import place_of
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.processes import Local
@@ -49,7 +49,8 @@ def spread(
         items: anything that can be pickled, and so can the results.
 
     Raises:
-        WorkerError: workers died of an item, or die as they start, or the scheduler is gone.
+        DiedError: workers died of an item, or none is left, or the scheduler is gone.
+        WorkerError: workers die as they start.
         InputError, EngineError: see `eomcheck.lab.store.executors.executor`.
     """
     place = place_of(where)
@@ -82,7 +83,7 @@ def spread(
             alone.extend(suspects)
     if given_up:
         names = "; ".join(_short(task.item) for task in given_up[:3])
-        raise WorkerError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
+        raise DiedError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
 
 
 @dataclass(eq=False)
@@ -114,7 +115,10 @@ def _work_off(
                 running[future] = queue.popleft()
         if not running:
             return
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
+        done = wait(running, place.every, FIRST_COMPLETED).done
+        if not done:
+            place.check()
+        for future in done:
             task = running.pop(future)
             try:
                 result = future.result()
@@ -125,7 +129,7 @@ def _work_off(
                 queue.appendleft(task)
                 continue
             except CancelledError:
-                raise WorkerError("the scheduler is gone, and the work with it") from None
+                raise DiedError("the scheduler is gone, and the work with it") from None
             except Exception as error:
                 if type(error).__name__ != place.killed:
                     raise

@@ -1,0 +1,256 @@
+"""Calls of code that is not part of this package: a user's file, or an outside library.
+
+Whatever calls such code does it through `call`, whose contract has four rules:
+
+1. The result and every `Exception` pass through unchanged, and so does KeyboardInterrupt. Any other
+   BaseException (SystemExit, GeneratorExit, ...) comes out as a `CallError`: it ends the call, not
+   the command.
+2. In a process of a supervised command (`eomcheck.supervisor`) each call is written on the board of
+   its process before it begins and wiped off when it returns. The supervisor reads the board, so
+   it knows which call a process died in, and how long a call has been running.
+3. A call that runs longer than `patience` seconds (`FIRST` times as long if it is the first of its
+   name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s". A
+   process that cannot be interrupted is killed.
+4. A function in which a process died or gave no answer is not called again: from the call on that
+   ended the process, `call` raises the `CallError` at once. So a command that is run again after a
+   death comes to a finding.
+
+Calls do not nest: within a call only the outermost one counts.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import signal
+import struct
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial, wraps
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from eomcheck.errors import CallError, described_error
+
+T = TypeVar("T")
+
+PATIENCE = 60.0
+"""Seconds that a call may take, unless told otherwise."""
+FIRST = 5
+"""The first call of a name, and an import, may take so many times as long."""
+
+VERDICT = "EOMCHECK_VERDICT"
+"""Environment variable of a supervised command: the pipe for its exit code, and the lifeline."""
+BOARDS = "EOMCHECK_BOARDS"
+"""Environment variable of its processes: the folder of their boards."""
+PATIENT = "EOMCHECK_PATIENCE"
+"""Environment variable of its processes: seconds that a call may take."""
+BARRED = "EOMCHECK_BARRED"
+"""Environment variable of its processes: name -> (number, why) of the calls that ended one."""
+
+_HEAD = struct.Struct("<ddqqq")
+_LONGEST = 200
+_SIZE = _HEAD.size + _LONGEST
+
+
+class UnsupervisedError(BaseException):
+    """A command is about to run code of a user's file, and nobody supervises it yet."""
+
+
+class _NoAnswer(BaseException):
+    """Raised within a call that has run for too long."""
+
+
+class Call(NamedTuple):
+    """A call in progress, as read from a board.
+
+    Attributes:
+        began: when, by `time.monotonic`, s.
+        limit: seconds that it may take.
+        number: how many calls of this name there were before, in this process.
+        name: of the function, such as "Engine.bias".
+        slow: whether it may take longer in any case, as an import.
+    """
+
+    began: float
+    limit: float
+    number: int
+    name: str
+    slow: bool
+
+
+class Board:
+    """A file that holds the call in progress in one process; readable after its death."""
+
+    def __init__(self, folder: Path):
+        path = folder / str(os.getpid())
+        path.write_bytes(bytes(_SIZE))
+        with path.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), _SIZE)
+        self.counts: Counter[str] = Counter()
+        self.barred: dict[str, tuple[int, str]] = {}
+        self.busy = False
+        self.limit = 0.0
+
+    def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
+        """Return function(*arguments), on the board while it runs."""
+        if self.busy:
+            return function(*arguments)
+        number = self.counts[name]
+        self.counts[name] += 1
+        if name in self.barred and number >= self.barred[name][0]:
+            raise CallError(name, self.barred[name][1])
+        self.limit = patience() * (FIRST if slow or not number else 1)
+        word = name.encode()[:_LONGEST]
+        self._map[_HEAD.size : _HEAD.size + len(word)] = word
+        self.busy = True
+        try:
+            _HEAD.pack_into(self._map, 0, time.monotonic(), self.limit, number, len(word), slow)
+            return function(*arguments)
+        except _NoAnswer:
+            what = f"gave no answer in {self.limit:g} s"
+            self.barred[name] = 0, what
+            raise CallError(name, what) from None
+        finally:
+            self.busy = False
+            self._map[: _HEAD.size] = bytes(_HEAD.size)
+
+    def interrupt(self, *_: object) -> None:
+        """Raise within the call in progress, if there is one."""
+        if self.busy:
+            raise _NoAnswer
+
+
+def read(path: Path) -> Call | None:
+    """Return the call in progress on a board, None where there is none."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if len(content) < _SIZE:
+        return None
+    began, limit, number, length, slow = _HEAD.unpack_from(content)
+    if not began:
+        return None
+    word = content[_HEAD.size : _HEAD.size + length]
+    return Call(began, limit, number, word.decode(errors="replace"), bool(slow))
+
+
+def patience() -> float:
+    """Return the seconds that a call may take."""
+    return _patience[0]
+
+
+def set_patience(seconds: float) -> None:
+    """Have calls take no longer, in this process and in those that it starts."""
+    _patience[0] = seconds
+    os.environ[PATIENT] = str(seconds)
+
+
+def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = False) -> T:
+    """Return function(*arguments), a function of a user's file or an outside library.
+
+    Args:
+        name: of the function, such as "Engine.bias".
+        function: the function.
+        arguments: its arguments.
+        slow: whether it may take `FIRST` times as long in any case, as an import.
+
+    Raises:
+        CallError: it raised what is no Exception, or gave no answer; or a process died of it.
+        Exception: it raised this.
+    """
+    try:
+        if _board is None or threading.current_thread() is not threading.main_thread():
+            return function(*arguments)
+        return _board.call(name, function, arguments, slow)
+    except (Exception, KeyboardInterrupt, UnsupervisedError):
+        raise
+    except BaseException as error:
+        ended = CallError(name, f"raised {described_error(error)}")
+        raise ended.with_traceback(error.__traceback__) from error
+
+
+def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:
+    """Return a function that calls `function` by `call`; it has its name, module and signature."""
+
+    @wraps(function)
+    def called(*arguments: Any, **options: Any) -> T:
+        return call(name, partial(function, **options) if options else function, *arguments)
+
+    return called
+
+
+# ---- The processes of a supervised command -------------------------------------------------------
+
+_patience = [float(os.environ.get(PATIENT, PATIENCE))]
+_board: Board | None = None
+_required = [False]
+
+
+@contextmanager
+def requiring() -> Iterator[None]:
+    """Have `foreign` raise inside the block where nobody supervises this process."""
+    _required[0] = True
+    try:
+        yield
+    finally:
+        _required[0] = False
+
+
+def foreign() -> None:
+    """Declare that code of a user's file or of an outside library that may crash runs from here.
+
+    Raises:
+        UnsupervisedError: this is a command that is not supervised yet, see `requiring`.
+    """
+    if _required[0] and _board is None:
+        raise UnsupervisedError
+
+
+def bar(name: str, number: int, why: str) -> None:
+    """Have every process that starts from now on raise at this call of a function.
+
+    Args:
+        name: of the function.
+        number: of the first call that is not made.
+        why: what the CallError says.
+    """
+    os.environ[BARRED] = packed(unpacked(os.environ.get(BARRED, "{}")) | {name: (number, why)})
+
+
+def packed(barred: dict[str, tuple[int, str]]) -> str:
+    """Return name -> (number, why) as a text for an environment variable."""
+    import json
+
+    return json.dumps(barred)
+
+
+def unpacked(text: str) -> dict[str, tuple[int, str]]:
+    """Return what `packed` made a text of."""
+    import json
+
+    return {name: (number, why) for name, (number, why) in json.loads(text).items()}
+
+
+def boards() -> Path | None:
+    """Return the folder of the boards; None where nobody supervises this process."""
+    return Path(os.environ[BOARDS]) if BOARDS in os.environ else None
+
+
+def _begin() -> None:
+    """Set the board up in a process of a supervised command."""
+    global _board
+    folder = boards()
+    if folder is None or not folder.is_dir():
+        return
+    _board = Board(folder)
+    _board.barred = unpacked(os.environ.get(BARRED, "{}"))
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGUSR1, _board.interrupt)
+
+
+_begin()

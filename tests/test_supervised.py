@@ -1,0 +1,283 @@
+"""Calls of outside code that do not return, and the supervisor of processes that make them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from eomcheck import calls, supervisor
+from eomcheck.errors import CallError
+from eomcheck.supervisor import End, supervise, why_died
+
+CHILD = """
+import collections, itertools, os, signal, sys, time
+from eomcheck import calls, supervisor
+from eomcheck.errors import CallError
+pipe = supervisor.serve()
+def run():
+    {body}
+for k in range({times}):
+    try:
+        calls.call("own.f", (lambda: None) if k < {times} - 1 else run{more})
+    except CallError as error:
+        print("caught:", error, flush=True)
+supervisor.give(pipe, {code})
+"""
+UNINTERRUPTED = "collections.deque(itertools.repeat(0, 10**9), 0)"
+"""A call of C that takes seconds, in which Python hears no signal."""
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor, "POLL", 0.02)
+    monkeypatch.setattr(supervisor, "GRACE", 0.3)
+
+
+def child(body: str, times: int = 2, more: str = "", code: int = 3) -> list[str]:
+    return [sys.executable, "-c", CHILD.format(body=body, times=times, more=more, code=code)]
+
+
+def ended(folder: Path, *what, patience: float = 60.0) -> End:
+    return supervise(child(*what), folder, {calls.PATIENT: str(patience)})
+
+
+# ---- Calls ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [SystemExit, GeneratorExit, BaseException])
+def test_a_call_that_raises_what_is_no_exception_fails_and_ends_nothing(kind: type):
+    def function(x):
+        raise kind(x)
+
+    with pytest.raises(CallError) as caught:
+        calls.call("own.f", function, 7)
+    assert str(caught.value) == f"own.f raised {kind.__name__}: 7"
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, ValueError, calls.UnsupervisedError])
+def test_a_call_passes_exceptions_and_ctrl_c_through(kind: type):
+    def function():
+        raise kind
+
+    with pytest.raises(kind):
+        calls.call("own.f", function)
+
+
+def test_a_function_called_so_keeps_its_name_signature_and_options():
+    def scaled(x, by=2):
+        """Scale."""
+        return x * by
+
+    called = calls.calling("own.scaled", scaled)
+    assert (called(3), called(3, by=5), called.__name__, called.__doc__) == (
+        6,
+        15,
+        "scaled",
+        "Scale.",
+    )
+
+
+def test_a_board_holds_the_outermost_call_while_it_runs(tmp_path: Path):
+    board = calls.Board(tmp_path)
+    path = tmp_path / str(os.getpid())
+    seen = []
+
+    def inner():
+        seen.append(calls.read(path))
+
+    before = time.monotonic()
+    for _ in range(2):
+        board.call("own.outer", lambda: board.call("own.inner", inner, (), False), (), False)
+    board.call("own.import", inner, (), True)
+    board.call("own.import", inner, (), True)
+    assert calls.read(path) is None
+    assert [(x.name, x.number, x.slow) for x in seen] == [
+        ("own.outer", 0, False),
+        ("own.outer", 1, False),
+        ("own.import", 0, True),
+        ("own.import", 1, True),
+    ]
+    # A first call, and an import, may take longer than others.
+    usual = calls.patience()
+    assert [x.limit for x in seen] == [calls.FIRST * usual, usual, *[calls.FIRST * usual] * 2]
+    assert all(before <= x.began <= time.monotonic() for x in seen)
+
+
+def test_patience_is_a_minute_a_call_and_five_for_imports_and_first_calls():
+    assert (calls.PATIENCE, calls.PATIENCE * calls.FIRST) == (60.0, 300.0)
+
+
+def test_a_barred_call_is_not_made_and_those_before_it_are(tmp_path: Path):
+    board = calls.Board(tmp_path)
+    board.barred = calls.unpacked(calls.packed({"own.f": (1, "ended its process by SIGSEGV")}))
+    assert board.call("own.f", lambda: 5, (), False) == 5
+    for _ in range(2):
+        with pytest.raises(CallError, match=r"own\.f ended its process by SIGSEGV"):
+            board.call("own.f", pytest.fail, (), False)
+    assert board.call("own.g", lambda: 6, (), False) == 6
+
+
+def test_a_text_that_is_no_board_holds_no_call(tmp_path: Path):
+    assert calls.read(tmp_path / "none") is None
+    (tmp_path / "short").write_bytes(b"1")
+    assert calls.read(tmp_path / "short") is None
+
+
+def test_code_of_others_asks_for_a_supervisor_only_within_a_command_that_has_none():
+    calls.foreign()
+    with calls.requiring(), pytest.raises(calls.UnsupervisedError):
+        calls.foreign()
+    calls.foreign()
+
+
+# ---- The supervisor ------------------------------------------------------------------------------
+
+
+def test_the_verdict_comes_over_the_pipe(tmp_path: Path):
+    assert ended(tmp_path, "pass") == End(3)
+
+
+@pytest.mark.parametrize(
+    ("body", "how"),
+    [
+        ("os._exit(0)", "ended its process with exit code 0"),
+        ("os._exit(7)", "ended its process with exit code 7"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "ended its process by SIGSEGV"),
+    ],
+)
+def test_a_process_without_a_verdict_died_and_its_call_is_known(tmp_path: Path, body, how):
+    end = ended(tmp_path, body)
+    assert (end.code, end.signal, end.how, end.stopped) == (None, 0, how, False)
+    assert end.call is not None
+    assert (end.call.name, end.call.number, end.call.slow) == ("own.f", 1, False)
+
+
+def test_a_call_that_does_not_return_is_interrupted_and_the_process_goes_on(tmp_path, capfd):
+    assert ended(tmp_path, "time.sleep(100)", patience=0.2) == End(3)
+    assert capfd.readouterr().out == "caught: own.f gave no answer in 0.2 s\n"
+
+
+def test_a_first_call_has_more_patience_than_later_ones(tmp_path: Path, capfd):
+    assert ended(tmp_path, "time.sleep(0.4)", 1, patience=0.2) == End(3)
+    assert capfd.readouterr().out == ""
+
+
+def test_a_call_that_cannot_be_interrupted_is_killed(tmp_path: Path):
+    begun = time.monotonic()
+    end = ended(tmp_path, UNINTERRUPTED, patience=0.2)
+    assert (end.code, end.how) == (None, "gave no answer in 0.2 s")
+    assert end.call is not None
+    assert end.call.name == "own.f"
+    assert time.monotonic() - begun < 20
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_are_handed_on_and_end_the_process_as_they_would(tmp_path: Path, number):
+    body = "print('ready', flush=True); time.sleep(10)"
+
+    def hand_on():
+        while not list(tmp_path.glob("[0-9]*")):
+            time.sleep(0.02)
+        time.sleep(0.3)
+        os.kill(os.getpid(), number)
+
+    timer = threading.Thread(target=hand_on)
+    timer.start()
+    end = ended(tmp_path, body)
+    timer.join()
+    assert (end.code, end.stopped) == (None, True)
+    assert end.signal == number
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_supervised_process_ends_with_the_one_that_supervises_it(tmp_path: Path):
+    note = tmp_path / "pid"
+    (tmp_path / "boards").mkdir()
+    inner = child(f"open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(100)")
+    code = (
+        "from pathlib import Path; from eomcheck.supervisor import supervise; "
+        f"supervise({inner!r}, Path({str(tmp_path / 'boards')!r}))"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    until = time.monotonic() + 20
+    while not (note.exists() and note.read_text()) and time.monotonic() < until:
+        time.sleep(0.02)
+    parent.kill()
+    parent.wait()
+    pid = int(note.read_text())
+    while Path(f"/proc/{pid}/stat").exists() and time.monotonic() < until:
+        if Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z":
+            break
+        time.sleep(0.02)
+    assert time.monotonic() < until
+
+
+def test_how_a_process_died_is_told_in_words(tmp_path: Path):
+    assert why_died(tmp_path, 1, 4) == "ended its process with exit code 4"
+    assert why_died(tmp_path, 1, -9) == "ended its process by SIGKILL"
+    assert why_died(tmp_path, 1, -63) == "ended its process by signal 63"
+    (tmp_path / "1.why").write_text("gave no answer in 60 s")
+    assert why_died(tmp_path, 1, -9) == "gave no answer in 60 s"
+    assert why_died(tmp_path, None, None) == "ended its process with exit code None"
+
+
+# ---- A command is run again without the call that ended it ---------------------------------------
+
+
+class Ends:
+    """Stands for `supervise`: gives one End after another and keeps which calls were barred."""
+
+    def __init__(self, *ends: End):
+        self.ends, self.barred = list(ends), list[dict]()
+
+    def __call__(self, command, folder, environment) -> End:
+        self.barred.append(calls.unpacked(environment[calls.BARRED]))
+        return self.ends.pop(0)
+
+
+def dead(number: int = 4, slow: bool = False, stopped: bool = False, call: bool = True) -> End:
+    at = calls.Call(1.0, 60.0, number, "own.f", slow) if call else None
+    return End(None, 0, "ended its process by SIGSEGV", at, stopped)
+
+
+@pytest.mark.parametrize(
+    ("ends", "barred", "code", "printed"),
+    [
+        ([End(0)], [{}], 0, False),
+        ([End(2)], [{}], 2, False),
+        ([dead(), End(1)], [{}, 4], 1, False),
+        # Nothing failed where the call was not made: the death itself is the failure.
+        ([dead(), End(0)], [{}, 4], 1, True),
+        ([dead(), dead(9), End(1)], [{}, 4, 0], 1, False),
+        ([dead(), dead(), dead(), End(1)], [{}, 4, 0], 1, True),
+        ([dead(slow=True), End(0)], [{}], 1, True),
+        ([dead(stopped=True), End(0)], [{}], 1, True),
+        ([dead(call=False), End(0)], [{}], 1, True),
+    ],
+)
+def test_a_command_that_died_is_run_again_without_that_call(
+    monkeypatch, capsys, ends, barred, code, printed
+):
+    ran = Ends(*ends)
+    monkeypatch.setattr(supervisor, "supervise", ran)
+    assert supervisor.command(["validate"]) == code
+    why = "ended its process by SIGSEGV"
+    assert ran.barred == [x if x == {} else {"own.f": (x, why)} for x in barred]
+    out = capsys.readouterr().out
+    name = "eomcheck" if ends[0].call is None and ends[0].code is None else "own.f"
+    assert out == (f"died: {name} {why}\n" if printed else "")
+
+
+def test_a_command_that_died_late_is_not_run_again(monkeypatch, capsys):
+    ran = Ends(dead(), End(0))
+    monkeypatch.setattr(supervisor, "supervise", ran)
+    monkeypatch.setattr(supervisor, "AGAIN", -1.0)
+    assert supervisor.command(["validate"]) == 1
+    assert len(ran.barred) == 1
