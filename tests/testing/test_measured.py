@@ -75,9 +75,17 @@ def test_a_function_without_a_value_anywhere_has_an_infinite_error():
     assert np.isinf(found.error).all()
 
 
-def test_a_kink_has_an_error_as_large_as_its_derivative():
-    found = partial(lambda x: np.abs(x - 1e-3), np.zeros(1), 0, 1.0)
+@pytest.mark.parametrize("away", [0.0, 1e-16, 1e-13, 1e-10])
+def test_a_kink_has_an_error_as_large_as_its_derivative(away: float):
+    found = partial(lambda x: np.abs(x - away), np.zeros(1), 0, 1.0)
     assert C * found.error[0] > 0.1
+
+
+@pytest.mark.parametrize("away", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3])
+def test_beside_a_kink_the_derivative_is_that_of_its_side(away: float):
+    found = partial(lambda x: np.abs(x - away), np.zeros(1), 0, 1.0)
+    assert abs(found.value[0] + 1.0) <= C * found.error[0]
+    assert C * found.error[0] < 1e-4
 
 
 @pytest.mark.parametrize("seed", range(20))

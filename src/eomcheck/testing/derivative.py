@@ -2,7 +2,9 @@
 
 Central differences with ever smaller steps are extrapolated to step 0, and of the whole triangle
 that entry is taken which differs least from those that it was made of (C. J. F. Ridders, Accurate
-computation of F'(x) and F'(x) F''(x), Advances in Engineering Software 4, 1982).
+computation of F'(x) and F'(x) F''(x), Advances in Engineering Software 4, 1982). A few steps that
+are much shorter must not contradict it: extrapolation converges just as well to the slope of an
+average, of a table over many knots or of a vibration over many periods.
 """
 
 from __future__ import annotations
@@ -20,7 +22,19 @@ FIRST = 0.5
 """The first step, per half width of the range."""
 
 STEPS = 10
-"""Number of steps, each half as long as the one before."""
+"""Number of long steps, each half as long as the one before."""
+
+SHORTER, SHORT_STEPS = 8.0, 8
+"""Ratio and number of the short steps that follow: down to 2^-34 of the half width."""
+
+COLUMNS = 10
+"""Number of columns of the triangle, that of the differences included."""
+
+CONFIRMED = 2
+"""Number of shorter steps that must not contradict an estimate."""
+
+ROUNDED = 2.0**10
+"""Least step, in roundings of x_k."""
 
 
 def partial(
@@ -30,77 +44,139 @@ def partial(
     width: float,
     noise: Array | float = 0.0,
     size: Array | float = 0.0,
+    value: Array | None = None,
 ) -> Measured:
     """Return ∂f/∂x_k with its error.
 
-    The error is twice what the best entry differs by from its two neighbours in the triangle, plus
-    the noise of f divided by the step. A neighbour may agree by chance, and then the error is told
-    too small: that is what the constant 32 is for that every error here is multiplied with before
-    anything is judged (`eomcheck.evaluation.tolerance.C`). With 1 instead right functions fail.
+    The error is twice what an entry differs by from its two neighbours in the triangle, plus the
+    noise of f divided by the step. A neighbour may agree by chance, and then the error is too
+    small: the constant 32 covers that, with which every error here is multiplied before anything is
+    judged (`eomcheck.evaluation.tolerance.C`). With 1 instead right functions fail.
 
-    Where f has no value, or no finite one, at a step, only shorter ones count. And where the plain
-    differences of the shortest steps do not settle, as beside a kink or of a vibration that is
-    faster than these steps show, the error is as large as they differ.
+    Each row of the triangle has its estimate, and all shorter steps have to confirm it: where one
+    of them differs by more than noise explains, as beside a kink, between the knots of a table or
+    of a vibration that longer steps undersample, the error is at least that difference. The
+    estimate with the least error is returned. Where the slopes on both sides of x do not meet as
+    steps get shorter, the error is at least as large as they differ.
+
+    Where f has no value, or no finite one, at a step, only shorter ones count.
 
     Args:
-        f: function of an array (m,), which answers an array.
-        x: where (m,).
-        k: along which entry.
+        f: function of an array (m,), which returns an array.
+        x: point (m,).
+        k: index of the entry of x.
         width: half width of the range of x_k.
         noise: of each entry of f at x, see `eomcheck.testing.noise`.
-        size: of what each entry of f is summed from.
+        size: of the terms that each entry of f is summed from.
+        value: f at x; None calls f.
     """
-    above: list[Array] = []  # the row before, entry by entry of the triangle
-    best: Measured | None = None
-    plain: list[Array] = []
-    blur: Array | float = 0.0
-    for row in range(STEPS):
+    value = np.asarray(f(x) if value is None else value)
+    h, high, low, step = _central(f, x, k, width)
+    if len(h) < CONFIRMED + 2:
+        missing = np.full(value.shape, np.nan)
+        return Measured(missing, np.full(missing.shape, np.inf), missing)
+    with np.errstate(all="ignore"):
+        rounding = EPS * np.maximum(np.abs(high), np.abs(low)) / step
+        blur = np.maximum(noise / step, rounding)
+        plain = (high - low) / step
+        values, errors = _extrapolated(h, plain, blur)
+        contradicted = _contradicted(values, plain, blur, rounding)
+        kink = _kink(h, (high + low - 2.0 * value) / _like(h, high), blur)
+    total = np.maximum(errors, contradicted)[1:-CONFIRMED]
+    best = np.argmin(total, axis=0)[None]
+
+    def of(rows: Array) -> Array:
+        return np.take_along_axis(rows, best, axis=0)[0]
+
+    error = np.maximum(of(total), kink)
+    # A derivative much smaller than f over its range counts as 0, if nothing but noise hides it.
+    noisy = error <= of(errors[1:-CONFIRMED])
+    found = of(values[1:-CONFIRMED])
+    return Measured(
+        found, error, np.maximum(np.abs(found), np.where(noisy, np.asarray(size) / width, 0.0))
+    )
+
+
+def _like(h: Array, rows: Array) -> Array:
+    """Return numbers (rows,) with as many axes as `rows` (rows, ...)."""
+    return h.reshape(-1, *(1,) * (rows.ndim - 1))
+
+
+def _central(
+    f: Callable[[Array], Array], x: Array, k: int, width: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return steps h (rows,), f ahead and behind (rows, ...), and their distance (rows, 1, ...).
+
+    Those that are shorter than the last one where f has no value.
+    """
+    h, rows = FIRST * width, []
+    for number in range(STEPS + SHORT_STEPS):
+        if number > 0:
+            h /= 2.0 if number < STEPS else SHORTER
         ahead, behind = x.copy(), x.copy()
-        h = FIRST * width / 2**row
         ahead[k] += h
         behind[k] -= h
-        step = ahead[k] - behind[k]
+        step = float(ahead[k] - behind[k])
+        if step < ROUNDED * EPS * abs(x[k]):
+            break
         with np.errstate(all="ignore"):
             high, low = f(ahead), f(behind)
-            blur = np.maximum(noise, EPS * np.maximum(np.abs(high), np.abs(low))) / step
-            here = [(high - low) / step]
-            for column, left in enumerate(above, start=1):
-                here.append(here[-1] + (here[-1] - left) / (4.0**column - 1.0))
-                away = np.abs(here[-1] - here[-2]) + np.abs(here[-1] - left)
-                best = _better(best, here[-1], away + 2.0 * blur)
-        # A row without a value starts the triangle anew.
-        above = here if np.isfinite(here[0]).all() else []
-        plain = [*plain, here[0]] if above else []
-    if best is None:
-        missing = np.full(np.shape(f(x)), np.nan)
-        return Measured(missing, np.full(missing.shape, np.inf), missing)
-    error = np.maximum(best.error, _unsettled(best.value, plain, blur))
-    # What is much smaller than f over its range counts as 0.
-    return Measured(best.value, error, np.maximum(np.abs(best.value), size / width))
+        finite = np.isfinite(high).all() and np.isfinite(low).all()
+        rows = [*rows, (h, high, low, step)] if finite else []
+    if not rows:
+        return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
+    steps, high, low, distance = (np.array(part) for part in zip(*rows, strict=True))
+    return steps, high, low, _like(distance, high)
 
 
-def _unsettled(best: Array, plain: list[Array], blur: Array | float) -> Array:
-    """Return how far differences of short steps are from settling at `best`; 0 where they do.
+def _extrapolated(h: Array, plain: Array, blur: Array) -> tuple[Array, Array]:
+    """Return the best entry of each row of the triangle and its error (rows, ...), entry by entry.
 
-    Of a smooth function each is four times closer than the one before, until noise is left.
+    The error of the first row, which has no neighbours, is infinite.
     """
-    if len(plain) < 3:
-        return np.zeros(best.shape)
-    *_, before, late, last = plain
-    change, earlier = np.abs(last - late), np.abs(late - before)
-    away = np.abs(last - best)
-    settled = (change <= 0.6 * earlier + C * blur) & (away <= 2.0 * change + C * blur)
-    return np.where(settled, 0.0, np.maximum(change, away))
+    best, error, last = plain, np.full(plain.shape, np.inf), plain
+    for column in range(1, min(len(h), COLUMNS)):
+        ratio = _like((h[:-column] / h[column:]) ** 2, plain)
+        here = last[1:] + (last[1:] - last[:-1]) / (ratio - 1.0)
+        away = np.abs(here - last[1:]) + np.abs(here - last[:-1]) + 2.0 * blur[column:]
+        less = away < error[column:]
+        best = np.concatenate((best[:column], np.where(less, here, best[column:])))
+        error = np.concatenate((error[:column], np.where(less, away, error[column:])))
+        last = here
+    return best, error
 
 
-def _better(best: Measured | None, value: Array, error: Array) -> Measured:
-    """Return, entry by entry, what has the smaller error."""
-    error = np.where(np.isfinite(error), error, np.inf)
-    if best is None:
-        return Measured(np.asarray(value), error, error)
-    less = error < best.error
-    error = np.where(less, error, best.error)
-    return Measured(np.where(less, value, best.value), error, error)
+def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> Array:
+    """Return how far each estimate (rows, ...) is from those of shorter steps that contradict it.
+
+    They do where they are further apart than noise explains; or where three differences in
+    sequence agree, and rounding does not explain it: noise that looks like a fast vibration.
+    """
+    apart = np.full(plain.shape, np.inf)
+    change = np.abs(np.diff(plain, axis=0))
+    apart[1:-1] = np.maximum(change[:-1], change[1:])
+    # On a step of what is left of larger numbers f does not change at all.
+    least = np.minimum(C * blur, np.maximum(8.0 * apart, C * rounding))
+    least = np.where(plain == 0.0, C * blur, least)
+    found = np.zeros(values.shape)
+    for j in range(1, len(values)):
+        away = np.abs(values[:j] - values[j])
+        found[:j] = np.fmax(found[:j], np.where(away > least[j], away, 0.0))
+    return found
+
+
+def _kink(h: Array, bend: Array, blur: Array) -> Array:
+    """Return by how much slopes on both sides of x differ (...), 0 where noise hides it.
+
+    Of a smooth function the second difference per step, `bend` (rows, ...), vanishes with the step.
+    Three short steps in sequence must show that it does not.
+    """
+    ratio = _like(h[:-1] / h[1:], bend)
+    left = np.abs(bend[1:] - (bend[:-1] - bend[1:]) / (ratio - 1.0))
+    left = np.where(left > 4.0 * C * blur[1:], left, 0.0)[STEPS:]
+    if len(left) < 3:
+        return np.zeros(bend.shape[1:])
+    return np.minimum(np.minimum(left[:-2], left[1:-1]), left[2:]).max(axis=0)
 
 
 def gradient(f: Callable[[Array], Array], x: Array, width: Array, here: Measured) -> Measured:
@@ -112,6 +188,8 @@ def gradient(f: Callable[[Array], Array], x: Array, width: Array, here: Measured
         width: half widths of the ranges of x (m,).
         here: f at x.
     """
-    each = [partial(f, x, k, float(width[k]), here.error, here.size) for k in range(len(x))]
+    each = [
+        partial(f, x, k, float(width[k]), here.error, here.size, here.value) for k in range(len(x))
+    ]
     parts = zip(*((d.value, d.error, d.size) for d in each), strict=True)
     return Measured(*(np.array(part) for part in parts))

@@ -15,17 +15,18 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
 
 
 class Line(NamedTuple):
-    """Points on a line, and the orders of the differences that are looked at over them.
+    """Equally spaced points on a line, and the orders of the differences taken over them.
 
     Attributes:
         points: their number.
         spacing: distance of two, per half width of the range. A term sin(ω x) leaves (ω spacing)ᵏ
             in the difference of order k.
         orders: orders k.
-        among: which of the orders counts.
+        among: combines the estimates of all orders.
     """
 
     points: int
@@ -34,39 +35,90 @@ class Line(NamedTuple):
     among: Callable[..., Array]
 
 
-LINES = (
-    Line(9, 2.0**-26, (4, 5, 6), np.fmax.reduce),
-    Line(12, 2.0**-12, (6, 7, 8), np.fmin.reduce),
-)
-"""A short line, on which nothing smooth is left over up to ω = 5000, and a longer one: numbers that
-are left of much larger ones have steps, and may be the same all over the short line. Noise is the
-same in all orders; on the longer line the least counts, as smooth functions leave less in higher
-ones, nothing up to ω = 100."""
+SHORT = Line(9, 2.0**-26, (4, 5, 6), np.fmax.reduce)
+"""Nothing smooth is left over on it up to ω = 5000."""
+
+LONG = Line(12, 2.0**-12, (6, 7, 8), np.fmin.reduce)
+"""A difference of much larger numbers has steps, and may be constant on the short line. Noise is
+the same in all orders; here the smallest estimate counts, as smooth functions leave less in higher
+orders, nothing up to ω = 100."""
+
+MIDDLE = Line(12, 2.0**-21, (6, 7, 8), np.fmin.reduce)
+"""Steps show on it as on the long line; a vibration that the long line undersamples is smooth."""
+
+DISAGREE = 100.0
+"""Ratio of the noise on the long line to that on the short one, above which the cause is asked."""
+
+JUMP = 30.0
+"""Ratio of the largest first difference on a line to the median one, above which f jumps there.
+
+A polynomial of degree 3 about an extremum reaches 16.
+"""
+
+
+NEAR = 1e-3
+"""Distance from a state, per half width of the ranges, within which a jump is reported."""
 
 
 def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> Array:
-    """Return the noise of each entry of f near x, a standard deviation, 0 where nothing is rounded.
+    """Noise of each entry of f near x, a standard deviation, 0 where nothing is rounded.
+
+    The short line decides. Where f is constant between two of its points, or where the long line
+    is much noisier, f may have steps, and the long line counts; not where f jumps there once, at
+    this very point or near it, nor where it is smooth on the line between, undersampled on the long
+    one: neither a jump nor a fast vibration is noise.
 
     Args:
-        f: function of an array (m,), which answers an array.
-        x: where (m,).
+        f: function of an array (m,), which returns an array.
+        x: center of the lines (m,).
         width: half widths of the ranges of x (m,).
         seed: of the directions of the lines.
     """
     rng = np.random.default_rng(seed)
-    found = []
-    for line in LINES:
-        direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
-        steps = np.arange(line.points) - line.points // 2
-        values = np.array([f(x + step * line.spacing * direction) for step in steps])
-        spread = []
-        for order in line.orders:
-            differences = np.diff(values, order, axis=0)
-            mean_square = np.mean(np.square(differences), axis=0) / comb(2 * order, order)
-            spread.append(np.sqrt(mean_square))
-        found.append(line.among(spread))
+    near = _values(f, x, width, SHORT, rng)
+    far = _values(f, x, width, LONG, rng)
+    short, long = _noise_on(SHORT, near), _noise_on(LONG, far)
+    steps = (np.diff(near, axis=0) == 0.0).any(axis=0)
+    floor = np.fmax(short, EPS * np.abs(near[SHORT.points // 2]))
+    asked = ~steps & np.isfinite(short) & (long > DISAGREE * floor)
+    if asked.any():
+        asked &= ~jumps_on(far)
+    smooth = np.zeros(short.shape, bool)
+    if asked.any():
+        middle = _noise_on(MIDDLE, _values(f, x, width, MIDDLE, rng))
+        smooth = asked & (middle < long / DISAGREE)
+    rough = steps | (asked & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of them, the other tells.
-    return np.fmax.reduce(found)
+    return np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
+
+
+def _values(f: Callable, x: Array, width: Array, line: Line, rng: np.random.Generator) -> Array:
+    direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
+    steps = np.arange(line.points) - line.points // 2
+    return np.array([f(x + step * line.spacing * direction) for step in steps])
+
+
+def _noise_on(line: Line, values: Array) -> Array:
+    estimates = []
+    for order in line.orders:
+        differences = np.diff(values, order, axis=0)
+        mean_square = np.mean(np.square(differences), axis=0) / comb(2 * order, order)
+        estimates.append(np.sqrt(mean_square))
+    return line.among(estimates)
+
+
+def jumps_on(values: Array) -> Array:
+    """Whether each entry jumps between two of the values (points, ...) on a line."""
+    change = np.abs(np.diff(values, axis=0))
+    least = 2.0**10 * EPS * np.abs(values).max(axis=0)
+    return change.max(axis=0) > np.maximum(JUMP * np.median(change, axis=0), least)
+
+
+def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> bool:
+    """Whether an entry of f jumps within `NEAR` of x, per half width of the ranges; see `noise`."""
+    line = Line(17, NEAR / 8.0, (), np.fmin.reduce)
+    with np.errstate(all="ignore"):
+        return bool(jumps_on(_values(f, x, width, line, np.random.default_rng(seed))).any())
 
 
 def size_of(value: Array) -> Array:

@@ -12,7 +12,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.derivative import gradient
 from eomcheck.testing.measured import Measured, contract, exact
-from eomcheck.testing.noise import noise, size_of
+from eomcheck.testing.noise import jumps, noise, size_of
 from eomcheck.testing.subject import Functions
 
 FLIPS = 4
@@ -94,6 +94,13 @@ class Point:
         """Return what the function `name` answers."""
 
         return self.kept(name, lambda: self.measure(self.raw(name)))
+
+    def jumps(self, name: str) -> bool:
+        """Whether the function `name` jumps beside this state, see `eomcheck.testing.noise`."""
+        n = len(self.q)
+        x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
+        f = self.raw(name)
+        return jumps(lambda y: f(y[:n], y[n:]), x, width, self.seed)
 
     def by_q(self, f: Callable[[Array, Array], Array]) -> Measured:
         """Return ∂f/∂q (n, ...)."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import Finding, Verdict, diagnose, judge, worst_entry
-from eomcheck.claims.registry import Skipped
+from eomcheck.claims.finding import Finding, Verdict, diagnose, entry_name, judged, worst_entry
+from eomcheck.claims.registry import Names, Skipped
 from eomcheck.errors import InputError, named, some, whole_number
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
@@ -19,6 +20,7 @@ from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import of_answers, of_terms, of_energies  # isort: skip
 from eomcheck.testing import of_constraints, of_motions, of_reference  # isort: skip
 from eomcheck.testing.answers import Answers, BrokenError
+from eomcheck.testing.noise import NEAR
 from eomcheck.testing.point import Point
 from eomcheck.testing.reference import reference_of
 from eomcheck.testing.registry import FUNCTION_CLAIMS, FunctionClaim, Outcome, Sides, Told
@@ -28,7 +30,14 @@ GATHERED = of_answers, of_terms, of_energies, of_constraints, of_motions, of_ref
 """The files that register claims."""
 
 RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "not looked at")
-"""Of several states, the verdict that counts is the first of these that there is."""
+"""Of several states or entries, the verdict that counts is the first of these that there is, and
+what was not resolved is listed beside it."""
+
+BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
+"""Index into `RANKS` of each verdict of `eomcheck.claims.finding.judged`, which count from 1."""
+
+LISTED = 8
+"""Number of entries that are listed by name where none of them is resolved."""
 
 
 def check_functions(
@@ -157,14 +166,161 @@ def drawn(functions: Functions, count: int, seed: int) -> list[State]:
     return [State(x[:n], x[n:]) for x in draws]
 
 
+class Judged(NamedTuple):
+    """Verdicts of a comparison at a state, entry by entry.
+
+    Attributes:
+        told: of all entries, the worst one that is resolved.
+        verdicts: indices into `RANKS`, an array of the shape of what is compared.
+        same: whether both sides are equal in bits, same shape.
+        vanish: whether both sides are exactly 0, same shape.
+        observed: errors, same shape.
+        allowed: errors that are allowed, same shape.
+        names: names along each axis, None for what a claim decides by itself.
+    """
+
+    told: Told
+    verdicts: Array
+    same: Array
+    vanish: Array
+    observed: Array
+    allowed: Array
+    names: Names | None
+
+
+class Compared(NamedTuple):
+    """A Finding at a state, with the verdict of each entry."""
+
+    finding: Finding
+    judged: Judged
+    at: Point
+
+
 def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> Iterator[Finding]:
-    """Yield the worst Finding of each subject of a claim."""
-    by_subject: dict[str, list[Finding]] = {}
+    """Yield the worst Finding of each subject of a claim, and one of all that is not resolved.
+
+    An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
+    the same in bits on both sides in every state is right, 0 or not. An entry that is resolved in no
+    state is listed by name in one Finding of the claim, with the verdict "inconclusive": it never
+    hides behind those that are.
+    """
+    by_subject: dict[str, list[Compared]] = {}
     for at in points:
-        for finding in at_point(functions, claim, at):
-            by_subject.setdefault(finding.subject, []).append(finding)
-    for findings in by_subject.values():
-        yield min(findings, key=lambda f: (RANKS.index(f.verdict), -f.ratio))
+        for one in _compared_at(functions, claim, at):
+            by_subject.setdefault(one.finding.subject, []).append(one)
+    hidden: list[Hidden] = []
+    for subject, all_ in by_subject.items():
+        chosen = min(all_, key=lambda x: (RANKS.index(x.finding.verdict), -x.finding.ratio))
+        unresolved = [one for group in _same_shape(all_) for one in _unresolved(subject, group)]
+        hidden += unresolved
+        finding = chosen.finding
+        if finding.verdict == "failed":
+            named_ = chosen.judged.names is not None
+            yield _with_jump(claim, finding, chosen.at) if named_ else finding
+        elif finding.verdict == "passed":
+            if len(unresolved) < chosen.judged.verdicts.size or not unresolved:
+                yield replace(finding, detail=_not_resolved(all_))
+        elif not unresolved:
+            yield finding
+    if hidden:
+        yield _listed(functions, claim, hidden)
+
+
+class Hidden(NamedTuple):
+    """An entry that is resolved in no state.
+
+    Attributes:
+        name: of its subject and of the entry.
+        subject: what was compared.
+        states: number of states in which it was compared.
+        observed: the error where the least is allowed.
+        allowed: the least error that is allowed in a state.
+        at: that state.
+    """
+
+    name: str
+    subject: str
+    states: int
+    observed: float
+    allowed: float
+    at: Point
+
+
+def _same_shape(all_: list[Compared]) -> list[list[Compared]]:
+    """Return what compares entries by name, in groups of one shape."""
+    groups: dict[tuple[int, ...], list[Compared]] = {}
+    for one in all_:
+        if one.judged.names is not None:
+            groups.setdefault(one.judged.verdicts.shape, []).append(one)
+    return list(groups.values())
+
+
+def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
+    """Yield the entries that none of the comparisons, of one shape, resolves."""
+    verdicts = np.array([one.judged.verdicts for one in group])
+    same = np.array([one.judged.same for one in group])
+    vanish = np.array([one.judged.vanish for one in group])
+    resolved = (verdicts < RANKS.index("inconclusive")) & ~vanish
+    open_ = ~resolved.any(axis=0) & ~same.all(axis=0)
+    for index in zip(*np.nonzero(np.atleast_1d(open_)), strict=True):
+        where = tuple(int(i) for i in index) if open_.ndim else ()
+        names = group[0].judged.names
+        assert names is not None
+        least = min(group, key=lambda one: one.judged.allowed[where])
+        yield Hidden(
+            f"{words(subject)}, {entry_name(where, names)}",
+            subject,
+            len(group),
+            float(least.judged.observed[where]),
+            float(least.judged.allowed[where]),
+            least.at,
+        )
+
+
+def _not_resolved(all_: list[Compared]) -> str:
+    """Return how many entries of a subject that passes were not resolved, "" for none."""
+    compared_ = [one for one in all_ if one.finding.verdict != "not looked at"]
+    skipped = [one for one in all_ if one.finding.verdict == "not looked at"]
+    open_ = RANKS.index("inconclusive")
+    hidden = sum(int((one.judged.verdicts == open_).sum()) for one in compared_)
+    parts = []
+    if hidden:
+        count = sum(one.judged.verdicts.size for one in compared_)
+        parts.append(f"{hidden} of {count} entries in {len(compared_)} states not resolved")
+    if skipped:
+        why = skipped[0].finding.detail
+        parts.append(f"skipped in {len(skipped)} of {len(all_)} states: {why}")
+    return "; ".join(parts)
+
+
+def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) -> Finding:
+    """Return the one Finding of all entries of a claim that are resolved in no state."""
+    first = min(hidden, key=lambda one: one.allowed)
+    names = [one.name for one in hidden]
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    states = f"any of {first.states} states" if first.states > 1 else "this state"
+    finding = Finding(
+        claim.id,
+        ", ".join(dict.fromkeys(one.subject for one in hidden)),
+        functions,
+        State(first.at.q, first.at.v),
+        first.observed,
+        first.allowed,
+        "inconclusive",
+        "property-tested",
+        f"not resolved in {states}: {'; '.join(names[:LISTED])}{more}",
+    )
+    return _with_jump(claim, finding, first.at)
+
+
+def _with_jump(claim: FunctionClaim, finding: Finding, at: Point) -> Finding:
+    """Return the Finding with the names of the functions that jump beside the state."""
+    about = {name for need in claim.needs for name in need.split("|")}
+    about.add(finding.subject.split(" ~ ")[0])
+    jump = [name for name in at.functions.given if name in about and at.jumps(name)]
+    if not jump:
+        return finding
+    return finding.because(f"{' and '.join(jump)} jumps within {NEAR:g} of this state")
 
 
 def functions_at(
@@ -184,10 +340,17 @@ def functions_at(
 
 def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
     """Yield the Findings of a claim at a state."""
+    for one in _compared_at(functions, claim, at):
+        failed = one.finding.verdict == "failed" and one.judged.names is not None
+        yield _with_jump(claim, one.finding, at) if failed else one.finding
+
+
+def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Compared]:
     state = State(at.q, at.v)
     for outcome in outcomes(claim, at):
-        told = decided(claim, outcome)
-        yield Finding(
+        judged = decided(claim, outcome)
+        told = judged.told
+        finding = Finding(
             claim.id,
             told.subject,
             functions,
@@ -198,6 +361,7 @@ def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[
             "property-tested" if told.verdict != "not looked at" else "not looked at",
             told.detail,
         )
+        yield Compared(finding, judged, at)
 
 
 def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
@@ -222,36 +386,55 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
         yield Skipped(claim.term, f"not computed here: {error}")
 
 
-def decided(claim: FunctionClaim, outcome: Outcome) -> Told:
-    """Return what an outcome comes to."""
-    if isinstance(outcome, Skipped):
-        return Told(outcome.subject, 0.0, 0.0, "not looked at", outcome.reason)
-    return compared(claim, outcome) if isinstance(outcome, Sides) else outcome
+def decided(claim: FunctionClaim, outcome: Outcome) -> Judged:
+    """Return the verdicts of an outcome."""
+    if isinstance(outcome, Sides):
+        return compared(claim, outcome)
+    told = (
+        Told(outcome.subject, 0.0, 0.0, "not looked at", outcome.reason)
+        if isinstance(outcome, Skipped)
+        else outcome
+    )
+    verdict, none = np.asarray(RANKS.index(told.verdict)), np.zeros(())
+    return Judged(told, verdict, none, none, none, none, None)
 
 
-def compared(claim: FunctionClaim, sides: Sides) -> Told:
-    """Return what two sides come to: the entry that is worst, each judged by its own error."""
+def compared(claim: FunctionClaim, sides: Sides) -> Judged:
+    """Return the verdicts of two sides, each entry judged by its own error.
+
+    An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
+    the larger one is allowed: then it would pass with any sign.
+    """
     found, expected = sides.found, sides.expected
+    if found.value.size == 0:
+        nothing = np.zeros(found.shape)
+        told = Told(sides.subject, 0.0, 0.0, "passed")
+        return Judged(told, nothing, nothing, nothing, nothing, nothing, sides.names)
     error = found.error + expected.error
-    size = np.maximum(found.size, expected.size)
     with np.errstate(all="ignore"):
         observed = np.abs(found.value - expected.value)
-    judged: list[tuple[int, float, tuple[int, ...], float]] = []
-    for index in np.ndindex(observed.shape):
-        known = np.isfinite(error[index]) and np.isfinite(observed[index])
-        here = float(observed[index]), float(error[index]) / EPS, float(size[index])
-        allowed, verdict = judge(*here) if known else (float("inf"), "inconclusive")
-        ratio = here[0] / allowed if allowed > 0.0 else (np.inf if here[0] > 0.0 else 0.0)
-        judged.append((RANKS.index(verdict), -ratio, index, allowed))
-    if not judged:
-        return Told(sides.subject, 0.0, 0.0, "passed")
-    rank, _, index, allowed = min(judged)
-    verdict, detail = RANKS[rank], ""
+        allowed = allowed_error(1.0) * (error / EPS)
+        larger = np.maximum(np.abs(found.value), np.abs(expected.value))
+        known = (np.abs(found.value) > C * found.error) | (
+            np.abs(expected.value) > C * expected.error
+        )
+        blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
+        verdicts = BY_NUMBER[judged(observed, allowed, np.maximum(found.size, expected.size))]
+        told_by = np.isfinite(error) & np.isfinite(observed)
+        verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~told_by, 2, verdicts)
+        ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
+    allowed = np.where(told_by, allowed, np.inf)
+    same = found.value == expected.value
+    vanish = same & (found.value == 0.0)
+    order = np.lexsort((-np.nan_to_num(ratio, nan=0.0).ravel(), verdicts.ravel()))
+    index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
+    verdict, detail = RANKS[int(verdicts[index])], ""
     if verdict == "failed":
-        detail = blamed(claim, sides, index, allowed)
+        detail = blamed(claim, sides, index, float(allowed[index]))
     elif verdict == "inconclusive":
-        detail = "what is measured is as uncertain as it is large"
-    return Told(sides.subject, float(observed[index]), allowed, verdict, detail)
+        detail = "the error of what is measured is as large as its value"
+    told = Told(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
+    return Judged(told, verdicts, same, vanish, observed, allowed, sides.names)
 
 
 def blamed(claim: FunctionClaim, sides: Sides, index: tuple[int, ...], allowed: float) -> str:
