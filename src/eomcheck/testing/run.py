@@ -317,7 +317,8 @@ def _with_jump(claim: FunctionClaim, finding: Finding, at: Point) -> Finding:
     """Return the Finding with the names of the functions that jump beside the state."""
     about = {name for need in claim.needs for name in need.split("|")}
     about.add(finding.subject.split(" ~ ")[0])
-    jump = [name for name in at.functions.given if name in about and at.jumps(name)]
+    here = (at.consistent() if claim.consistent else at) or at
+    jump = [name for name in at.functions.given if name in about and here.jumps(name)]
     if not jump:
         return finding
     return finding.because(f"{' and '.join(jump)} jumps within {NEAR:g} of this state")
