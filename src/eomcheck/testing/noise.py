@@ -78,7 +78,7 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     near = _values(f, x, width, SHORT, rng)
     far = _values(f, x, width, LONG, rng)
     short, long = _noise_on(SHORT, near), _noise_on(LONG, far)
-    steps = (np.diff(near, axis=0) == 0.0).any(axis=0)
+    steps = (np.diff(near, axis=0) == 0.0).any(axis=0) & ~_vanishes_within_jump(near, far)
     floor = np.fmax(short, EPS * np.abs(near[SHORT.points // 2]))
     asked = ~steps & np.isfinite(short) & (long > DISAGREE * floor)
     if asked.any():
@@ -90,6 +90,16 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     rough = steps | (asked & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of them, the other tells.
     return np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
+
+
+def _vanishes_within_jump(near: Array, far: Array) -> Array:
+    """Whether each entry is 0 on a line (points, ...) and jumps on a longer one.
+
+    All changes between steps of a difference of larger numbers are of one size, unlike these.
+    """
+    change = np.abs(np.diff(far, axis=0))
+    least = np.where(change > 0.0, change, np.inf).min(axis=0)
+    return (near == 0.0).all(axis=0) & (change.max(axis=0) > JUMP * least)
 
 
 def _values(f: Callable, x: Array, width: Array, line: Line, rng: np.random.Generator) -> Array:

@@ -200,9 +200,9 @@ def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> It
     """Yield the worst Finding of each subject of a claim, and one of all that is not resolved.
 
     An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
-    the same in bits on both sides in every state is right, 0 or not. An entry that is resolved in no
-    state is listed by name in one Finding of the claim, with the verdict "inconclusive": it never
-    hides behind those that are.
+    the same in bits on both sides in every state is right, 0 or not. An entry that is resolved in
+    no state is listed by name in one Finding of the claim, with the verdict "inconclusive": it
+    never hides behind those that are.
     """
     by_subject: dict[str, list[Compared]] = {}
     for at in points:

@@ -217,7 +217,13 @@ class FunctionsTrial:
     def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
         """Return what each claim came to, as `Trial` says."""
         found = check(self.functions, states=examples, seed=seed, against=self.against)
-        return results_of(self.claims, found, known)
+        # A Finding holds for all states here: what none of them resolves is no pass.
+        hidden = {one.claim: str(one) for one in found if one.verdict == "inconclusive"}
+        results = results_of(self.claims, found, known)
+        for claim, text in hidden.items():
+            if results[claim].verdict == "passed":
+                results[claim] = Result("inconclusive", text)
+        return results
 
     def absent(self, claim: str) -> str:
         """Return why there is no result of a claim."""

@@ -1,0 +1,198 @@
+"""Entries that no state resolves are reported by name, and faults beside a jump are found."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.testing.own import given, guide
+
+from eomcheck.claims.finding import Finding
+from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing.measured import Measured
+from eomcheck.testing.registry import Sides
+from eomcheck.testing.run import BY_NUMBER, RANKS, compared
+from eomcheck.testing.trials import FunctionsTrial
+
+CART = guide("cart")
+WHEEL = [(-100.0, 100.0), (-1.0, 1.0), (-50.0, 50.0), (-1.0, 1.0)]
+
+
+def of(found: list[Finding], verdict: str) -> dict[str, str]:
+    """Return claim -> detail of the Findings with a verdict."""
+    return {one.claim: one.detail for one in found if one.verdict == verdict}
+
+
+def wheel_and_arm(sign: float) -> dict[str, Any]:
+    """Return a wheel that turns far beside an arm, whose gravity has a sign."""
+    return {
+        "M": lambda q: np.diag([3.0, 0.5]),
+        "gravity": lambda q: np.array([2.0 * np.sin(q[0]), sign * 4.0 * np.cos(q[1])]),
+        "U": lambda q: -2.0 * np.cos(q[0]) + 4.0 * np.sin(q[1]),
+        "ranges": WHEEL,
+    }
+
+
+@pytest.mark.parametrize("sign", [-1.0, 0.0, 2.0])
+def test_a_wrong_row_beside_a_wheel_that_turns_far_fails(sign: float):
+    assert "gravity-of-potential" not in of(check_functions(2, **wheel_and_arm(1.0)), "failed")
+    found = check_functions(2, **wheel_and_arm(sign), claims=["gravity-of-potential"])
+    assert "row q[1]" in of(found, "failed")["gravity-of-potential"]
+
+
+def spring(factor: float, frequency: float) -> dict[str, Any]:
+    """Return a field of short wavelength in row 0, whose force has a factor, and a spring."""
+    return {
+        "M": lambda q: np.eye(2),
+        "gravity": lambda q: np.array([factor * np.sin(frequency * q[0]), 3.0 * q[1]]),
+        "U": lambda q: -np.cos(frequency * q[0]) / frequency + 1.5 * q[1] ** 2,
+    }
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.0, -1.0])
+@pytest.mark.parametrize("frequency", [1e4, 1e6, 1e8])
+def test_a_row_that_no_state_resolves_is_failed_or_named(factor: float, frequency: float):
+    claim = "gravity-of-potential"
+    found = check_functions(2, **spring(factor, frequency), claims=[claim])
+    wrong = of(found, "failed") | of(found, "inconclusive")
+    assert "row q[0]" in wrong[claim]
+    right = check_functions(2, **spring(1.0, frequency), claims=[claim])
+    assert not of(right, "failed")
+
+
+def test_one_finding_of_a_claim_lists_what_no_state_resolves():
+    claim = "gravity-of-potential"
+    found = check_functions(2, **spring(2.0, 1e12), claims=[claim], states=7)
+    (listed,) = [one for one in found if one.verdict == "inconclusive"]
+    assert listed.detail.startswith("not resolved in any of 7 states: gravity, row q[0]")
+    assert "q[1]" not in listed.detail
+    (passed,) = [one for one in found if one.verdict == "passed"]
+    assert passed.detail == "7 of 14 entries in 7 states not resolved"
+    assert listed.subject == "gravity"
+
+
+def test_a_test_of_a_claim_with_an_entry_that_no_state_resolves_does_not_pass():
+    functions = Functions(2, **spring(2.0, 1e12))
+    result = FunctionsTrial(functions).results(5, 0)["gravity-of-potential"]
+    assert result.verdict == "inconclusive"
+    assert "row q[0]" in result.text
+
+
+def test_entries_that_vanish_on_both_sides_in_all_states_pass():
+    still = {"M": lambda q: np.diag([2.0, 3.0]), "bias": lambda q, v: np.zeros(2)}
+    found = check_functions(2, **still, claims=["bias-of-mass-matrix"])
+    assert [one.verdict for one in found] == ["passed"]
+    assert not found[0].detail
+
+
+def test_an_entry_that_vanishes_where_it_is_not_hidden_is_not_resolved():
+    """Row 0 is 0 = 0 in one state and hidden by noise in the other."""
+    claim = "gravity-of-potential"
+
+    def U(q: Any) -> Any:
+        return 1e12 * (q[0] > 0.0) * np.sin(1e12 * q[0]) + 1.5 * q[1] ** 2
+
+    model = {"U": U, "gravity": lambda q: np.array([0.0, 3.0 * q[1]])}
+    states = [([-0.6, 0.3], [0.0, 0.0]), ([0.6, 0.3], [0.0, 0.0])]
+    found = check_functions(2, **model, claims=[claim], states=states)
+    assert "row q[0]" in of(found, "inconclusive")[claim]
+
+
+def sides(found: float, expected: float, error: float, size: float) -> Sides:
+    def one(value: float) -> Measured:
+        return Measured(np.array([value]), np.array([error]), np.array([size]))
+
+    return Sides(
+        "x", one(found), Measured(np.array([expected]), np.zeros(1), np.ones(1)), (("0",),)
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "error", "verdict"),
+    [
+        (1.0, 1e-12, "passed"),
+        (1.0 + 1e-6, 1e-12, "failed"),
+        (1.0, 2e-5, "passed"),
+        (1.0, 4e-5, "inconclusive"),  # 32 of it are more than a thousandth
+        (-1.0, 1.0, "inconclusive"),
+        (np.nan, 1e-12, "inconclusive"),
+        (1.0, np.inf, "inconclusive"),
+    ],
+)
+def test_an_entry_that_would_pass_with_any_sign_is_not_resolved(
+    found: float, error: float, verdict: str
+):
+    (claim,) = [FUNCTION_CLAIMS["bias-even"]]
+    judged = compared(claim, sides(found, 1.0, error, 1e6))
+    assert RANKS[int(judged.verdicts[0])] == verdict
+
+
+def test_verdicts_by_number_are_those_of_ranks():
+    assert [RANKS[k] for k in BY_NUMBER[1:]] == ["passed", "failed", "inconclusive"]
+
+
+# ---- Beside a jump -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("near", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("factor", [1.5, -1.0, 0.0])
+def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
+    near: float, factor: float
+):
+    def bias(q: Any, v: Any) -> Any:
+        return CART.bias(q, v) * (factor if abs(q[0] - q[1]) <= near else 1.0)
+
+    state = ([0.3, 0.3, -0.4], [0.5, -0.8, 0.9])
+    model = given("cart") | {"bias": bias}
+    found = check_functions(**model, states=[state])
+    details = {one.claim: one.detail for one in found if one.verdict == "failed"}
+    assert "bias-of-mass-matrix" in details
+    jump = "bias jumps within 0.001 of this state"
+    assert (jump in details["bias-of-mass-matrix"]) == (near < 1e-3)
+
+
+def test_a_value_of_one_side_and_a_slope_of_the_other_are_reported_as_a_jump():
+    def M(q: Any) -> Any:
+        return CART.M(q) * (1.3 if q[0] > 0.3 + 1e-5 else 1.0)
+
+    state = ([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])
+    found = check_functions(**(given("cart") | {"M": M, "qdd": None}), states=[state])
+    texts = [one.detail for one in found if re.search(r"M jumps within 0\.001", one.detail)]
+    assert texts
+    right = check_functions(**given("cart"), states=[state])
+    assert not any("jumps" in one.detail for one in right)
+
+
+# ---- Tables and wide ranges ----------------------------------------------------------------------
+
+
+def table(knots: int, seed: int, factor: float = 1.0) -> dict[str, Any]:
+    """Return a force interpolated linearly between knots, and U, its exact integral."""
+    x = np.linspace(-1.2, 1.2, knots)
+    y = 3.0 * np.sin(2.0 * x + seed) + x + 1e-3 * np.random.default_rng(seed).normal(size=knots)
+    below = np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
+    slope = np.diff(y) / np.diff(x)
+
+    def energy(q: Any) -> Any:
+        k = int(np.clip(np.searchsorted(x, q[0]) - 1, 0, knots - 2))
+        h = q[0] - x[k]
+        return factor * (below[k] + h * (y[k] + slope[k] * h / 2))
+
+    return {"U": energy, "gravity": lambda q: [float(np.interp(q[0], x, y))]}
+
+
+@pytest.mark.parametrize("knots", [11, 101, 501, 1001, 2001, 20001])
+def test_tables_with_many_knots_pass_and_a_wrong_one_fails(knots: int):
+    claim = "gravity-of-potential"
+    for seed in range(3):
+        assert not of(check_functions(1, **table(knots, seed), claims=[claim]), "failed")
+        wrong = check_functions(1, **table(knots, seed, 1.0 + 1e-4), claims=[claim])
+        assert of(wrong, "failed")
+
+
+@pytest.mark.parametrize("far", [1e3, 1e5, 1e6])
+def test_right_functions_of_wide_ranges_do_not_fail(far: float):
+    found = check_functions(**given("cart"), ranges=(-far, far), states=10)
+    assert not of(found, "failed")
