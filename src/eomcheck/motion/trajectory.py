@@ -195,7 +195,7 @@ class _Course:
 def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
     """Say why an integration did not reach its end."""
     if motion.rates.failed == 0:
-        return found.message or "the energy overflows", None
+        return "the energy overflows" if found.success else found.message, None
     when = motion.rates.failure_time
     y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
     why, refusal = "it overflows, or a matrix is singular there", None
