@@ -34,6 +34,10 @@ class Local(Place):
         context = _Context()
         pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_start_worker)
         try:
+            # Starts all processes and the thread that looks after them: interrupted between the
+            # two, the pool could not be shut down.
+            with _no_interrupt():
+                pool.submit(os.getpid)
             yield pool
         except BaseException:
             for process in context.started:
