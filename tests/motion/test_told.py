@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from decimal import Decimal
-from itertools import pairwise
+from itertools import count, pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,16 +12,24 @@ import flint
 import numpy as np
 import pytest
 
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.layout import FAILURE_TIME
+from eomcheck.kernels.program import program_of
 from eomcheck.lab import reference_cases, reference_runs
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
-from eomcheck.motion import reference
+from eomcheck.motion import crossing, errors, reference, trajectory
+from eomcheck.motion.integrators import Steps
 from eomcheck.motion.many import OUTPUTS, simulate_many
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.motion.run import Run
 from eomcheck.motion.simulate import simulate
+from eomcheck.motion.stabilization import in_pieces
 from eomcheck.motion.state import state_of
+from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import Sleigh, Snake
 
 SLEIGH, LONG = Sleigh.example(), Snake.coil(12)
@@ -35,6 +43,18 @@ def test_right_hand_sides_that_are_not_finite_are_counted_where_code_has_loops(k
     for t, bad in ((0.25, 0.0), (0.5, np.nan), (0.75, np.inf)):
         rates(t, y + bad)
     assert (rates.calls, rates.failed, rates.failure_time) == (3, 2, 0.5)
+
+
+def test_a_loop_that_writes_outputs_counts_those_that_are_not_finite():
+    tape, size = Tape(), 200
+    y = tape.inputs("y", (size,))
+    program = program_of(tape, {"rates": [tape.number(x * x + x).place for x in y]}, short=0)
+    assert len(program.items) == 1  # a loop
+    kernel = Kernel(program, {}, {"rates": size})
+    block = kernel.block({})
+    for t, large in ((0.25, 1e100), (0.5, 1e200), (0.75, 1e200)):
+        kernel(block, np.array([t]), np.where(np.arange(size) == 150, large, 1.0))
+    assert block[:2].view(np.int64).tolist() == [3, 2] and block[FAILURE_TIME] == 0.5
 
 
 # ---- Steps ---------------------------------------------------------------------------------------
@@ -94,6 +114,96 @@ def test_of_many_motions_each_has_its_own_counts_and_its_share_of_the_time():
         assert (one.steps, one.right_hand_sides) == (found.steps[i], found.right_hand_sides[i])
         assert one.seconds == found.seconds / 3
         assert (one.energy == found.energy[i]).all()
+
+
+def test_the_time_of_many_motions_is_that_of_all_groups_of_lanes(monkeypatch):
+    clock = count()
+    monkeypatch.setattr("eomcheck.motion.many.time.perf_counter", lambda: float(next(clock)))
+    found = simulate_many(SLEIGH, "kane", 0.1, u0=np.ones((3, 2)), lanes=1)
+    assert found.seconds == 3.0
+
+
+@pytest.mark.parametrize("row", [0, 2])
+def test_a_start_that_violates_any_constraint_is_refused(row: int):
+    scene = Snake.coil(3)
+    q, _ = scene.initial_state()
+    v = velocity(scene, q, np.array([1.0, 0.5]))
+    at = Evaluation(scene, q, v)
+    a = at.terms.a
+    assert a is not None
+    aside = np.linalg.lstsq(a, np.eye(3)[row], rcond=None)[0]
+    starts = np.array([v, v + 1e-9 * aside, v + 0.1 * aside])
+    found = simulate_many(scene, "el", 1e-3, q0=np.tile(q, (3, 1)), v0=starts)
+    assert found.status.tolist() == ["finished", "refused", "refused"]
+
+
+def test_the_worst_state_looked_at_is_kept_wherever_it_is():
+    course: Any = object.__new__(trajectory._Course)
+    course.formulation, course.rcond, course._looked, course._worst = None, {}, {}, np.inf
+    for rcond in (0.5, 0.125, 0.25):
+        at = SimpleNamespace(acceleration=lambda f, x=rcond: SimpleNamespace(rcond={"M": x}))
+        at.told = rcond
+        motion: Any = SimpleNamespace(evaluation=lambda y, t, at=at: at, choice=None)
+        course._look(motion, 0.0, np.zeros(1))
+    assert course.rcond == {"M": 0.125}
+    assert {name: at.told for name, at in course._looked.items()} == {
+        **{"first": 0.5, "last": 0.25, "worst": 0.125}
+    }
+
+
+# ---- Pieces and poses ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fails", "refuses", "ends", "says"),
+    [
+        (None, None, [1.0, 2.0, 3.0], ""),
+        (2.0, None, [1.0, 2.0], "no step is small enough"),
+        (None, 2.0, [1.0, 2.0], "the velocity cannot be projected: M is singular"),
+    ],
+)
+def test_pieces_end_with_the_first_that_fails_or_cannot_be_projected(fails, refuses, ends, says):
+    done: list[float] = []
+
+    def piece(start, end, y, first_step, output_times, max_steps) -> Steps:
+        done.append(end)
+        bad = end == fails
+        message = "no step is small enough" if bad else ""
+        return Steps(np.array([start, end]), np.array([y, y + 1.0]), 7, not bad, message)
+
+    def project(t: float, y: np.ndarray) -> np.ndarray:
+        if t == refuses:
+            raise RefusedError("M", 0.0, 0.0, "M is singular")
+        return y
+
+    found = in_pieces(piece, project, np.zeros(1), 3.0, 1.0, 0.0, None, 0)
+    assert (done, found.success, found.message) == (ends, not says, says)
+    assert found.steps == 7 * len(ends) and found.t.tolist() == [0.0, *ends]
+
+
+def test_of_poses_that_are_crossed_the_first_is_told(monkeypatch):
+    a_1 = np.array([1.0, 2.0, -1.0, -2.0, 1.0]).reshape(5, 1, 1)
+    kernel = SimpleNamespace(block=lambda given: None, rows=lambda block, t, y: {"a_1": a_1})
+    monkeypatch.setattr(crossing, "traced_kernel", lambda *how: kernel)
+    t, y = np.arange(5.0)[:, None], np.zeros((5, 1, 1))
+    assert crossing.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
+
+
+# ---- Energies ------------------------------------------------------------------------------------
+
+
+def test_changes_of_energy_are_relative_to_the_largest_at_any_time():
+    motion = simulate(SLEIGH, "kane", 1.0, u0=np.array([1.0, 0.5]), output_times=np.arange(5) / 4)
+    grown = replace(motion, energy=1.0 + 3.0 * motion.times)
+    assert errors._largest_energy_error(grown) == 0.75
+    law = errors.energy_drift(grown)
+    assert law is not None and (law.rate, law.exponent) == pytest.approx((0.75, 1.0))
+
+
+def test_a_law_of_growth_needs_four_errors():
+    times = np.arange(1.0, 5.0)
+    assert errors.drift_of(times[:3], times[:3]) is None
+    assert errors.drift_of(times, times) is not None
 
 
 # ---- References ----------------------------------------------------------------------------------
@@ -168,6 +278,9 @@ def test_a_reference_is_checked_by_shorter_steps_at_all_times(monkeypatch):
     }
     assert found.differences.tolist() == [0.0, 0.0, 0.125] and found.uncertainty == 0.125
     assert replace(found, differences=np.array([0.5, 0.0, 0.25])).uncertainty == 0.5
+    faster = replace(found, q=np.ones((3, 1)), v=np.full((3, 1), -1024.0))
+    slower = replace(found, q=np.full((3, 1), -1024.0), v=np.ones((3, 1)))
+    assert faster.rounding == slower.rounding == 512 * np.finfo(float).eps
 
 
 # ---- Counts of a campaign ------------------------------------------------------------------------

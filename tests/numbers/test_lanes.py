@@ -42,6 +42,7 @@ OPERATIONS = {
     "product with an array": lambda x, y: np.arange(1.0, 7.0).reshape(3, 2) * x,
     "quotient": lambda x, y: x / y,
     "quotient of a number": lambda x, y: 2.5 / x,
+    "quotient by an array": lambda x, y: x / np.arange(1.0, 7.0).reshape(3, 2),
     "product of matrices": lambda x, y: x.T @ y,
     "product with a vector": lambda x, y: x @ y[0],
     "product of vectors": lambda x, y: x[1] @ y[0],
@@ -66,6 +67,15 @@ def test_the_result_of_each_operation_on_arrays_is_perturbed_alike_in_all_lanes(
     change = (function(x, y).data - exact) / exact
     assert (np.abs(change) >= 0.49 * STEP).all() and (np.abs(change) <= 1.01 * STEP).all()
     assert np.ptp(change, axis=-1).max() <= 4 * EPS
+
+
+@pytest.mark.parametrize("operation", ["sum", "difference", "product", "quotient"])
+def test_one_perturbed_side_is_enough_for_a_result_to_be_perturbed(operation: str):
+    function, noise = OPERATIONS[operation], LaneNoise(3)
+    x, y = LaneArray(X.copy()), LaneArray(Y.copy())
+    exact = function(x, y).data
+    for found in (function(x, noise.array(y)), function(noise.array(x), y)):
+        assert (found.data != exact).all() and found.noise is noise
 
 
 def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
@@ -148,3 +158,25 @@ def test_a_matrix_that_is_written_to_is_decomposed_anew(write: str):
             basis = lane(null_space(a), i)
             assert np.abs(plain @ basis).max() < 1e-14 * np.abs(plain).max()
     assert not np.allclose(before[0], singular_values(a).data)
+
+
+def test_a_turned_matrix_is_decomposed_as_such_whichever_is_first():
+    a = LaneArray(X.copy())
+    found = least_squares(a.T, np.ones(2))
+    for i in range(5):
+        expected = np.linalg.lstsq(X[..., i].T, np.ones(2), rcond=None)[0]
+        assert np.allclose(lane(found, i), expected)
+
+
+def test_singular_values_of_rounding_count_as_zero():
+    row = RANDOM.uniform(1.0, 2.0, (3, 5))
+    found = least_squares(LaneArray(np.stack((row, 3.0 * row))), np.array([1.0, 3.0]))
+    for i in range(5):
+        assert np.allclose(lane(found, i), row[:, i] / (row[:, i] @ row[:, i]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("a", "b"), [(np.inf, 1.0), (1.0, np.inf), (1.0, np.nan)])
+def test_of_what_overflowed_there_are_no_least_squares(a: float, b: float, capfd):
+    found = least_squares(np.full((2, 3), a), np.array([b, 1.0]))
+    assert found.shape == (3,) and np.isnan(found).all()
+    assert capfd.readouterr() == ("", "")
