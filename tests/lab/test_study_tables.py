@@ -1,0 +1,160 @@
+"""Tables of studies: every column, held against Records that are made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+from typing import Any
+
+import pytest
+
+from eomcheck.evaluation.tolerance import C
+from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.studies import study_of
+from eomcheck.lab.studies.accuracy import Delivered
+from eomcheck.lab.studies.agreement import Agreement
+from eomcheck.lab.studies.engines import Compared
+from eomcheck.lab.studies.motion import MotionTime
+from eomcheck.lab.studies.robots import Read
+from eomcheck.lab.studies.stability.measure import outcome
+from eomcheck.lab.studies.stability.show import WORDS
+
+
+def tables(key: str, *found: Record) -> list[list[tuple[str, ...]]]:
+    """Return the rows of each table of a study."""
+    sheets = list(study_of(key).sheets(found))
+    assert all(len(row) == len(sheet.columns) for sheet in sheets for row in sheet.rows)
+    return [[tuple(map(str, row)) for row in sheet.rows] for sheet in sheets]
+
+
+def said(key: str, *found: Record) -> list[str]:
+    return list(study_of(key).said(found))
+
+
+def test_accuracy_tells_fewest_digits_medians_and_the_largest_errors():
+    one = Delivered("au", 2, None, 15.0, 1e-15, 1.0, 10.0, 2.0, 0.25, 0.5, 0.125)
+    rows = [
+        one,
+        replace(one, digits=9.0, ulps=4.0, condition=1000.0, ratio=0.75, of_bound=0.25),
+        replace(one, digits=12.0, ulps=3.0, condition=20.0, ratio=nan, machine_of_bound=nan),
+        replace(one, relative=0.0),
+        Delivered("au", 2, "M"),
+        replace(one, key="kane", state="Snake(...)"),
+    ]
+    found = record_of_rows("accuracy", {}, rows)
+    digits, errors = tables("accuracy", found)
+    assert digits == [
+        ("au", "3", "1", "1", "9.0", "12.0", "3"),
+        ("kane", "1", "0", "0", "15.0", "15.0", "1"),
+    ]
+    assert errors[0] == ("au", "20", "1e+03", "0.5", "0.75", "0.5", "0.12", "1")
+    first, second = said("accuracy", found)
+    assert "1 state;" in first and "1 result without error" in first
+    assert f"Largest error / (κ ε scale): 0.75; the constant C of the tolerances is {C:g}" in first
+    assert second == "beyond its bound: kane, Snake(...)"
+
+
+def test_agreement_tells_the_largest_distance_of_all_states():
+    rows = [
+        Agreement("im", 2, 2e-15, 1e-14, 1e-3),
+        Agreement("im", 3, 4e-15, 8e-15, 8e-4),
+        Agreement("im", 3, 5e-15, 1e-12, 1.0),
+        Agreement("el", 3, 1e-16, 1e-15, 1e-6),
+    ]
+    (table,) = tables("agreement", record_of_rows("agreement", {}, rows))
+    assert table == [
+        ("im", "3", "5.0e-15", "50.0%", "1.0e+11"),
+        ("el", "1", "1.0e-16", "10.0%", "1.0e+09"),
+    ]
+
+
+def test_tolerance_tells_the_median_and_the_largest_ratio_of_each_claim():
+    one = Record("tolerance", {}, series={"bias": [0.5, 2.0, 1.0]})
+    (table,) = tables("tolerance", one)
+    assert table == [("bias", "3", "1", "2")]
+    assert "largest 2" in said("tolerance", one)[-1]
+    other = Record("tolerance", {"scene": "sleigh"}, series={"bias": [0.25]})
+    (table,) = tables("tolerance", one, other)
+    assert table[1] == ("sleigh", "bias", "1", "0.25", "0.25")
+
+
+def test_a_motion_is_timed_by_both_integrators_and_their_ratio():
+    rows = [MotionTime("kane", 2e-3, 1000, 8e-3), MotionTime("el", nan, 5, nan)]
+    (table,) = tables("motion", record_of_rows("motion", {}, rows))
+    ((key, cyrk, calls, each, scipy, ratio),) = table
+    assert (key, calls, ratio) == ("kane", "1,000", "4")
+    assert [x.split()[0] for x in (cyrk, each, scipy)] == ["2", "2", "8"]
+    assert len({cyrk, each, scipy}) == 3
+    (sheet,) = study_of("motion").sheets([record_of_rows("motion", {}, rows)])
+    assert "Do not reach the end: el." in sheet.note
+
+
+def test_engines_tell_the_largest_difference_their_failures_and_what_is_soft():
+    one = Compared("casadi", "CasADi 3", "sleigh", "mass-matrix", 4, 0, 1e-15, 0.5, False)
+    rows = [
+        one,
+        replace(one, scene="snake", states=6, relative=3e-15, share=0.25),
+        replace(one, claim="bias", relative=2e-9, failed=2),
+        replace(one, claim="engine-acceleration", relative=4e-7, share=None),
+        replace(one, claim="engine-multipliers", relative=5e-3, gives_way=True),
+    ]
+    found = record_of_rows("engines", {}, rows)
+    engines, scenes = tables("engines", found)
+    ((name, kinds, states, failures, *cells),) = engines
+    assert (name, kinds, states, failures) == ("CasADi 3", "2", "10", "2")
+    assert {"3e-15", "2e-09 FAIL", "4e-07 inconclusive", "5e-03 soft"} <= set(cells)
+    assert {(row[0], row[1]) for row in scenes} == {("casadi", "sleigh"), ("casadi", "snake")}
+    assert "1e-15" in scenes[0] and "3e-15" in scenes[1]
+    first, second = said("engines", found)
+    assert first.startswith("Largest error: 50.0% of what rounding allows.")
+    assert second.startswith("`inconclusive`")
+
+
+def test_robots_tell_counts_times_and_each_library_in_its_column():
+    counts = {"coordinates": 3, "passed": 40, "failed": 1, "proved": 12, "disproved": 2}
+    apart = dict.fromkeys(QUANTITIES, 2e-9) | {"M": 3e-4}
+    reads = [
+        Read("arm", "mujoco 3", "agrees", {**apart, "M": 2e-16}, ""),
+        Read("arm", "drake 1", "differs", apart, "has an armature"),
+        Read("arm", "exudyn", "no answer", {}, "cannot"),
+    ]
+    settings = {"robot": "arm", "free": False}
+    series: dict[str, Any] = {"rows": [vars(one) for one in reads], "left out": [[]]}
+    times = {"checks, s": 1.25, "proof, s": 0.5}
+    done = Record("robots", settings, counts=counts, errors=times, series=series)
+    missing = Record("robots", {"robot": "leg", "free": True}, "refused", "no mujoco")
+    ours, theirs = tables("robots", done, missing)
+    assert ours == [("arm", "3", "40", "1", "12", "2", "1.2", "0.5")]
+    assert theirs == [("arm", "2e-16", "3e-04 differs", "no answer")]
+    lines = said("robots", done, missing)
+    assert any("no mujoco" in line for line in lines)
+    assert any(line.startswith("arm, drake 1: M 3e-04") for line in lines)
+    assert "arm, exudyn: cannot" in lines and not any("mujoco 3" in line for line in lines)
+
+
+def test_long_runs_tell_both_laws_and_their_ends():
+    errors = {"constraint_end": 1e-7, "constraint_exponent": 1.5, "constraint_rate": 2e-9}
+    errors |= {"energy_end": 3e-6, "energy_exponent": 0.5, "energy_rate": 4e-8}
+    errors |= {"constraint_largest": 1.0, "energy_largest": 1.0}
+    settings = {"formulation": "au", "remedy": "none"}
+    record = Record(
+        "long-run", settings, errors=errors, counts={"right-hand sides": 12345}, cpu_seconds=1.5
+    )
+    short = Record("long-run", settings | {"remedy": "projection"}, "failed", "singular")
+    (table,) = tables("long-run", record, short)
+    first, second = table
+    assert (first[:2], first[-2:]) == (("au", "none"), ("12,345", "1.5"))
+    assert [float(x) for x in first[2:8]] == pytest.approx([1e-7, 1.5, 2e-9, 3e-6, 0.5, 4e-8])
+    assert second == ("au", "projection", *[""] * 6, "0", "")
+    assert said("long-run", record, short) == ["au, projection failed: singular"]
+
+
+@pytest.mark.parametrize(
+    ("relative", "bound", "word"), [(1e-7, 0.0, ""), (1e-3, 1e-2, "tells"), (1e-3, 1e-4, "SILENT")]
+)
+def test_a_cell_of_the_atlas_is_good_told_or_silent_by_its_error_and_bound(relative, bound, word):
+    record = Record("stability", {}, errors={"relative": relative, "bound": bound})
+    assert word in WORDS.get(outcome(record), "")
+    assert bool(WORDS.get(outcome(record))) == bool(word)

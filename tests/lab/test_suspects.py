@@ -1,0 +1,98 @@
+"""Suspects of screening: told by the claims that fail, judged the worst first, by the rations."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
+
+from eomcheck.claims.lanes import liftable
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import rounds
+from eomcheck.lab.fuzzing.draws import drawn
+from eomcheck.lab.fuzzing.families import ORDINARY, Case
+from eomcheck.lab.fuzzing.judging import checked
+from eomcheck.lab.fuzzing.screening import Ration, Screened, screened
+from eomcheck.lab.fuzzing.strata import Stratum
+from eomcheck.lab.fuzzing.work import Result
+from eomcheck.scenes import Snake
+
+FEW = ("au", "em", "kane")
+FORMULATED = tuple(FORMULATIONS[key] for key in FEW)
+
+
+@cache
+def cases(kind: type[Snake], count: int = 2) -> list[Case]:
+    return drawn(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
+
+
+def test_what_fails_by_check_is_suspect_in_lanes_by_the_same_claims():
+    wrong = cases(Wrong)
+    found = screened(wrong, FORMULATED, ALL, every=0)
+    for i, case in enumerate(wrong):
+        judged = checked(case, liftable(ALL), FEW)
+        failed = {one.claim for one in judged if one.verdict == "failed"}
+        assert failed and found.suspects[i] == failed - set(found.lost)
+
+
+@pytest.fixture
+def judged(monkeypatch) -> list[tuple[int, frozenset[str]]]:
+    """The cases, numbers here, that are judged, and by which claims."""
+    asked: list[tuple[int, frozenset[str]]] = []
+
+    def noting(case, claims, *_):
+        asked.append((case, frozenset(claims)))
+        return []
+
+    monkeypatch.setattr(rounds, "checked", noting)
+    return asked
+
+
+def looked_at(monkeypatch, found: Screened, **options) -> Result:
+    """Return what comes of cases of which lanes say this."""
+    monkeypatch.setattr(rounds, "screened", lambda *how: found)
+    monkeypatch.setattr(rounds, "raise_population", lambda *how: None)
+    result = Result(0, Stratum(2, ()), {})
+    most = options.pop("most", None)
+    rounds.look_at(plan(**options), result, range(found.count), {0, 1}, most)  # type: ignore[arg-type]
+    return result
+
+
+def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
+    found = Screened(6, {("bias", ""): np.array([2.0, 9.0, 3.0, 0.5, 8.0, 7.0])})
+    found.suspects = {i: {"bias"} for i in (0, 1, 2, 4, 5)}
+    result = looked_at(monkeypatch, found, most=2)
+    assert judged == [(1, frozenset({"bias"})), (4, frozenset({"bias"}))]
+    assert (result.counts["suspect"], result.counts["suspects judged"]) == (5, 2)
+    # Of the others nobody knows how high they are.
+    assert found.heights["bias", ""].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("ration", "expected"),
+    [
+        (
+            Ration(0, 0, 0, 0, 2),
+            {0: {"null-space-embedding", "lost"}, 2: {"null-space-embedding", "lost"}},
+        ),
+        (Ration(0, 3, 0, 0, 0), {0: {"enclosures"}, 3: {"enclosures"}}),
+        (Ration(0, 0, 0, 0, 0), {}),
+    ],
+)
+def test_what_lanes_cannot_tell_is_judged_at_one_state_in_so_many(
+    ration, expected, judged, monkeypatch
+):
+    claims = ("bias", "null-space-embedding", "enclosures")
+    found = Screened(4, lost={"bias": "branches"})
+    looked_at(monkeypatch, found, ration=ration, claims=claims)
+    names = {"lost": "bias"}
+    told = {i: frozenset(names.get(x, x) for x in of) for i, of in expected.items()}
+    assert dict(judged) == told and len(judged) == len(told)
+
+
+def test_states_that_are_not_finite_are_judged_by_their_terms_alone(judged, monkeypatch):
+    result = looked_at(monkeypatch, Screened(5, unseen=[1, 3, 4]), ration=Ration(0, 0, 0, 0, 2))
+    terms = [case for case, claims in judged if claims == {"finite-terms"}]
+    assert terms == [1, 4] and result.counts["not finite"] == 3
