@@ -11,9 +11,11 @@ import pytest
 from tests.testing.own import coriolis, given, guide
 
 from eomcheck.claims.finding import Finding
+from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
 
 CART, DRIVE = guide("cart"), guide("drive")
+REPEAT = ["answers-repeat"]
 
 STATES = {
     "cart": [([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])],
@@ -62,6 +64,19 @@ class Kept:
         return found
 
 
+class Stale:
+    """Gravity that is the previous one in every nth call."""
+
+    def __init__(self, nth: int):
+        self.nth, self.calls, self.last = nth, 0, CART.gravity(np.zeros(3))
+
+    def gravity(self, q):
+        self.calls += 1
+        if self.calls % self.nth:
+            self.last = CART.gravity(q)
+        return self.last
+
+
 def writes(q):
     q[0] += 0.1
     return CART.gravity(q)
@@ -99,6 +114,9 @@ WRONG: dict[str, Wrong] = {
         "cart", lambda eps: {"gravity": writes} if eps else {}, counted=False
     ),
     "same-answer": Wrong("cart", lambda eps: {"gravity": Kept(eps).gravity}),
+    "answers-repeat": Wrong(
+        "cart", lambda eps: {"gravity": Stale(7).gravity} if eps else {}, counted=False
+    ),
     "fresh-answer": Wrong("cart", factory_of),
     "double-precision": Wrong(
         "cart", lambda eps: {"gravity": singles} if eps else {}, counted=False
@@ -160,6 +178,50 @@ WRONG: dict[str, Wrong] = {
         },
     ),
 }
+
+
+@pytest.mark.parametrize("nth", [2, 7, 50, 97])
+def test_an_answer_that_is_stale_in_every_nth_call_fails(nth: int):
+    found = check_functions(**(given("cart") | {"gravity": Stale(nth).gravity}), claims=REPEAT)
+    assert [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
+
+
+@pytest.mark.parametrize("digits", [5, 6])
+def test_a_cache_by_rounded_coordinates_fails(digits: int):
+    kept: dict[Any, Any] = {}
+
+    def gravity(q):
+        return kept.setdefault(tuple(np.round(q, digits)), CART.gravity(q))
+
+    found = check_functions(**(given("cart") | {"gravity": gravity}), claims=REPEAT, states=5)
+    details = [one.detail for one in found if one.verdict == "failed"]
+    assert any("does not feel changes of q[" in one for one in details)
+
+
+def test_what_vanishes_but_for_rounding_is_not_taken_for_a_cache():
+    def gravity(q):
+        return [(np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2 - 1.0) * 1e3, q[1]]
+
+    found = check_functions(2, gravity=gravity, claims=REPEAT, states=50)
+    assert [one.verdict for one in found] == ["passed"]
+
+
+@pytest.mark.parametrize("nth", [1, 97, 500])
+def test_a_write_into_arguments_anywhere_in_a_run_fails(nth: int):
+    calls = 0
+
+    def gravity(q):
+        nonlocal calls
+        calls += 1
+        found = CART.gravity(q)
+        if calls % nth == 0:
+            q[0] *= 1.0 + EPS
+        return found
+
+    found = check_functions(**(given("cart") | {"gravity": gravity}))
+    assert "arguments-unchanged" in {one.claim for one in found if one.verdict == "failed"}
+    order = list(dict.fromkeys(one.claim for one in found))
+    assert order == [one for one in FUNCTION_CLAIMS if one in order]
 
 
 def looked_at(id: str, eps: float, **options: Any) -> list[Finding]:

@@ -63,6 +63,13 @@ def test_a_gradient_has_the_new_axis_first():
     np.testing.assert_allclose(found.value[1, 3], 5 * 0.7**4, rtol=1e-10)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_function_in_single_precision_is_not_taken_for_a_constant(seed: int):
+    at = np.random.default_rng(seed).uniform(-1, 1, 1)
+    found = partial(lambda x: np.float64(np.sin(np.float32(x))), at, 0, 1.0)
+    assert abs(found.value[0] - np.cos(at[0])) <= C * found.error[0]
+
+
 def test_steps_that_leave_the_domain_do_not_count():
     found = partial(lambda x: np.sqrt(1e-2 + x), np.zeros(1), 0, 1.0)
     expected = 0.5 / np.sqrt(1e-2)

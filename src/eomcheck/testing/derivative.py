@@ -33,6 +33,9 @@ COLUMNS = 10
 CONFIRMED = 2
 """Number of shorter steps that must not contradict an estimate."""
 
+FLAT = 2.0**-14
+"""Longest step, per half width, that a function without steps feels if shorter ones do."""
+
 ROUNDED = 2.0**10
 """Least step, in roundings of x_k."""
 
@@ -82,6 +85,7 @@ def partial(
         values, errors = _extrapolated(h, plain, blur)
         contradicted = _contradicted(values, plain, blur, rounding)
         kink = _kink(h, (high + low - 2.0 * value) / _like(h, high), blur)
+    errors = np.where(_within_step(h / width, plain), np.inf, errors)
     total = np.maximum(errors, contradicted)[1:-CONFIRMED]
     best = np.argmin(total, axis=0)[None]
 
@@ -163,6 +167,15 @@ def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> 
         away = np.abs(values[:j] - values[j])
         found[:j] = np.fmax(found[:j], np.where(away > least[j], away, 0.0))
     return found
+
+
+def _within_step(h: Array, plain: Array) -> Array:
+    """Whether a difference (rows, ...) is 0 though one of a step that is hardly longer is not.
+
+    f is rounded to multiples of something, as in float32, and measured noise may be 0 by chance.
+    """
+    felt = (plain != 0.0) & (_like(h, plain) <= FLAT)
+    return (plain == 0.0) & np.logical_or.accumulate(felt, axis=0)
 
 
 def _kink(h: Array, bend: Array, blur: Array) -> Array:

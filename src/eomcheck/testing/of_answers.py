@@ -8,6 +8,7 @@ import numpy as np
 
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.contract import Array
+from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.measured import Measured
 from eomcheck.testing.point import Point
@@ -83,6 +84,43 @@ def same_answer(at: Point) -> Iterator[Sides]:
         yield _again(at, name, again, first)
 
 
+AGAIN = 12
+"""Number of times that each function is called again at each state, another one in between."""
+
+KEPT, COARSE_BY = 2.0**-26, 2.0**-18
+"""Change that a cache by six digits does not show, per half width of the range: functions must
+feel it if `FELT` changes them in proportion and by more than `COARSE_BY` of their size."""
+
+
+@claim("answers-repeat", "f(x) is the same in every call of a run", "")
+def answers_repeat(at: Point) -> Iterator[Sides | Told]:
+    """Old states are asked again after all other claims, to a rounding, whatever the noise.
+
+    Each second call is at another state, which a stale answer would show; and no answer may be kept
+    for states that differ in the seventh digit. Those in single precision fail as such.
+    """
+    n, x = len(at.q), np.concatenate((at.q, at.v))
+    width = np.concatenate((at.width_q, at.width_v))
+    for name in working(at):
+        first, f, worst_ = at.of(name), at.raw(name), None
+        for k in range(AGAIN):
+            away = x + (0.1 + 0.05 * k) * width
+            f(away[:n], away[n:])
+            again = f(at.q, at.v)
+            if not np.array_equal(again, first.value) or worst_ is None:
+                worst_ = again
+        rounding = EPS * np.maximum(first.size, np.abs(first.value))
+        kept = Measured(first.value, rounding, first.size)
+        double = name not in at.answers.single and _relative(first) <= NOISE
+        unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
+        if unfelt:
+            what = f"{name}, does not feel changes of {unfelt} in the seventh digit: cached?"
+            yield Told(name, KEPT, 0.0, "failed", what)
+            continue
+        assert worst_ is not None
+        yield _again(at, name, worst_, kept)
+
+
 @claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
 def fresh_answer(at: Point) -> Iterator[Sides | Told]:
     """What was called before does not change what is answered."""
@@ -152,11 +190,11 @@ def _relative(found: Measured) -> float:
     return largest(found.error) / size if size > 0.0 and np.isfinite(size) else 0.0
 
 
-def _unfelt(at: Point, name: str) -> str:
+def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
     """Return the first of q and v of which a function feels large changes only, "" for none.
 
-    A smooth function that feels the large change by `FELT_BY` changes by a millionth of that for
-    the small one, which is still many roundings in doubles.
+    A smooth function that feels the large change by `by` of its size changes by a fixed part of
+    that for the small one, which is still many roundings in doubles.
     """
     f, here, n = at.raw(name), at.of(name), len(at.q)
     names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
@@ -170,7 +208,9 @@ def _unfelt(at: Point, name: str) -> str:
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - here.value)
 
-        coarse = changed(FELT) > FELT_BY * here.size
-        if coarse.any() and not any((changed(j * UNFELT) > 0.0)[coarse].any() for j in (1, 2, 3)):
+        once, twice = changed(FELT), changed(2.0 * FELT)
+        # In proportion: what vanishes but for rounding may be 0 here and not there.
+        coarse = (once > by * here.size) & (np.abs(twice - 2.0 * once) <= 0.1 * once)
+        if coarse.any() and not any((changed(j * small) > 0.0)[coarse].any() for j in (1, 2, 3)):
             return names[k]
     return ""

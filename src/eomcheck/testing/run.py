@@ -36,6 +36,9 @@ what was not resolved is listed beside it."""
 BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
 """Index into `RANKS` of each verdict of `eomcheck.claims.finding.judged`, which count from 1."""
 
+LAST = "answers-repeat", "arguments-unchanged"
+"""Claims that are checked last, in this order: they are about all calls of a run."""
+
 LISTED = 8
 """Number of entries that are listed by name where none of them is resolved."""
 
@@ -151,11 +154,11 @@ def check(
     ]
     if reference is not None:
         of_reference.check_reference(points)
-    found: list[Finding] = []
-    for claim in selected:
-        found += worst(functions, claim, points)
-        found += untold(functions, claim, points[0])
-    return found
+    found = {
+        claim.id: [*worst(functions, claim, points), *untold(functions, claim, points[0])]
+        for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id))
+    }
+    return [one for claim in selected for one in found[claim.id]]
 
 
 def drawn(functions: Functions, count: int, seed: int) -> list[State]:
