@@ -21,7 +21,7 @@ def drawn(one: Range, random: np.random.Generator) -> Any:
     return value if one.shape else float(value)
 
 
-NOT_OF_SNAKES = {"position-rate"}
+NOT_OF_SNAKES = {"height-velocity", "position-rate"}
 """Claims about closed positions, which snakes do not have."""
 
 
