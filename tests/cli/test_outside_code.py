@@ -91,6 +91,27 @@ def test_a_scene_that_wants_to_exit_is_named(tmp_path: Path, reported: str):
     assert f"Trailer.drift raised {reported}" in failed[0].detail
 
 
+@pytest.mark.parametrize("n", [-1, -3, 20_001, 10**9, 1.5, None])
+def test_a_scene_with_a_senseless_number_of_coordinates_is_bad_input(n):
+    class Own(Sleigh):
+        pass
+
+    Own.n = n
+    says = f"Own.n = {n}, expected a whole number from 0 to 20000"
+    with pytest.raises(InputError, match=re.escape(says)):
+        eomcheck.check(Own(), [0.0] * 3, [0.0] * 3)
+
+
+@pytest.mark.parametrize("state", [None, 5, (), ([0.0] * 3,), ([0.0] * 3,) * 3])
+def test_an_initial_state_that_is_no_pair_is_bad_input(state):
+    class Own(Sleigh):
+        def initial_state(self):
+            return state
+
+    with pytest.raises(InputError, match=r"Own\.initial_state returned .*, expected \(q, v\)"):
+        Own().initial_state()
+
+
 @pytest.mark.parametrize(
     ("returned", "says"),
     [

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from eomcheck.errors import InputError, RefusedError, UnknownNameError, WorkerError
+from eomcheck.errors import DiedError, InputError, RefusedError, UnknownNameError, WorkerError
 from eomcheck.lab.store import cluster as cluster_module
 from eomcheck.lab.store.cluster import guarded
 from eomcheck.lab.store.executors import check_place, executor, place_of
@@ -342,6 +343,24 @@ def test_a_scheduler_that_goes_away_is_reported(work, notes: Path, cluster):
     with pytest.raises(WorkerError, match="the scheduler is gone"):
         for _ in spread(where, partial(work.square, notes, 0.1), range(40)):
             scheduler.kill()
+
+
+def test_a_scheduler_that_stays_without_workers_ends_the_work(monkeypatch):
+    pytest.importorskip("distributed")
+    from eomcheck.lab.store import cluster
+
+    clock, workers = [100.0], {"one": {}}
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
+    place = cluster.Dask("tcp://here:1")
+    place.check()
+    place._client = SimpleNamespace(scheduler_info=lambda: {"workers": workers})
+    for seconds, there in ((0, True), (30, True), (0, False), (19, False), (2, True), (0, False)):
+        clock[0] += seconds
+        workers = {"one": {}} if there else {}
+        place.check()
+    clock[0] += 21
+    with pytest.raises(DiedError, match="'tcp://here:1' has no workers left"):
+        place.check()
 
 
 @pytest.mark.usefixtures("deadline")

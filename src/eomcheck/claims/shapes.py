@@ -16,7 +16,7 @@ import numpy as np
 from eomcheck.claims.blame import raised_in
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.float64 import FLOAT64
 
@@ -73,7 +73,7 @@ def _check_shared(scene: Scene, part: Any) -> None:
 
 def _somewhere(scene: Scene) -> Quantities:
     random = np.random.default_rng(0)
-    at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, scene.n))
+    at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, checked_scene(scene).n))
     at.v, at.u = random.uniform(0.1, 1.0, scene.n), random.uniform(0.1, 1.0, scene.p)
     return at
 

@@ -28,7 +28,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import wraps
 from inspect import get_annotations, isfunction
+from numbers import Integral
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
@@ -384,10 +386,25 @@ def _guard(kind: type[Scene]) -> None:
             guarded = type(value)(calling(word, value.__func__))
         elif isfunction(value):
             guarded = calling(word, value)
+            if name == "initial_state":
+                guarded = _pair(word, guarded)
         else:
             continue
         if not _inner(value).__module__.startswith("eomcheck."):
             setattr(kind, name, guarded)
+
+
+def _pair(word: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap an `initial_state`: InputError where it returns no pair (q, v)."""
+
+    @wraps(function)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        state = function(*arguments, **options)
+        if not isinstance(state, tuple | list) or len(state) != 2:
+            raise InputError(f"{word} returned {shown(state)}, expected (q, v)")
+        return state
+
+    return checked
 
 
 def _inner(value: Any) -> Any:
@@ -396,10 +413,18 @@ def _inner(value: Any) -> Any:
 
 
 def checked_scene(scene: Any) -> Scene:
-    """Return `scene`; raise `InputError` where it is none."""
+    """Return `scene`; raise `InputError` where it is none, or has no sensible number n."""
     if not isinstance(scene, Scene):
         raise InputError(f"scene = {shown(scene)}, expected a scene such as Snake.paper()")
+    n = scene.n
+    if not isinstance(n, Integral) or not 0 <= n <= MOST:
+        what = f"{type(scene).__name__}.n = {shown(n)}"
+        raise InputError(f"{what}, expected a whole number from 0 to {MOST}")
     return scene
+
+
+MOST = 20_000
+"""Coordinates of a scene: a matrix of n x n doubles takes 3.2 GB."""
 
 
 def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
