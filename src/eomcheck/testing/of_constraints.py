@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from eomcheck.numbers.contract import Array
-from eomcheck.testing.derivative import partial
-from eomcheck.testing.measured import Measured, contract, exact
+from eomcheck.testing.derived import drift, drift_of_jacobian
+from eomcheck.testing.measured import contract, exact
 from eomcheck.testing.of_terms import proportional, rows
 from eomcheck.testing.point import Point
 from eomcheck.testing.registry import Blind, Sides, claim
-
-CLOCK = 0.25
-"""Half width of the times, s, at which ḃ is looked for."""
 
 
 def constraints(at: Point) -> tuple[str, ...]:
@@ -62,31 +56,17 @@ def constraint_velocity(at: Point) -> Iterator[Sides]:
 )
 def constraint_drift(at: Point) -> Iterator[Sides]:
     """γ is the rate of a v + b at v̇ = 0, for every v."""
-    expected = at.rate_of(at.raw("a")) @ exact(at.v)
-    if at.has("b"):
-        expected = expected + clock_rate(at)
-    yield Sides("γ", at.of("gamma"), expected, (constraints(at),), proportional)
-
-
-def clock_rate(at: Point) -> Measured:
-    """Return ḃ (r,) at t = 0 s."""
-    here = at.of("b")
-
-    def of_time(t: Array) -> Array:
-        return at.answers("b", at.q, at.v, float(t[0]))
-
-    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size)
-    return rate + at.rate_of(at.raw("b")) if at.answers.reads("b") == "qt" else rate
+    yield Sides("γ", at.of("gamma"), drift_of_jacobian(at), (constraints(at),), proportional)
 
 
 @claim(
     "constraint-acceleration",
     "a q̈ + γ = 0",
     "acceleration",
-    ("a", "gamma", "qdd"),
+    ("a", "qdd"),
     consistent=True,
 )
 def constraint_acceleration(at: Point) -> Iterator[Sides]:
-    """Accelerations keep the constraints."""
+    """Accelerations keep the constraints; γ as given, else as a and b say."""
     found = at.of("a") @ at.of("qdd")
-    yield Sides("a q̈ ~ -γ", found, -at.of("gamma"), (constraints(at),), proportional)
+    yield Sides("a q̈ ~ -γ", found, -drift(at), (constraints(at),), proportional)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from eomcheck.numbers.contract import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.derived import bias_of_energy, inertia_rate, second_differences
 from eomcheck.testing.measured import Measured, exact
 from eomcheck.testing.of_terms import proportional, rows
 from eomcheck.testing.point import Point
@@ -45,34 +45,6 @@ def kinetic_energy(at: Point) -> Iterator[Sides]:
     yield Sides("M ~ ∂²T/∂v²", at.of("M"), second_differences(at), (rows(at), rows(at)), say)
 
 
-def second_differences(at: Point) -> Measured:
-    """Return ∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
-    p, widths, T = len(at.v), at.width_v, at.raw("T")
-
-    def second() -> Measured:
-        steps = np.diag(widths)
-        rest = float(T(at.q, 0.0 * at.v))
-        ahead = np.array([float(T(at.q, step)) for step in steps])
-        behind = np.array([float(T(at.q, -step)) for step in steps])
-        found, size = np.diag(ahead + behind - 2.0 * rest), np.maximum.outer(ahead, ahead)
-        for i, k in zip(*np.tril_indices(p, -1), strict=True):
-            both = float(T(at.q, steps[i] + steps[k]))
-            found[i, k] = found[k, i] = both - ahead[i] - ahead[k] + rest
-            size[i, k] = size[k, i] = max(size[i, k], abs(both))
-        scale, here = np.outer(widths, widths), at.of("T")
-        # Each entry is a sum of four, as noisy for their sizes as T is here.
-        noisy = float(here.error / here.size) if here.size > 0.0 else EPS
-        size = 4.0 * np.maximum(np.abs(size), abs(rest))
-        return Measured(found / scale, noisy * size / scale, size / scale)
-
-    return at.kept("∂²T/∂v²", second)
-
-
-def inertia_of(at: Point) -> Measured:
-    """Return M (p, p), as given or as T says."""
-    return at.of("M") if at.has("M") else second_differences(at)
-
-
 @claim(
     "bias-of-energy",
     "B = ∂²T/∂v∂q v - ∂T/∂q",
@@ -80,18 +52,10 @@ def inertia_of(at: Point) -> Measured:
     ("T", "bias"),
     without=("qdot",),
 )
-def bias_of_energy(at: Point) -> Iterator[Sides]:
+def check_bias_of_energy(at: Point) -> Iterator[Sides]:
     """B follows from T alone by Lagrange's equations, also where T has linear terms."""
-    T, widths = at.raw("T"), at.width_v
-    steps = np.diag(widths)
-
-    def momentum(q: Array, v: Array) -> Array:
-        # Exact but for rounding: T is quadratic in v.
-        ahead = np.array([float(T(q, v + step)) for step in steps])
-        behind = np.array([float(T(q, v - step)) for step in steps])
-        return (ahead - behind) / (2.0 * widths)
-
-    expected = at.rate_of(momentum) - at.by_q(T)
+    expected = bias_of_energy(at)
+    assert expected is not None
     yield Sides("bias ~ T", at.B(), expected, (rows(at),), proportional)
 
 
@@ -101,5 +65,4 @@ def kinetic_rate(at: Point, qdd: Measured) -> Measured:
     if at.has("T"):
         T = at.raw("T")
         return at.rate_of(T) + at.by_v(T) @ qdd
-    rate = at.along(at.dM())
-    return 0.5 * (v @ (rate @ v)) + v @ (at.of("M") @ qdd)
+    return 0.5 * (v @ (inertia_rate(at) @ v)) + v @ (at.of("M") @ qdd)

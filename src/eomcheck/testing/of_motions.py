@@ -9,11 +9,12 @@ import numpy as np
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.derived import bias, inertia, why_no_bias
 from eomcheck.testing.measured import Measured, exact
-from eomcheck.testing.of_energies import inertia_of, kinetic_rate
+from eomcheck.testing.of_energies import kinetic_rate
 from eomcheck.testing.of_terms import rows, same
 from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Blind, Sides, claim
+from eomcheck.testing.registry import Blind, Sides, Skipped, claim
 
 HOW = {
     -1.0: "it is not in q̈, or it is in two of the other functions",
@@ -27,22 +28,29 @@ HOW = {
     "motion",
     "M q̈ + B + g + ∂R/∂v = Q + aᵀλ",
     "equations of motion",
-    ("M", "bias", "qdd"),
+    ("M|T", "qdd"),
     consistent=True,
     blind=(
-        Blind("qdd", "whether q̈ belongs to the terms", ("M", "T", "against")),
-        Blind("R", "damping of wrong sign or size", ("qdd", "against")),
-        Blind("Q", "applied forces of wrong sign or size", ("qdd", "against")),
+        Blind("qdd", "whether q̈ belongs to the terms", ("M|T", "against")),
+        Blind("R", "damping of wrong sign or size", ("qdd & M|T", "against")),
+        Blind("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
     ),
 )
-def motion(at: Point) -> Iterator[Sides]:
-    """Accelerations satisfy the equations of motion, in the directions the constraints leave."""
-    inertia, forces = at.of("M") @ at.of("qdd") + at.B(), at.forces()
+def motion(at: Point) -> Iterator[Sides | Skipped]:
+    """Accelerations satisfy the equations of motion, in the directions the constraints leave.
+
+    M and B as given, else as T, C or M say.
+    """
+    subject, B = "M q̈ + B ~ forces", bias(at)
+    if B is None:
+        yield Skipped(subject, why_no_bias(at))
+        return
+    inertial, forces = inertia(at) @ at.of("qdd") + B, at.forces()
     names, free = rows(at), exact(np.eye(len(at.v)))
     if at.has("a"):
         free = exact(at.free().T)
         names = tuple(f"free direction {i}" for i in range(free.shape[0]))
-        inertia, forces = free @ inertia, free @ forces
+        inertial, forces = free @ inertial, free @ forces
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
@@ -52,7 +60,7 @@ def motion(at: Point) -> Iterator[Sides]:
                     return f"off by {name}: {what}"
         return ""
 
-    yield Sides("M q̈ + B ~ forces", inertia, forces, (names,), say)
+    yield Sides(subject, inertial, forces, (names,), say)
 
 
 @claim(
@@ -81,7 +89,7 @@ def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     a, speed = at.of("a").value, np.abs(at.v)
     left = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
     violation = np.abs(np.linalg.pinv(a)) @ left + EPS * speed
-    size = (inertia_of(at) @ qdd).size + forces.size
+    size = (inertia(at) @ qdd).size + forces.size
     return Measured(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
 
 

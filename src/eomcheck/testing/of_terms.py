@@ -9,13 +9,18 @@ import numpy as np
 from eomcheck.evaluation.tolerance import C, allowed_error
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.testing.measured import Measured, contract, exact, zero
+from eomcheck.testing.derived import (
+    BUILT_IN,
+    bias_of_inertia,
+    bias_of_mass_matrix,
+    inertia_rate,
+    why_no_bias,
+)
+from eomcheck.testing.measured import Measured, exact, zero
 from eomcheck.testing.point import Point
 from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
-UNKNOWN = (
-    "constraints may be built into M, which then does not tell B: if none are, say holonomic=True"
-)
+UNKNOWN = f"{BUILT_IN}: if none are, say holonomic=True"
 
 
 def rows(at: Point) -> tuple[str, ...]:
@@ -128,42 +133,13 @@ def bias_even(at: Point) -> Iterator[Sides]:
         Blind("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
     ),
 )
-def bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
+def check_bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
     """B follows from the derivatives of M."""
-    expected = bias_of(at)
+    expected = bias_of_mass_matrix(at)
     if expected is None:
         yield Skipped("bias", UNKNOWN)
         return
     yield Sides("bias", at.B(), expected, (rows(at),), proportional)
-
-
-def bias_of(at: Point) -> Measured | None:
-    """Return B (p,) as M says; None where M does not tell it.
-
-    With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
-    B = Sᵀ (b + S⁻ᵀ M S⁻¹ Ṡ u).
-    """
-    if not at.functions.of_lagrange or len(at.q) != len(at.v):
-        return None
-    if at.functions.qdot is None:
-        v = exact(at.v)
-        dM = at.dM()
-        return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
-    mass, S = at.raw("M"), at.S()
-    qdot = at.raw("qdot")
-
-    def speeds(q: Array) -> Array:
-        return np.array([qdot(q, axis) for axis in np.eye(len(at.v))]).T
-
-    def of_rates(q: Array, v: Array) -> Array:
-        back = np.linalg.inv(speeds(q))
-        return back.T @ mass(q, v) @ back
-
-    rates = at.rates()
-    dM, M = at.by_q(of_rates), at.measure(of_rates)
-    Su = at.along(at.by_q(lambda q, v: speeds(q) @ at.v))
-    b = contract("kij,j,k->i", dM, rates, rates) - 0.5 * contract("ijk,j,k->i", dM, rates, rates)
-    return S.T @ (b + M @ Su)
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -181,42 +157,44 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
     return f"{factor:.7g} times what is expected, in every row"
 
 
-@claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M", "bias"), natural=True)
+@claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
 def bias_power(at: Point) -> Iterator[Sides]:
     """The bias takes no energy: it does the work that M says."""
     v = exact(at.v)
-    rate = at.along(at.dM())
-    yield Sides("bias", v @ at.B(), 0.5 * (v @ (rate @ v)), ())
+    power = 0.5 * (v @ (inertia_rate(at) @ v)) if at.has("M") else at.rate_of(at.raw("T"))
+    yield Sides("bias", v @ at.B(), power, ())
 
 
 @claim(
     "coriolis-bias",
     "C v = B",
     "Coriolis matrix",
-    ("C", "bias|M"),
+    ("C", "bias|M|T"),
     natural=True,
-    blind=(Blind("C", "what C should be", ("bias", "M")),),
+    blind=(Blind("C", "what C should be", ("bias", "M", "T")),),
 )
-def coriolis_bias(at: Point) -> Iterator[Sides]:
-    """C v is the bias: as given, else as M says."""
-    expected = at.B() if at.has("bias") else bias_of(at)
-    if expected is not None:
-        yield Sides("C v", at.of("C") @ exact(at.v), expected, (rows(at),), proportional)
+def coriolis_bias(at: Point) -> Iterator[Sides | Skipped]:
+    """C v is the bias: as given, else as M or T says."""
+    expected = at.B() if at.has("bias") else bias_of_inertia(at)
+    if expected is None:
+        yield Skipped("C v", why_no_bias(at))
+        return
+    yield Sides("C v", at.of("C") @ exact(at.v), expected, (rows(at),), proportional)
 
 
 @claim(
     "coriolis-skew",
     "Ṁ - 2 C is skew-symmetric",
     "Coriolis matrix",
-    ("C", "M"),
+    ("C", "M|T"),
     without=("qdot",),
     natural=True,
-    blind=(Blind("C", "whether Ṁ - 2 C is skew-symmetric", ("M",)),),
+    blind=(Blind("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
 )
 def coriolis_skew(at: Point) -> Iterator[Sides]:
     """C is made of Christoffel's symbols: Ṁ = C + Cᵀ."""
     found = at.of("C") + at.of("C").T
-    yield Sides("C + Cᵀ ~ Ṁ", found, at.along(at.dM()), (rows(at), rows(at)))
+    yield Sides("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (rows(at), rows(at)))
 
 
 @claim("gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",))
@@ -244,10 +222,12 @@ def gravity_potential(at: Point) -> Iterator[Sides]:
         Blind(
             "gravity",
             "a gravity that is too strong, too weak or upside down",
-            ("U", "qdd", "against"),
+            ("U", "qdd & M|T", "against"),
         ),
         Blind(
-            "U", "a potential energy that is too large or too small", ("gravity", "qdd", "against")
+            "U",
+            "a potential energy that is too large or too small",
+            ("gravity", "qdd & M|T", "against"),
         ),
     ),
 )

@@ -211,9 +211,17 @@ class Point:
     def consistent(self) -> Point | None:
         """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.
 
-        None where none is found nearby.
+        None where none is found nearby, or c is given without its Jacobian a.
         """
-        return self.kept("consistent", lambda: _consistent(self)) if self.has("a") else self
+        if not self.has("a"):
+            return None if self.has("c") else self
+        return self.kept("consistent", lambda: _consistent(self))
+
+    def why_not_consistent(self) -> str:
+        """Reason why `consistent` is None."""
+        if self.has("c") and not self.has("a"):
+            return "c is given without a: a would tell which states and motions it allows"
+        return "no state is found nearby that keeps the constraints"
 
     def free(self) -> Array:
         """Directions of v that the constraints leave (p, p - r), or all of them (p, p)."""

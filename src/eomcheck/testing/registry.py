@@ -48,7 +48,8 @@ class Blind(NamedTuple):
     Attributes:
         about: the input, a key of `eomcheck.testing.subject.INPUTS`.
         what: what would not be noticed.
-        told_by: inputs any one of which would tell; "against" is what one compares with.
+        told_by: inputs any one of which would tell; "against" is what one compares with, "x & y"
+            is both together, "x|y" either.
         derived: whether it is so only where functions come out of one derivation.
     """
 
@@ -57,8 +58,24 @@ class Blind(NamedTuple):
     told_by: tuple[str, ...]
     derived: bool = False
 
+    def would_tell(self, at: Point) -> str:
+        """Inputs that are missing and would tell, in words; "" where nothing is missing."""
+        alternatives: list[str] = []
+        for one in self.told_by:
+            missing = [x for x in one.split(" & ") if not has_any(at, x)]
+            if not missing:
+                return ""
+            alternatives.append(" with ".join(missing).replace("|", " or "))
+        joined = ", ".join(alternatives[:-1])
+        return f"{joined} or {alternatives[-1]}" if joined else alternatives[-1]
+
 
 Outcome = Sides | Told | Skipped
+
+
+def has_any(at: Point, names: str) -> bool:
+    """Return whether one of the quantities "x|y" is there."""
+    return any(at.has(one) for one in names.split("|"))
 
 
 @dataclass(frozen=True)
@@ -89,7 +106,7 @@ class FunctionClaim:
 
     def applies(self, at: Point) -> bool:
         """Return whether what it needs is there, and nothing with which it does not hold."""
-        there = all(any(at.has(one) for one in name.split("|")) for name in self.needs)
+        there = all(has_any(at, name) for name in self.needs)
         return there and not any(at.has(name) for name in self.without)
 
 

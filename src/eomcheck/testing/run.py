@@ -379,7 +379,7 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
                 return
             here = at.consistent() if claim.consistent else at
             if here is None:
-                yield Skipped(claim.term, "no state is found nearby that keeps the constraints")
+                yield Skipped(claim.term, at.why_not_consistent())
                 return
             yield from claim.look(here)
     except BrokenError as broken:
@@ -466,9 +466,7 @@ def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Fi
         if blind.derived and not functions.derived:
             continue
         about = not blind.about or at.has(blind.about)
-        if about and not any(at.has(name) for name in blind.told_by):
-            named_ = [name for name in blind.told_by if name != blind.about]
-            would = " or ".join(filter(None, (", ".join(named_[:-1]), named_[-1])))
+        if about and (would := blind.would_tell(at)):
             detail = f"{blind.what}: {would} would tell"
             about_ = blind.about or functions.name
             said = (claim.id, about_, functions, None, 0.0, 0.0, "not looked at", "not looked at")
