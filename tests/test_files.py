@@ -13,6 +13,10 @@ import pytest
 import eomcheck
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable, replacing, write_text
+from eomcheck.lab.store.records import Records
+from eomcheck.motion.stored import load_reference
+from eomcheck.robots import from_mjcf, from_urdf
+from eomcheck.testing.expected import expected_failures
 
 PACKAGE = Path(eomcheck.__file__).parent
 NAME = "kept.json"
@@ -127,3 +131,23 @@ def test_every_writer_writes_beside():
             if (name in WRITING or opens) and "beside" not in given:
                 found.add((path.relative_to(PACKAGE).as_posix(), name))
     assert {file for file, _ in found} == {"files.py"}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes by name")
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda path: from_urdf(path.with_suffix(".urdf")),
+        lambda path: from_mjcf(path.with_suffix(".xml")),
+        load_reference,
+        expected_failures,
+        lambda path: Records(path, readonly=False),
+    ],
+    ids=["urdf", "mjcf", "reference", "expected", "records"],
+)
+def test_a_pipe_is_no_file_to_read(read, tmp_path: Path):
+    path = tmp_path / "pipe"
+    for suffix in ("", ".urdf", ".xml"):
+        os.mkfifo(path.with_suffix(suffix))
+    with pytest.raises(InputError, match="is not a regular file"):
+        read(path)

@@ -173,6 +173,33 @@ def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[
         watcher.join()
 
 
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Raise KeyboardInterrupt at Ctrl-C or SIGTERM after the block: what it writes is written.
+
+    For blocks of milliseconds. A second signal does what the first would do without this.
+    """
+    before, heard = {}, []
+
+    def wait(number: int, frame: object) -> None:
+        signal.signal(number, before[number])
+        heard.append(number)
+
+    if current_thread() is main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.getsignal(number)
+            if before[number] not in (signal.SIG_IGN, None):
+                signal.signal(number, wait)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:
+                signal.signal(number, handler)
+    if heard:
+        raise KeyboardInterrupt
+
+
 _stopped = Event()
 """Set when this process was told to end; some callbacks swallow the exception that says so."""
 

@@ -79,6 +79,10 @@ class InputError(EomcheckError, ValueError):
     """Something handed in is not valid; the message names it, its value and what is allowed."""
 
 
+class UnwrittenError(InputError):
+    """A file that cannot be written, or not to its end: results go elsewhere first."""
+
+
 class UnknownNameError(InputError):
     """A name that is not in a registry."""
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, UnwrittenError
 
 
-def _cannot(path: Path, error: OSError) -> InputError:
-    return InputError(f"{str(path)!r} cannot be written: {error.strerror or error}")
+def _cannot(path: Path, error: OSError) -> UnwrittenError:
+    return UnwrittenError(f"{str(path)!r} cannot be written: {error.strerror or error}")
 
 
 def _replaced(path: Path) -> bool:
@@ -27,7 +27,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Whatever ends the block early, an exception or the process, leaves the old file as it was.
 
     Raises:
-        InputError: it cannot be written, or not to its end.
+        UnwrittenError: it cannot be written, or not to its end.
     """
     target = path.resolve()
     beside = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
@@ -45,6 +45,23 @@ def replacing(path: Path) -> Iterator[Path]:
         raise _cannot(path, error) from None
     finally:
         beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Let one process at a time read and replace a file in the folder of `path`.
+
+    The lock is the folder's: a file that is replaced takes its own with it. Systems without
+    `flock`, and folders that cannot be locked, have none.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            stack.callback(os.close, folder)
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
 
 
 def check_regular(path: Path) -> None:

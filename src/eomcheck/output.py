@@ -59,6 +59,11 @@ def printable(text: str) -> str:
     return "".join(" " if x.isspace() else "\ufffd" if is_control(x) else x for x in text)
 
 
+def harmless(text: str) -> str:
+    """Return a text of lines and tabs with "\ufffd" for other control characters."""
+    return "".join("\ufffd" if is_control(x) and x not in "\n\t" else x for x in text)
+
+
 def is_control(character: str) -> bool:
     """Whether a character controls a terminal, a line or the direction of text, or is none."""
     kind = unicodedata.category(character)

@@ -529,3 +529,47 @@ def test_the_command_does_not_write_over_the_records(path: Path, monkeypatch, ca
     assert "holds the records themselves" in capsys.readouterr().err
     with Records(path) as records:
         assert len(records) == 1
+
+
+def test_a_flipped_bit_of_a_record_is_damage_and_never_another_record(path: Path):
+    with Records(path) as records:
+        records.add(full())
+        records.add(full(study="other"))
+    query = "SELECT study, settings, record FROM records WHERE id = 1"
+    with sqlite3.connect(path) as connection:
+        row = connection.execute(query).fetchone()
+    connection.close()
+    rng, unseen = random.Random(0), []
+    for _ in range(150):
+        column = rng.choices((0, 1, 2), (1, 1, 4))[0]
+        data = bytearray(row[column].encode())
+        place = rng.randrange(len(data))
+        data[place] ^= 1 << rng.randrange(7)
+        name = ("study", "settings", "record")[column]
+        changed = [x if i != column else data for i, x in enumerate(row)]
+        sql = "UPDATE records SET study = ?, settings = ?, record = ? WHERE id = 1"
+        with sqlite3.connect(path) as connection:
+            connection.execute(
+                sql,
+                [x if isinstance(x, str) else bytes(x).decode(errors="replace") for x in changed],
+            )
+        connection.close()
+        unread: list[str] = []
+        with Records(path, readonly=True, unread=unread) as records:
+            found = records.all("work-precision")
+        if found or len(unread) != 1:
+            unseen.append((name, place))
+    assert not unseen
+
+
+def test_a_record_without_a_digest_is_read_with_a_warning(path: Path):
+    with Records(path) as records:
+        records.add(full())
+        records.add(full(study="other"))
+        records._rows(
+            "UPDATE records SET record = "
+            "substr(record, 1, instr(record, ', \"digest\"') - 1) || '}'"
+        )
+        with pytest.warns(UserWarning, match="without a digest") as warned:
+            assert len(records.all()) == 2
+        assert len(warned) == 1

@@ -325,6 +325,15 @@ def test_files_that_are_included_are_looked_through_as_well(tmp_path: Path):
         from_mjcf(path)
 
 
+@pytest.mark.parametrize("params", ["100000000 1", "1 101", "nan 1"])
+def test_a_mesh_made_by_parameters_is_of_bounded_size(params: str, tmp_path: Path):
+    path = limb(tmp_path / "limb.xml")
+    mesh = f'<asset><mesh name="m" builtin="cone" params="{params}"/></asset>'
+    path.write_text(path.read_text().replace("<worldbody>", mesh + "<worldbody>", 1))
+    with pytest.raises(InputError, match="of <mesh> is"):
+        from_mjcf(path)
+
+
 def test_a_missing_library_is_one_sentence(tmp_path: Path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(EngineError, match="it comes with the extra `mujoco`"):

@@ -30,7 +30,7 @@ from eomcheck.cli.options import (
     records_or_none,
     records_to_report,
 )
-from eomcheck.errors import InputError, UnknownNameError, WorkerError
+from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
 from eomcheck.files import check_writable, write_text
 from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, parameters, whole_numbers
 
@@ -90,7 +90,7 @@ def validate(
     from eomcheck.claims.selection import Selection
     from eomcheck.claims.strata import links_of
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
-    from eomcheck.console import console, progress, stoppable
+    from eomcheck.console import console, progress, stoppable, undisturbed
     from eomcheck.engines import engines_among, version_of
     from eomcheck.lab.report.document import write_json
     from eomcheck.lab.report.findings import print_runs
@@ -126,7 +126,7 @@ def validate(
         version_of(made)  # a missing library is bad input, said before anything is computed
     runs = {kind.key: Run() for kind in kinds}
     how = selection, bounds, examples, seed
-    interrupted, lost = False, None
+    interrupted, lost, unwritten = False, None, None
     with (
         stoppable(),
         records_to_report(records, report) as kept,
@@ -141,15 +141,25 @@ def validate(
             interrupted = True
         except WorkerError as error:
             lost = error
+        except UnwrittenError as error:
+            unwritten = error
         # Files first: whatever becomes of the printing, they are there.
-        if json is not None:
-            write_json(json, runs.values(), selection)
-        if report is not None and kept is not None:
-            _write_page([kept.path], report)
+        try:
+            with undisturbed():
+                if json is not None:
+                    write_json(json, runs.values(), selection)
+                if report is not None and kept is not None and unwritten is None:
+                    _write_page([kept.path], report)
+        except KeyboardInterrupt:
+            interrupted = True
+        except UnwrittenError as error:
+            unwritten = unwritten or error
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
     for said in left_out(kinds):
         print(said)
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
     if json is not None:
         print(f"written: {json}")
     if interrupted:
@@ -200,7 +210,7 @@ def prove(
         proofs = Proofs(jobs, json, executor, kept)
         try:
             proofs.run()
-        except WorkerError:
+        except (WorkerError, UnwrittenError):
             print_proofs(proofs)
             raise
         except KeyboardInterrupt:
@@ -208,11 +218,17 @@ def prove(
             if json is not None:
                 print("interrupted: the same command goes on with the structures that are left")
             raise typer.Exit(130) from None
+        unwritten = None
         if json is not None:
-            proofs.write()
+            try:
+                proofs.write()
+            except UnwrittenError as error:
+                unwritten = error
     print_proofs(proofs)
     for said in left_out(kinds_of(scene)):
         print(said)
+    if unwritten is not None:
+        raise unwritten
     if json is not None:
         print(f"written: {json}")
     if proofs.failed:

@@ -19,7 +19,7 @@ from eomcheck.cli.options import (
     check_used,
     records_or_none,
 )
-from eomcheck.errors import InputError, WorkerError
+from eomcheck.errors import InputError, UnwrittenError, WorkerError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, listed
 from eomcheck.output import counted
@@ -158,18 +158,21 @@ def fuzz(
     if states is not None:
         at_least_one(states=states)
 
-    from eomcheck.console import console, doing, stoppable
+    from eomcheck.console import console, doing, stoppable, undisturbed
     from eomcheck.lab.fuzzing.campaign import Campaign
+    from eomcheck.lab.fuzzing.file import add_finds, read_finds
     from eomcheck.lab.fuzzing.parameters import functions_named
     from eomcheck.lab.fuzzing.strata import Stratum
     from eomcheck.lab.fuzzing.structures import strata_of_any
     from eomcheck.lab.report.fuzzing import Teller, print_campaign
     from eomcheck.lab.store.executors import check_place
 
+    if keep is not None:
+        read_finds(keep)  # a damaged file is bad input, said before anything is computed
     low, high = interval(links or "1..12")
     if executor is not None:
         check_place(executor)
-    interrupted, lost = False, None
+    interrupted, lost, unwritten = False, None, None
     with stoppable(), records_or_none(records) as kept:
         if functions_named(scene) is not None:
             unused = {"links": links, "engine": engine, "formulation": formulation}
@@ -196,11 +199,19 @@ def fuzz(
             interrupted = True
         except WorkerError as error:
             lost = error
+        except UnwrittenError as error:
+            unwritten = error
         if keep is not None and campaign.finds:
-            from eomcheck.lab.fuzzing.file import read_finds, write_finds
-
-            write_finds(keep, [*read_finds(keep), *campaign.finds.values()])
+            try:
+                with undisturbed():
+                    add_finds(keep, campaign.finds.values())
+            except KeyboardInterrupt:
+                interrupted = True
+            except InputError as error:
+                unwritten = error
     print_campaign(campaign)
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
     if keep is not None and campaign.finds:
         print(f"written: {keep}")
     if interrupted:

@@ -12,7 +12,7 @@ from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import Command, CommandLine, Group
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Fresh, Json, Kept, Measured, Patience, check_figure, check_folder
-from eomcheck.errors import UnknownNameError
+from eomcheck.errors import UnknownNameError, UnwrittenError
 from eomcheck.files import check_writable
 from eomcheck.lab.options import listed, numbers, whole_numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
@@ -153,13 +153,19 @@ def _run(
 
     found = _found(one, records, fresh, options)
     # Files first: whatever becomes of the printing, they are there.
-    written = [] if figures is None else one.write(found, figures)
-    if json is not None:
-        write_json(json, one.document(found))
-        written.append(json)
+    written, unwritten = [], None
+    try:
+        written += [] if figures is None else one.write(found, figures)
+        if json is not None:
+            write_json(json, one.document(found))
+            written.append(json)
+    except UnwrittenError as error:
+        unwritten = error
     print_sheets(one.sheets(found))
     for sentence in one.said(found):
         say(sentence)
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
     if written:
         print(f"written: {', '.join(map(str, written))}")
     if one.alarm(found):

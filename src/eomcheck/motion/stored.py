@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.files import write_text
+from eomcheck.files import read_text, write_text
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.run import Run, decimals, difference
 from eomcheck.numbers.contract import Array
@@ -129,7 +129,7 @@ def load_reference(path: Path | str) -> Reference:
         InputError: the file cannot be read or is no reference solution; the message names it.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(read_text(Path(path)))
     except OSError as error:
         raise InputError(f"{str(path)!r} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

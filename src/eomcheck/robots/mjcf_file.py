@@ -10,7 +10,7 @@ from typing import Any
 from eomcheck.calls import call, foreign
 from eomcheck.errors import message_of, required
 from eomcheck.robots.urdf_robot import MOST
-from eomcheck.robots.urdf_xml import Element, Format, Unreadable, number, root_of
+from eomcheck.robots.urdf_xml import Element, Format, Unreadable, decimal, number, root_of
 
 MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
 
@@ -35,6 +35,9 @@ FORCELESS = {
 
 LARGEST_SIZE = 2000
 """Of fields of heights and of data of users, for which MuJoCo makes room while it reads."""
+
+FINEST = 100
+"""Largest parameter of a mesh that MuJoCo makes; 300 by 300 faces take it 9 s."""
 
 SIZES = {"hfield": ("nrow", "ncol"), "size": ("nuser_",)}
 """Element -> how its attributes begin that are such sizes."""
@@ -101,6 +104,11 @@ def _check(root: Element, path: Path) -> None:
             found = f"{counts[tag]} elements <{tag}>"
             raise Unreadable(f"{str(path)!r} has {found}, expected at most {MOST}")
     where = repr(str(path))
+    for mesh in root.iter("mesh"):
+        for value in mesh.get("params", "").split():
+            if not abs(decimal(value, f"{where}: params of <mesh>")) <= FINEST:
+                size = f"a parameter of <mesh> is {value}"
+                raise Unreadable(f"{where}: {size}, expected at most {FINEST}")
     for tag, beginnings in SIZES.items():
         for element in root.iter(tag):
             for name in element.attrib:

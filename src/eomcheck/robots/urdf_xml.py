@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from eomcheck.errors import InputError
+from eomcheck.files import check_regular
 
 LARGEST = 20_000_000
 """Bytes that a file may have."""
@@ -40,9 +41,10 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
     """Return the root of a file, <robot> of a URDF.
 
     Raises:
-        InputError: it cannot be read, is empty, too large or no XML, declares entities, or holds
+        InputError: it is no file, cannot be read, is empty, too large or no XML, declares entities, or holds
             something else.
     """
+    check_regular(path)
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST + 1)
@@ -108,7 +110,7 @@ def number(element: Element, name: str, where: str, default: float | None = None
     """Return an attribute as a number."""
     if default is not None and element.get(name) is None:
         return default
-    return _number(text(element, name, where), f"{where}: {name} of <{element.tag}>")
+    return decimal(text(element, name, where), f"{where}: {name} of <{element.tag}>")
 
 
 def triple(
@@ -122,11 +124,16 @@ def triple(
     parts = value.split()
     if len(parts) != 3:
         raise Unreadable(f"{said} is {value!r}, expected three numbers")
-    x, y, z = (_number(part, said) for part in parts)
+    x, y, z = (decimal(part, said) for part in parts)
     return x, y, z
 
 
-def _number(value: str, said: str) -> float:
+def decimal(value: str, said: str) -> float:
+    """A finite number of its text.
+
+    Raises:
+        InputError: it is none.
+    """
     try:
         if "_" in value:
             raise ValueError

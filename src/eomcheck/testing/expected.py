@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from eomcheck.errors import InputError
+from eomcheck.files import read_text
 
 
 def expected_failures(path: Path) -> dict[str, str]:
@@ -18,7 +19,7 @@ def expected_failures(path: Path) -> dict[str, str]:
             twice.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"expected_failures = {str(path)!r} cannot be read: {error}") from None
     found: dict[str, str] = {}

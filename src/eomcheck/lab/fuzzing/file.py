@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck.errors import InputError, message_of
-from eomcheck.files import read_text, write_text
+from eomcheck.files import locked, read_text, write_text
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.mechanics.scene import finite_array
 
@@ -66,6 +66,17 @@ def write_finds(path: Path, finds: Iterable[Find]) -> None:
         for one in told_apart(finds)
     ]
     write_text(path, "[\n" + ",\n".join(json.dumps(one) for one in kept) + "\n]\n")
+
+
+def add_finds(path: Path, finds: Iterable[Find]) -> None:
+    """Add finds to those in a file; two processes that do so at once lose none.
+
+    Raises:
+        InputError: the file cannot be read.
+        UnwrittenError: it cannot be written.
+    """
+    with locked(path):
+        write_finds(path, [*read_finds(path), *finds])
 
 
 def told_apart(finds: Iterable[Find]) -> list[Find]:

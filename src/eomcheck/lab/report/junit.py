@@ -24,7 +24,7 @@ def write_junit(overview: Overview, path: Path) -> None:
     seconds = _seconds(overview)
     unfinished = {run.settings["scene"] for run in overview.runs if run.status != "done"}
     for scene in dict.fromkeys([*overview.scenes, *unfinished]):
-        suite = ElementTree.SubElement(root, "testsuite", name=scene)
+        suite = ElementTree.SubElement(root, "testsuite", name=_clean(scene))
         for judged in overview.claims:
             if scene in judged.scenes:
                 took = seconds.get((scene, judged.claim.id), 0.0)
@@ -48,7 +48,7 @@ def _seconds(overview: Overview) -> dict[tuple[str, str], float]:
 
 
 def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float):
-    of = {"classname": f"eomcheck.{scene}", "name": name, "time": f"{seconds:.3f}"}
+    of = {"classname": _clean(f"eomcheck.{scene}"), "name": name, "time": f"{seconds:.3f}"}
     return ElementTree.SubElement(suite, "testcase", of)
 
 

@@ -6,6 +6,8 @@ from typing import Self
 
 from rich.text import Text
 
+from eomcheck.output import harmless
+
 
 class Cell(str):
     """The text of a cell that is more than text.
@@ -34,4 +36,4 @@ LOOKS = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim
 
 def styled(cell: str) -> Text:
     """Return a cell as a terminal shows it."""
-    return Text(cell, LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")
+    return Text(harmless(cell), LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")

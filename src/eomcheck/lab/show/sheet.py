@@ -17,6 +17,7 @@ from rich.text import Text
 
 from eomcheck.lab.show.cell import styled
 from eomcheck.lab.show.markdown import escaped, markdown_table
+from eomcheck.output import harmless
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
 _NO_NUMBER = {"", "-", "·", "?", "FAIL"}
@@ -125,7 +126,7 @@ class Sheet(NamedTuple):
         first, *heads = self.columns
         lines: list[RenderableType] = []
         for name, *cells in self.rows:
-            lines.append(Text(f"{first} {name}".strip(), style="bold"))
+            lines.append(Text(harmless(f"{first} {name}").strip(), style="bold"))
             told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
             texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in told]
             if len(self.columns) > MANY and not self.widths:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import required
 from eomcheck.lab.show.markdown import escaped
+from eomcheck.output import harmless
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -27,6 +28,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        finalize=lambda value: harmless(value) if type(value) is str else value,
     )
     made.filters["number"] = number
     made.filters["md"] = escaped

@@ -9,13 +9,14 @@ from rich.text import Text
 
 from eomcheck.console import WIDTH_KNOWN, console
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.output import harmless
 
 
 def print_sheets(sheets: Iterable[Sheet]) -> None:
     """Print tables below each other, with their titles and notes."""
     for sheet in sheets:
         if sheet.title:
-            console.print(f"\n[bold]{escape(sheet.title)}[/]")
+            console.print(f"\n[bold]{escape(harmless(sheet.title))}[/]")
         if sheet.rows:
             console.print(sheet.text(console.width))
         if sheet.note:
@@ -27,4 +28,4 @@ def say(text: str, style: str = "") -> None:
 
     Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
     """
-    console.print(Text(text, style), soft_wrap=not WIDTH_KNOWN or "\n" in text)
+    console.print(Text(harmless(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text)

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, UnwrittenError
+from eomcheck.files import check_regular
 
 APPLICATION = int.from_bytes(b"eomc", "big")
 """SQLite's application id: tells our files from those of others."""
@@ -53,6 +54,8 @@ class RecordsFile:
         self.path, self._unread = Path(":memory:" if path is None else path), unread
         if readonly and not os.path.isfile(self.path):  # noqa: PTH113 - False where it cannot be known
             raise InputError(f"{str(path)!r}: no such file")
+        if path is not None:
+            check_regular(self.path)
         mode = "rw" if readonly else "rwc"
         if readonly and self._fixed():
             mode = "ro&immutable=1"
@@ -122,7 +125,7 @@ class RecordsFile:
         try:
             yield
         except sqlite3.OperationalError as error:
-            raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
+            raise UnwrittenError(f"{str(self.path)!r} cannot be used: {error}") from None
         except (sqlite3.Error, UnicodeDecodeError) as error:
             raise InputError(f"{str(self.path)!r} is not a file of records: {error}") from None
 

@@ -6,6 +6,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.engines import version_of
+from eomcheck.errors import UnwrittenError
 from eomcheck.lab.store.findings import RUNS, STATES, cases_of, kept_of, record_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
@@ -16,6 +17,9 @@ UNFINISHED = "not finished"
 
 class Keeper:
     """Keeps the validation of one kind of scene in `records`, in place of an earlier one.
+
+    Where the file can no longer be written, on a full disk, the validation goes on, and `finish`
+    raises.
 
     Args:
         records: where, or None to keep nothing.
@@ -42,6 +46,7 @@ class Keeper:
         asked = {"examples": examples, "seed": seed, "first links": first, "last links": last}
         self._asked = asked
         self._saved = self._cases = 0
+        self._unwritten: UnwrittenError | None = None
         if records is not None:
             earlier = records.all(STATES, scene=kind.key)
             records.forget(STATES, [record.settings for record in earlier])
@@ -53,15 +58,30 @@ class Keeper:
             self._save(findings)
 
     def finish(self) -> None:
-        """Keep what is left, what was said of the run as a whole, and that it came to its end."""
+        """Keep what is left, what was said of the run as a whole, and that it came to its end.
+
+        Raises:
+            UnwrittenError: not all could be kept.
+        """
         self.save()
         for finding in self._run.findings[self._saved :]:
             self._save([finding])
         self._keep_run("done")
+        if self._unwritten is not None:
+            raise self._unwritten
+
+    def _add(self, record: Record) -> None:
+        """Keep a Record; after one that could not be kept none is: the file says "not finished"."""
+        if self._records is None or self._unwritten is not None:
+            return
+        try:
+            self._records.add(record)
+        except UnwrittenError as error:
+            self._unwritten = error
 
     def _save(self, findings: list[Finding]) -> None:
         if self._records is not None:
-            self._records.add(record_of(kept_of(findings, self._kind.key, self._cases)))
+            self._add(record_of(kept_of(findings, self._kind.key, self._cases)))
         self._saved += len(findings)
         self._cases += 1
 
@@ -82,4 +102,4 @@ class Keeper:
             "states in them": [states for _, _, states in strata],
         }
         where = {"scene": self._kind.key}
-        self._records.add(Record(RUNS, where, status, reason, counts=counts, series=series))
+        self._add(Record(RUNS, where, status, reason, counts=counts, series=series))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
+import warnings
 from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
@@ -21,10 +24,19 @@ ON CONFLICT (study, settings) DO UPDATE SET record = excluded.record
 """
 
 
+DIGEST = re.compile(r', "digest": "([0-9a-f]{32})"\}\Z')
+"""How the text of a Record ends: the digest of what is before it."""
+
+
+def _digest(text: str) -> str:
+    return hashlib.blake2b(text.encode(errors="surrogatepass"), digest_size=16).hexdigest()
+
+
 class Records(RecordsFile):
     """The Records in one SQLite file; the key is the study and its settings.
 
-    Each `add` is one transaction: `kill -9` loses nothing that was added. Two processes may write
+    Each Record carries a digest, by which damage to it is seen; of one without, by an earlier
+    version, none is, which is a warning. Each `add` is one transaction: `kill -9` loses nothing that was added. Two processes may write
     to one file at the same time (on one machine: SQLite's log needs shared memory).
 
     Args:
@@ -38,12 +50,16 @@ class Records(RecordsFile):
             too.
     """
 
+    _undigested = False
+    """Whether a Record without a digest was read, which is said once."""
+
     def __len__(self) -> int:
         return self._value("SELECT count(*) FROM records")
 
     def add(self, record: Record) -> None:
         """Commit one Record; one with the same study and settings is replaced."""
-        row = json.dumps(asdict(record), ensure_ascii=False)
+        text = json.dumps(asdict(record), ensure_ascii=False)
+        row = f'{text[:-1]}, "digest": "{_digest(text)}"}}'
         self._rows(_ADD, (record.study, key_of(record.settings), row))
 
     def find(self, study: str, settings: Settings) -> Record | None:
@@ -51,18 +67,21 @@ class Records(RecordsFile):
         rows = self._rows(
             "SELECT record FROM records WHERE study = ? AND settings = ?", (study, key_of(settings))
         )
-        return self._record(rows[0][0]) if rows else None
+        return self._record(study, key_of(settings), rows[0][0]) if rows else None
 
     def all(self, study: str | None = None, **settings: Any) -> list[Record]:
         """Return the Records, oldest cell first: those of one study, with these settings."""
         records = []
-        for text in self._texts(study):
+        for row in self._texts(study):
             try:
-                records.append(self._record(text))
+                record = self._record(*row)
             except InputError:
                 if self._unread is None:
                     raise
-                self._note(f"{text[:60]!r} is no record")
+                self._note(f"{row[2][:60]!r} is no record")
+                continue
+            if study is None or record.study == study:
+                records.append(record)
         wanted = canonical(settings).items()
         return [
             record
@@ -73,31 +92,38 @@ class Records(RecordsFile):
             )
         ]
 
-    def _texts(self, study: str | None) -> list[str]:
-        """Return the texts of Records; of a damaged file, those before and after the damage."""
-        query = "SELECT id, record FROM records WHERE (? IS NULL OR study = ?)"
+    def _texts(self, study: str | None) -> list[tuple[str, str, str]]:
+        """Study, settings and text of each Record; of a damaged file, those around the damage.
+
+        Of one study: also rows whose column says another one than their text.
+        """
+        query = (
+            "SELECT id, study, settings, record FROM records WHERE (?1 IS NULL OR study = ?1 OR "
+            """substr(record, 1, length(study) + 12) <> '{"study": "' || study || '"')"""
+        )
         if self._unread is None:
-            return [text for _, text in self._rows(f"{query} ORDER BY id", (study, study))]
-        found: dict[int, bytes] = {}
-        query = query.replace("id, record", "id, CAST(record AS BLOB)")  # sqlite3 decodes nothing
+            return [row[1:] for row in self._rows(f"{query} ORDER BY id", (study,))]
+        found: dict[int, list[bytes]] = {}
+        for name in ("study", "settings", "record"):  # sqlite3 decodes nothing
+            query = query.replace(name, f"CAST({name} AS BLOB)", 1)
         for sign, beyond, order in ((1, ">", "ASC"), (-1, "<", "DESC")):
             # One at a time: sqlite3 reads one row ahead, and would lose the one before the damage.
-            one = f"{query} AND id {beyond} ? ORDER BY id {order} LIMIT 1"
+            one = f"{query} AND id {beyond} ?2 ORDER BY id {order} LIMIT 1"
             place = -sign * LAST_ID
             try:
                 with self._sqlite():
-                    while row := self._connection.execute(one, (study, study, place)).fetchone():
+                    while row := self._connection.execute(one, (study, place)).fetchone():
                         if sign * row[0] <= sign * place:
                             break  # damaged: it would go round for ever
-                        place, found[row[0]] = row[0], bytes(row[1])
+                        place, found[row[0]] = row[0], [bytes(x or b"") for x in row[1:]]
             except InputError as error:
                 self._unread.append(str(error))
         texts = []
-        for _, text in sorted(found.items()):
+        for _, row in sorted(found.items()):
             try:
-                texts.append(text.decode())
+                texts.append(tuple(one.decode() for one in row))
             except UnicodeDecodeError:
-                self._note(f"{text[:60]!r} is no text")
+                self._note(f"{row[2][:60]!r} is no text")
         return texts
 
     def forget(self, study: str, cells: Iterable[Settings]) -> None:
@@ -109,8 +135,24 @@ class Records(RecordsFile):
                     (study, key_of(settings)),
                 )
 
-    def _record(self, text: str) -> Record:
+    def _record(self, study: str, settings: str, text: str) -> Record:
+        """The Record of a row.
+
+        Raises:
+            InputError: the row is damaged.
+        """
+        end = DIGEST.search(text)
+        body = text if end is None else f"{text[: end.start()]}}}"
         try:
-            return Record(**json.loads(text))
+            if end is not None and _digest(body) != end[1]:
+                raise ValueError("another digest")
+            record = Record(**json.loads(body))
+            if (record.study, key_of(record.settings)) != (study, settings):
+                raise ValueError("another key")
         except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
+        if end is None and not self._undigested:
+            self._undigested = True
+            said = f"{str(self.path)!r} has records without a digest: damage to them is not seen"
+            warnings.warn(said, stacklevel=2)
+        return record

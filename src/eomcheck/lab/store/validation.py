@@ -7,6 +7,7 @@ from functools import partial
 
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.errors import UnwrittenError
 from eomcheck.lab.store.keeper import Keeper
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.states import looked_at
@@ -42,8 +43,10 @@ def look_at_kinds(
 
     Raises:
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.workers.spread`.
+        UnwrittenError: `records` could not be written to the end; all kinds are in `runs`.
     """
     how = selection, links, examples, seed
+    unwritten: UnwrittenError | None = None
     kinds = {key: kinds_of(key)[0] for key in runs}
     for key, run in runs.items():
         Keeper(records, kinds[key], run, *how)  # says that it is not finished
@@ -52,9 +55,14 @@ def look_at_kinds(
     order = sorted(runs, key=unknowns.__getitem__, reverse=True)
     for key, run in spread(where, partial(_run_of, how=how), order):
         runs[key] = run
-        Keeper(records, kinds[key], run, *how).finish()
+        try:
+            Keeper(records, kinds[key], run, *how).finish()
+        except UnwrittenError as error:
+            unwritten = error
         for _ in range(run.cases):
             on_case()
+    if unwritten is not None:
+        raise unwritten
 
 
 def _run_of(key: str, how: tuple[Selection, tuple[int, int], int, int]) -> Run:
@@ -81,6 +89,9 @@ def look_at_kind(
     ones. What was found until an interruption stays in `run` and `records`. States are looked at in
     this process, or in those that `where` names, see `eomcheck.lab.store.executors.executor`;
     what is found is the same.
+
+    Raises:
+        UnwrittenError: `records` could not be written to the end; all that was found is in `run`.
     """
     keeper = Keeper(records, kind, run, selection, links, examples, seed)
 
