@@ -73,7 +73,7 @@ def test_a_validation_goes_on_where_its_records_can_no_longer_be_written(
     assert run(monkeypatch, *FEW, "--records", tmp_path / "r.db") == 2
     said = capsys.readouterr()
     assert "mass-matrix" in said.out and "2 states" in said.out
-    assert said.err == "eomcheck: database or disk is full\n"
+    assert said.err.endswith("eomcheck: database or disk is full\n")
     assert len(calls) == after + 1
 
 
@@ -105,7 +105,7 @@ def test_finds_that_cannot_be_kept_are_printed(option, campaign, monkeypatch, ca
     assert run(monkeypatch, "fuzz", "--states", 1, option, tmp_path / "k") == 2
     said = capsys.readouterr()
     assert "# bias, au ~ el: observed 1, allowed 0.5" in said.out and "written" not in said.out
-    assert said.err == "eomcheck: No space left on device\n"
+    assert said.err.endswith("eomcheck: No space left on device\n")
 
 
 def test_finds_are_stored_whole_by_a_campaign_that_is_told_to_end_meanwhile(

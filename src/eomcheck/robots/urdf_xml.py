@@ -41,8 +41,8 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
     """Return the root of a file, <robot> of a URDF.
 
     Raises:
-        InputError: it is no file, cannot be read, is empty, too large or no XML, declares entities, or holds
-            something else.
+        InputError: it is no file, cannot be read, is empty, too large or no XML, declares entities,
+            or holds something else.
     """
     check_regular(path)
     try:

@@ -36,8 +36,9 @@ class Records(RecordsFile):
     """The Records in one SQLite file; the key is the study and its settings.
 
     Each Record carries a digest, by which damage to it is seen; of one without, by an earlier
-    version, none is, which is a warning. Each `add` is one transaction: `kill -9` loses nothing that was added. Two processes may write
-    to one file at the same time (on one machine: SQLite's log needs shared memory).
+    version, none is, which is a warning. Each `add` is one transaction: `kill -9` loses nothing
+    that was added. Two processes may write to one file at the same time (on one machine: SQLite's
+    log needs shared memory).
 
     Args:
         path: the file, made if there is none; None for Records that do not stay.
