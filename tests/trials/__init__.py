@@ -3,4 +3,5 @@
 - `python -m tests.trials.right_models`: right models of many libraries and kinds, no false alarm.
 - `python -m tests.trials.wrong_functions`: planted faults by kind and by functions given.
 - `python -m tests.trials.wrong_engines`: planted faults of engines, found by `validate --engine`.
+- `python -m tests.trials.hostile`: inputs that nobody means, refused in a sentence and in time.
 """
