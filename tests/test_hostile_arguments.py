@@ -95,3 +95,10 @@ def test_a_masked_answer_of_an_engine_is_its_failure():
     found = eomcheck.check(scene, *scene.initial_state(), engines=[Masked], claims=["mass-matrix"])
     assert [one.verdict for one in found] == ["failed"]
     assert "a masked array" in found[0].detail
+
+
+@pytest.mark.parametrize(("name", "says"), [("terms", "terms: a str"), ("prepare", "Wrong: Attr")])
+def test_a_function_of_a_scene_that_answers_no_record_is_refused_by_name(name, says):
+    scene = type("Wrong", (Sleigh,), {name: staticmethod(lambda *_: "ab")})()
+    with pytest.raises(InputError, match=says):
+        eomcheck.check(scene, *scene.initial_state(), engines=[])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims.blame import raised_in
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, described_error
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.entries import map_record
@@ -43,7 +43,10 @@ def check_shapes(scene: Scene) -> None:
     except Exception as error:
         if raised_in(scene, error):
             return  # which is told of the state where it happens
-        raise
+        if type(scene).__module__.startswith("eomcheck."):
+            raise
+        said = f"{described_error(error)}, of what its functions return"
+        raise InputError(f"{type(scene).__name__}: {said}") from error
     _looked_at.add(which)
 
 
