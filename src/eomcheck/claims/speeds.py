@@ -158,7 +158,7 @@ def ml_system(e: Quantities) -> tuple[Array, Array]:
 
 def kane_system(e: Quantities) -> tuple[Array, Array]:
     """Return (M_Kane (p, p), N_Kane q̇ + G_Kane (p,))."""
-    return e.call(kane.inertia_sums, *e.bodies[:-1])
+    return e.call(kane.inertia_sums, *e.bodies[:-1], e.scene.support)
 
 
 @claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")

@@ -275,7 +275,8 @@ class Quantities:
             W, rest, _ = self.speeds
             return Solution(self.call(formulation.solution, self.terms.M, self.F, W, rest), None)
         if formulation.uses == "bodies":
-            return Solution(self.call(formulation.solution, *self.bodies), None)
+            more = (self.scene.support,) if formulation.sparse else ()
+            return Solution(self.call(formulation.solution, *self.bodies, *more), None)
         return Solution(*self.call(formulation.solution, *self.chain))
 
     def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:

@@ -4,7 +4,7 @@ A formulation gets its numbers in one of four ways (`uses`), each the function o
 
 - "terms": `solution(M, F, a, gamma, v, partition) -> (vdot, multipliers or None)`
 - "speeds": `solution(M, F, W, rest) -> udot`
-- "bodies": `solution(*Bodies) -> udot`
+- "bodies": `solution(*Bodies) -> udot`; a `sparse` one also takes the scene's `support` behind them
 - "chain": `solution(*Chain) -> (xdot, joint forces)`
 
 From "speeds" and "bodies" v̇ = W u̇ + rest, from "chain" it is the scene's `chain_acceleration`.
@@ -73,6 +73,7 @@ class Formulation:
         limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
         solution: the generic function.
         redundant: whether constraint rows may depend on each other; its partition tells which.
+        sparse: whether `solution` takes which speeds move which body, see `Scene.support`.
     """
 
     key: str
@@ -88,6 +89,7 @@ class Formulation:
     limits: str
     solution: Callable[..., Any]
     redundant: bool = False
+    sparse: bool = False
 
     @property
     def in_paper(self) -> bool:

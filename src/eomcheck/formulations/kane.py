@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.formulations.base import Formulation
+from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 
@@ -18,35 +19,19 @@ def inertia_sums(
     mass,
     inertia,
     gyroscopic,
+    support=None,
 ):
     """Return M_Kane (p, p) and N_Kane q̇ + G_Kane (p,), the inertia forces at u̇ = 0 (Eq. (23)).
 
     Neither N_Kane nor G_Kane is formed: their sum over q_j and t is the total rate of each body's
     velocities at constant u, which the scene gives.
     """
-    bodies, d, p = partial_velocity.shape
-    e = partial_angular_velocity.shape[1]
+    p = partial_velocity.shape[2]
     both = np.zeros((p, p + 1), partial_velocity.dtype)
     M_Kane, left = both[:, :p], both[:, p]
-    for c in range(d):
-        for k in range(bodies):
-            for i in range(p):
-                momentum = mass[k] * partial_velocity[k, c, i]
-                left[i] += momentum * remainder[k, c]
-                for j in range(i + 1):
-                    M_Kane[i, j] += momentum * partial_velocity[k, c, j]
-    for c in range(e):
-        for f in range(e):
-            for k in range(bodies):
-                for i in range(p):
-                    momentum = partial_angular_velocity[k, c, i] * inertia[k, c, f]
-                    left[i] += momentum * angular_remainder[k, f]
-                    for j in range(i + 1):
-                        M_Kane[i, j] += momentum * partial_angular_velocity[k, f, j]
-        if gyroscopic is not None:
-            for k in range(bodies):
-                for i in range(p):
-                    left[i] += partial_angular_velocity[k, c, i] * gyroscopic[k, c]
+    add_congruence(both, partial_velocity, mass, remainder, None, support)
+    turning = partial_angular_velocity, inertia, angular_remainder
+    add_congruence(both, *turning, gyroscopic, support)
     for i in range(p):
         for j in range(i):
             M_Kane[j, i] = M_Kane[i, j]
@@ -71,6 +56,7 @@ def solution(
     inertia,
     gyroscopic,
     force,
+    support=None,
 ):
     """Return u̇ (p,): Eq. (22)."""
     M_Kane, left = inertia_sums(
@@ -81,6 +67,7 @@ def solution(
         mass,
         inertia,
         gyroscopic,
+        support,
     )
     return solve(M_Kane, right_hand_side(force, left), "M_Kane")
 
@@ -101,4 +88,5 @@ KANE = Formulation(
         "N = 1 has no such wheel; no pose of 1 or 2 links is an exception."
     ),
     solution=solution,
+    sparse=True,
 )

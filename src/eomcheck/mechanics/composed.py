@@ -151,6 +151,20 @@ def _speeds_of(jacobians, constraints):
 # ---- Bodies --------------------------------------------------------------------------------------
 
 
+def support_of(scene: Any, moved: Any) -> Any:
+    """Return which generalized speeds can move each body, bool (n_b, p), see `Scene.support`.
+
+    Args:
+        scene: the scene.
+        moved: which coordinates can, bool (n_b, n).
+    """
+    if not {"kinematics", "bodies"} <= scene.composed:
+        return None
+    # The first r velocities follow from all the others.
+    dependent = moved[:, : scene.r].any(axis=1, keepdims=True)
+    return moved[:, scene.r :] | dependent
+
+
 @generic
 def partials(J, W):
     """Return J W (n_b, c, p)."""

@@ -225,6 +225,14 @@ class Scene(ABC):
         return 0
 
     @property
+    def support(self) -> Array | None:
+        """Which generalized speeds can move each of its `Bodies`, bool (n_b, p).
+
+        Partial velocities of the others vanish in every state. None where all may move all.
+        """
+        return None
+
+    @property
     def name(self) -> str:
         """What reports call this scene, by default its key."""
         return self.key

@@ -123,7 +123,7 @@ def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) 
     clock = numbers.variables("t", 1 if scene.depends_on_time else 0)
     at = Quantities(scene, numbers, q, *clock)
     at.u = u
-    udot = FORMULATIONS["kane"].solution(*at.bodies)
+    udot, _ = at.rates(FORMULATIONS["kane"])
     rates = [numbers.expression(x) for x in (*at.v, *udot)]
     outputs = list(rates[: scene.n])
     if scene.conserves_energy:

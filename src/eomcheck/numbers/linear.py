@@ -211,17 +211,17 @@ def solve(A, b, name):
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
         return b.copy()
-    return SOLVERS.get(_kind_of(A, b), eliminate)(A, b, name)
+    return SOLVERS.get(kind_of(A, b), eliminate)(A, b, name)
 
 
 def product(A, B):
     """Return A B (k, m) of matrices (k, l) and (l, m): `@` where they may be large."""
     if A.dtype != object:
         return A @ B
-    return PRODUCTS.get(_kind_of(A, B), operator.matmul)(A, B)
+    return PRODUCTS.get(kind_of(A, B), operator.matmul)(A, B)
 
 
-def _kind_of(*arrays):
+def kind_of(*arrays):
     """Return the kind of numbers in object arrays."""
     # Generic functions write literal zeros and ones among the numbers of the model.
     kinds = {type(x) for x in chain(*(a.flat for a in arrays)) if not isinstance(x, int)}

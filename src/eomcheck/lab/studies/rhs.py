@@ -209,7 +209,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     at = Quantities(scene, symbols, y[: scene.n], time_now)
     at.parameters = record_of(scene, given)
     at.u = y[scene.n :]
-    rates = symbols.casadi.vertcat(*at.qdot, *FORMULATIONS[KANE].solution(*at.bodies))
+    rates = symbols.casadi.vertcat(*at.qdot, *at.rates(FORMULATIONS[KANE]).vdot)
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
     generator = symbols.casadi.CodeGenerator("kane.c")
     generator.add(function)

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
+from eomcheck.mechanics.composed import support_of
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.mechanism import planned
 from eomcheck.mechanics.described.neutral import doubles, tree_by
@@ -344,6 +345,12 @@ class Described(Parametric):
             own = {name: _function(description, name) for name in names}
             options |= {"functions": own | {"prepare": _prepare(description)}}
         super().__init_subclass__(**options)
+
+    @property
+    def support(self) -> Array | None:
+        """Which generalized speeds can move each body, bool (n_b, p)."""
+        plan = read(type(self).description, self.parameters(FLOAT64)).plan
+        return support_of(self, plan.support)
 
     def tree(self) -> Tree | None:
         """Return its bodies, joint by joint."""

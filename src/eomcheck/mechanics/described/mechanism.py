@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from eomcheck.mechanics.composed import support_of
 from eomcheck.mechanics.described import energies
 from eomcheck.mechanics.described.absent import plus
 from eomcheck.mechanics.described.closures import KINDS, rows_of
@@ -165,6 +166,11 @@ class Mechanism(Parametric, metaclass=_Kind):
         plain = cls()
         if getattr(plain, "gravity", None) is not None:
             yield plain.changed(gravity=None)
+
+    @property
+    def support(self) -> Array | None:
+        """Which generalized speeds can move each body, bool (n_b, p)."""
+        return support_of(self, self.plan.support)
 
     def tree(self) -> Tree:
         """Return its bodies, joint by joint."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
 ROLLING = frozenset({"touching", "rolling"})
 """Kinds of closures that are about what rolls on a plane."""
 
@@ -125,6 +127,12 @@ class Plan:
             self.turned_by.append((*before, k))
         self.movers = tuple(tuple(self._movers(k)) for k in range(len(slots)))
         """Per frame the slots that move a point of it, a hinge with the `Run`s that it turns."""
+        self.support = np.zeros((self.bodies, self.n), bool)
+        """Which coordinates can move each body."""
+        for b, k in enumerate(self.carriers):
+            self.support[b, [slots[i].coordinate for i, _ in self.movers[k]]] = True
+        for b, k in enumerate(self.rotors, len(self.carriers)):
+            self.support[b, slots[k].coordinate] = True
 
     def seat(self, k: int) -> int:
         """Return the slot against whose frame slot k turns; -1 for the ground."""

@@ -144,7 +144,7 @@ def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
             formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
         else:
             at.qdot  # noqa: B018  (a part of the right-hand side)
-            formulation.solution(*at.bodies)
+            at.rates(formulation)
     return counting.tally
 
 

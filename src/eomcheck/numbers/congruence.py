@@ -1,0 +1,85 @@
+"""Sums Σ Jᵀ D J over bodies, of matrices J of which much is known to be 0.
+
+Where few columns meet, every product is an operation of its own, in one order. Where many do, the
+sums are one product of matrices: what writes operations down would otherwise have n³ of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eomcheck.numbers.contract import Array
+from eomcheck.numbers.linear import PRODUCTS, kind_of, product
+
+MANY = 8192
+"""More multiplications than this are one product of matrices ..."""
+
+WIDE = 16
+"""... where so many columns meet, on the average of the multiplications."""
+
+
+def add_congruence(
+    both: Array,
+    J: Array,
+    weights: Array,
+    rest: Array,
+    more: Array | None = None,
+    support: Array | None = None,
+) -> None:
+    """Add Σ Jᵀ D J and Σ Jᵀ (D rest + more) to sums, in place.
+
+    Args:
+        both: sums so far (p, p+1), of matrices and, in the last column, of vectors; of matrices the
+            lower triangle counts.
+        J: matrices (k, c, p).
+        weights: D, symmetric (k, c, c), or multiples of 1 (k,).
+        rest: vectors (k, c).
+        more: vectors (k, c); None where there are none.
+        support: whether a column of each J may differ from 0, bool (k, p); None where all may.
+    """
+    count, size, p = J.shape
+    columns = [list(range(p))] * count
+    if support is not None:
+        columns = [np.flatnonzero(row).tolist() for row in support]
+    whole = _is_large(columns, size) and (J.dtype != object or kind_of(J) in PRODUCTS)
+    if whole:
+        momenta = _weighted(J, weights, columns).reshape(-1, p)
+        right = np.concatenate((J.reshape(-1, p), rest.reshape(-1, 1)), axis=1)
+        both += product(np.ascontiguousarray(momenta.T), right)
+    for c in range(size):
+        for f in () if whole else _met(weights, c):
+            for k in range(count):
+                weight = weights[k] if weights.ndim == 1 else weights[k, c, f]
+                for place, i in enumerate(columns[k]):
+                    momentum = weight * J[k, c, i]
+                    both[i, p] += momentum * rest[k, f]
+                    for j in columns[k][: place + 1]:
+                        both[i, j] += momentum * J[k, f, j]
+        for k in range(count if more is not None else 0):
+            for i in columns[k]:
+                both[i, p] += J[k, c, i] * more[k, c]
+
+
+def _met(weights: Array, c: int) -> Sequence[int]:
+    """Return which columns of D are not 0 in its row c."""
+    return (c,) if weights.ndim == 1 else range(weights.shape[1])
+
+
+def _is_large(columns: list[list[int]], size: int) -> bool:
+    widths = np.array([len(one) for one in columns])
+    products = size * (widths * (widths + 1) // 2).sum()
+    return bool(products > MANY and (widths**2).sum() > WIDE * widths.sum())
+
+
+def _weighted(J: Array, weights: Array, columns: list[list[int]]) -> Array:
+    """Return D J (k, c, p)."""
+    found = np.zeros(J.shape, J.dtype)
+    for k, here in enumerate(columns):
+        for c in range(J.shape[1]):
+            for f in _met(weights, c):
+                weight = weights[k] if weights.ndim == 1 else weights[k, c, f]
+                for i in here:
+                    found[k, c, i] += weight * J[k, f, i]
+    return found
