@@ -57,9 +57,10 @@ def add_congruence(
                     both[i, p] += momentum * rest[k, f]
                     for j in columns[k][: place + 1]:
                         both[i, j] += momentum * J[k, f, j]
-        for k in range(count if more is not None else 0):
-            for i in columns[k]:
-                both[i, p] += J[k, c, i] * more[k, c]
+        if more is not None:
+            for k in range(count):
+                for i in columns[k]:
+                    both[i, p] += J[k, c, i] * more[k, c]
 
 
 def _met(weights: Array, c: int) -> Sequence[int]:
