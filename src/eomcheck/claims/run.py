@@ -20,6 +20,7 @@ from hypothesis.strategies import SearchStrategy
 from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.refusals import Drawn, coverage
+from eomcheck.claims.robot_file import of_file
 from eomcheck.claims.selection import Asked, Selection, asked_of, case_of
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
@@ -54,7 +55,7 @@ def look(asked: Asked, state: State, selection: Selection) -> Look:
     for one in selection.claims:
         start = time.perf_counter()
         if broken is None and (case.finite or one == "finite-terms"):
-            findings += case.look(CLAIMS[one])
+            findings += of_file(asked, case, CLAIMS[one])
         seconds[one] = time.perf_counter() - start
     return Look(findings, seconds, _refused(case) if broken is None and case.finite else ())
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from eomcheck.claims import CLAIMS, Case, State
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
+from eomcheck.engines.files import FileEngine, default_reader
 from eomcheck.errors import named, some
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
@@ -23,6 +24,8 @@ class Selection:
     formulations: tuple[Formulation, ...]
     engines: tuple[type[Engine], ...]
     claims: tuple[str, ...]
+    reader: type[FileEngine] | None = None
+    """The library among `engines` that reads a robot's file itself, where none were named."""
 
     @classmethod
     def of(
@@ -35,7 +38,8 @@ class Selection:
     ) -> Selection:
         """Look the names up; None stands for all that apply to any scene, an empty list for none.
 
-        Engines that an extra installs take part when named.
+        Engines that an extra installs take part when named; without names the library of a robot's
+        file does too, for which both derivations are made of one description.
 
         Raises:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
@@ -44,7 +48,10 @@ class Selection:
         ids = tuple(CLAIMS if claims is None else some("claims", claims))
         for one in ids:
             named("claim", one, CLAIMS)
-        return cls(formulations_among(scenes, formulations), engines_among(engines), ids)
+        chosen, reader = engines_among(engines), None
+        if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
+            chosen = (*chosen, reader)
+        return cls(formulations_among(scenes, formulations), chosen, ids, reader)
 
 
 class Asked(NamedTuple):
@@ -53,6 +60,10 @@ class Asked(NamedTuple):
     scene: Scene
     engines: tuple[Engine, ...]
     broken: dict[type[Engine], str]
+    reader: FileEngine | None = None
+    """The one among them that reads the file of the scene because none were named."""
+    unread: tuple[type[FileEngine], str] | None = None
+    """The library that should and cannot, and why."""
 
 
 def asked_of(scene: Scene, selection: Selection) -> Asked:
@@ -62,14 +73,22 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
         InputError: a function of the scene returns an array of wrong shape.
     """
     check_shapes(scene)
-    engines, broken = [], {}
+    engines: list[Engine] = []
+    broken: dict[type[Engine], str] = {}
     for kind in selection.engines:
-        if represents(kind, scene):
+        if kind is not selection.reader and represents(kind, scene):
             try:
                 engines.append(made(kind, scene))
             except EngineFault as fault:
                 broken[kind] = fault.what
-    return Asked(scene, tuple(engines), broken)
+    reader = unread = None
+    if selection.reader is not None and getattr(scene, "as_described", False):
+        try:
+            reader = selection.reader(scene)
+            engines.append(reader)
+        except Exception as error:  # whatever a library makes of a file it cannot read
+            unread = selection.reader, " ".join(str(error).split())
+    return Asked(scene, tuple(engines), broken, reader, unread)
 
 
 def case_of(asked: Asked, state: State, selection: Selection) -> Case:

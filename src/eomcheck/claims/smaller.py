@@ -9,7 +9,8 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Finding, State
-from eomcheck.claims.selection import Selection, case_at
+from eomcheck.claims.robot_file import of_file
+from eomcheck.claims.selection import Selection, asked_of, case_of
 from eomcheck.claims.strata import links_of
 from eomcheck.mechanics.scene import Scene
 
@@ -55,7 +56,9 @@ def smallest_failure(
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
-        for finding in case_at(*drawn, selection).look(CLAIMS[failed.claim]):
+        asked = asked_of(drawn[0], selection)
+        case = case_of(asked, drawn[1], selection)
+        for finding in of_file(asked, case, CLAIMS[failed.claim]):
             if finding.verdict == "failed":
                 raise _Falsified(finding)
 

@@ -242,11 +242,12 @@ def _selection(
 ) -> Selection:
     from eomcheck.claims.selection import Selection
     from eomcheck.claims.trial import represented
-    from eomcheck.engines import version_of
+    from eomcheck.engines import ALWAYS, version_of
 
-    engines = [] if engine == ["none"] else engine
+    # Random robots have other parameters than their files, whose library could say nothing.
+    engines = [] if engine == ["none"] else ALWAYS if engine is None else engine
     selection = Selection.of(formulation, engines, claim, scenes=[kind])
-    if engines:
+    if engine and engines:
         represented(selection.engines, (kind,))
     for made in selection.engines:
         version_of(made)  # a missing library is bad input, said before anything is computed

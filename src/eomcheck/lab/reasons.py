@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import combinations, product
 
 import numpy as np
 
+from eomcheck.engines.files.description import few
 from eomcheck.engines.files.free import AXES, FREE, BaseVelocity
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.parting import CLOSE, ROUNDED, TERMS, Parting, Why
@@ -119,8 +120,3 @@ def _odd_bodies(at: Parting) -> Iterator[Why]:
 
 def _joints(at: Parting, places: list[int]) -> str:
     return few([at.joints[i] for i in places])
-
-
-def few(names: Sequence[str]) -> str:
-    """Return at most three names, and how many more there are."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -9,6 +9,7 @@ from eomcheck.engines.files.mjcf import MjcfFile
 from eomcheck.engines.files.mujoco import MujocoFile
 from eomcheck.engines.files.pinocchio import PinocchioFile
 from eomcheck.engines.files.pybullet import PybulletFile
+from eomcheck.mechanics.scene import Scene
 
 READERS: dict[str, type[FileEngine]] = {
     engine.key.removesuffix(FILE): engine
@@ -16,7 +17,23 @@ READERS: dict[str, type[FileEngine]] = {
 }
 """Key of the library -> class that reads a URDF."""
 
+DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
+"""Format of a file -> the library that reads it in a validation unless engines are named."""
+
 BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
 """Format of a file -> who reads it."""
 
-__all__ = ["BY_FORMAT", "READERS", "FileEngine", "MjcfFile", "PinocchioFile"]
+
+def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
+    """Return the library that reads the file of a robot by default; None of any other scene."""
+    return DEFAULT.get(getattr(getattr(scene, "made", None), "format", ""))
+
+
+__all__ = [
+    "BY_FORMAT",
+    "READERS",
+    "FileEngine",
+    "MjcfFile",
+    "PinocchioFile",
+    "default_reader",
+]

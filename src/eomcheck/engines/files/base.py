@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
-from eomcheck.engines.files.description import Description, described, file_of, is_free
+from eomcheck.engines.files.description import Description, described, few, file_of, is_free
 from eomcheck.engines.files.free import FREE, BaseVelocity, FreeBase, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
@@ -36,6 +36,9 @@ class FileEngine(TreeEngine):
 
     base_velocity: ClassVar[BaseVelocity]
     """What it has for the velocity of a free base."""
+
+    undamped: ClassVar[bool] = False
+    """Whether its accelerations leave out the dampers of the file."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -85,6 +88,17 @@ class FileEngine(TreeEngine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a file, with the parameters that stand there."""
         return file_of(scene) is not None
+
+    def leaves_out(self, method: str) -> str:
+        """Return the part of the file that an answer leaves out; "" where none is known.
+
+        Args:
+            method: the name of the method that is asked.
+        """
+        if method == "acceleration" and self.undamped and self.description.damped:
+            return f"its accelerations leave out the damping of {few(self.description.damped)}"
+        dropped = [line for line in self.said if "inertia" in line.lower()]
+        return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
 
     @abstractmethod
     def _read(self, library: Any, description: Description) -> None:

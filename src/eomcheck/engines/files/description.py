@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Set
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -88,3 +88,9 @@ def _damped(joint: Joint) -> bool:
 
 def _heavy(link: Link) -> bool:
     return link.mass > 0 or any(link.moments)
+
+
+def few(names: Iterable[str]) -> str:
+    """Return at most three names, and how many more there are."""
+    names = sorted(names) if isinstance(names, Set) else list(names)
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

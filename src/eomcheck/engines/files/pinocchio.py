@@ -24,6 +24,7 @@ class PinocchioFile(FileEngine, PinocchioEngine):
 
     key = "pinocchio_file"
     base_velocity = BaseVelocity("base", "base")
+    undamped = True
 
     def _read(self, library: Any, description: Description) -> None:
         self._pin = library

@@ -9,7 +9,7 @@ from eomcheck import __version__
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.console import console
-from eomcheck.engines import version_of
+from eomcheck.engines import Engine, version_of
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
@@ -28,7 +28,7 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         selection: what took part.
         wide: show each formulation and engine, or each scene, beside the worst of them.
     """
-    engines = ", ".join(version_of(engine) for engine in selection.engines) or "no engine"
+    engines = ", ".join(_called(one, selection) for one in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
     say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
     rows = kept_of_runs(runs)
@@ -60,6 +60,11 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         whole = Judged(tuple(rows))
         passed = len(rows) - whole.open
         say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
+
+
+def _called(engine: type[Engine], selection: Selection) -> str:
+    reads = " (reads the file itself)" if engine is selection.reader else ""
+    return version_of(engine) + reads
 
 
 def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
