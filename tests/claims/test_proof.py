@@ -422,10 +422,10 @@ def test_a_branch_on_a_value_is_not_looked_at(branch):
     assert "a branch on a value" in finding.detail
 
 
-def test_a_mistake_in_a_call_is_no_finding():
+def test_a_mistake_in_a_call_is_bad_input_and_no_finding():
     scene = changed(MarkedFree, "terms", lambda terms, *_: terms)
     type(scene).energies = staticmethod(lambda parameters, prepared, q: None)
-    with pytest.raises(TypeError, match="positional argument"):
+    with pytest.raises(InputError, match=r"Changed: TypeError.*positional argument"):
         prove(scene, points=1, seed=0)
 
 

@@ -105,7 +105,7 @@ def test_an_unfinished_file_that_is_none_of_records_is_started_over(tmp_path: Pa
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
     path = tmp_path / "proofs.json"
     path.with_name("proofs.json.part").mkdir()
-    with pytest.raises(InputError, match=r"proofs\.json\.part' cannot be used"):
+    with pytest.raises(InputError, match=r"proofs\.json\.part' is not a regular file"):
         Proofs(jobs(links=(1,)), path).run()
 
 
