@@ -230,7 +230,7 @@ def packed(barred: dict[str, tuple[int, str]]) -> str:
 
 
 def unpacked(text: str) -> dict[str, tuple[int, str]]:
-    """Return what `packed` made a text of."""
+    """Barred calls, name -> (number, why), of a text made by `packed`."""
     import json
 
     return {name: (number, why) for name, (number, why) in json.loads(text).items()}

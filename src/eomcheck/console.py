@@ -174,28 +174,39 @@ def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[
 
 
 @contextmanager
+def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
+    """Call `hear` with the number of the first Ctrl-C and the first SIGTERM inside the block.
+
+    A second signal does what the first would do without this.
+    """
+    before = {}
+
+    def handler(number: int, frame: object) -> None:
+        signal.signal(number, before[number])
+        hear(number)
+
+    if current_thread() is main_thread():  # which alone hears signals
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.getsignal(number)
+            if before[number] not in (signal.SIG_IGN, None):
+                signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            if old is not None:
+                signal.signal(number, old)
+
+
+@contextmanager
 def undisturbed() -> Iterator[None]:
     """Raise KeyboardInterrupt at Ctrl-C or SIGTERM after the block: what it writes is written.
 
     For blocks of milliseconds. A second signal does what the first would do without this.
     """
-    before, heard = {}, []
-
-    def wait(number: int, frame: object) -> None:
-        signal.signal(number, before[number])
-        heard.append(number)
-
-    if current_thread() is main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before[number] = signal.getsignal(number)
-            if before[number] not in (signal.SIG_IGN, None):
-                signal.signal(number, wait)
-    try:
+    heard: list[int] = []
+    with _signalled(heard.append):
         yield
-    finally:
-        for number, handler in before.items():
-            if handler is not None:
-                signal.signal(number, handler)
     if heard:
         raise KeyboardInterrupt
 
@@ -211,10 +222,8 @@ def stoppable() -> Iterator[None]:
     At once, or where something swallows that, with the next step of `progress`. What comes after
     the first is as without this.
     """
-    before = {}
 
-    def stop(number: int, frame: object) -> None:
-        signal.signal(number, before[number])
+    def stop(_: int) -> None:
         _stopped.set()
         raise KeyboardInterrupt
 
@@ -224,16 +233,9 @@ def stoppable() -> Iterator[None]:
             hook(said)
 
     hook, sys.unraisablehook = sys.unraisablehook, swallowed
-    if current_thread() is main_thread():  # which alone hears signals
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before[number] = signal.getsignal(number)
-            if before[number] not in (signal.SIG_IGN, None):
-                signal.signal(number, stop)
     try:
-        yield
+        with _signalled(stop):
+            yield
     finally:
         sys.unraisablehook = hook
-        for number, handler in before.items():
-            if handler is not None:
-                signal.signal(number, handler)
         _stopped.clear()

@@ -123,7 +123,7 @@ class _Heights:
         return [e.run(_rate_of_height, axis, *here) for axis in axes]
 
     def moving(self, qdot: Array) -> tuple:
-        """Return what `rates` reads while q changes along a direction (n,)."""
+        """Arguments of `rates` while q changes along a direction (n,)."""
         e = self._e
         return *e.prepared_and_rates(qdot, False), e.q, qdot
 
@@ -201,13 +201,18 @@ def _squared(a: Any) -> Array:
     return found
 
 
+def _along_each(at: Evaluation, along: Callable) -> Array:
+    """Return ∂V/∂v (n_b, d, n) or ∂ω/∂v (n_b, e, n), see `_linear_along`."""
+    here = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
+    axes = np.eye(at.scene.n)
+    return np.stack([np.asarray(at.run(along, *here, x), np.float64) for x in axes], -1)
+
+
 def _moves(e: Evaluation) -> tuple[Array, Array]:
     """Return ∂V/∂v (n_b, d, n) and the rates of heights (n_b, components, n)."""
     heights, axes = _Heights(e, np.float64), np.eye(e.scene.n)
-    here = e.scene.velocities, e.parameters, e.prepared, e.q, e.v
-    J = np.stack([np.asarray(e.run(_linear_along, *here, x), np.float64) for x in axes], -1)
     h = np.stack([np.asarray(heights.of_each(x), np.float64) for x in axes], -1)
-    return J, h
+    return _along_each(e, _linear_along), h
 
 
 @check(
@@ -277,13 +282,6 @@ def _places(scene: Scene) -> dict[str, list[int]]:
     if any(not {"x", "y"} <= axes.keys() for axes in found.values()):
         return {}
     return {axis: [of[axis] for of in found.values() if axis in of] for axis in "xyz"}
-
-
-def _along_each(at: Evaluation, along: Callable) -> Array:
-    """Return ∂V/∂v (n_b, d, n) or ∂ω/∂v (n_b, e, n), see `_linear_along`."""
-    here = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
-    axes = np.eye(at.scene.n)
-    return np.stack([np.asarray(at.run(along, *here, x), np.float64) for x in axes], -1)
 
 
 def _in_turning_frame(at: Evaluation, J: Array, moved: list[int]) -> bool:

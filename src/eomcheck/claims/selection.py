@@ -10,7 +10,7 @@ from eomcheck.claims import CLAIMS, Case, State
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
 from eomcheck.engines.files import FileEngine, default_reader
-from eomcheck.errors import named, some
+from eomcheck.errors import message_of, named, some
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene
@@ -87,7 +87,7 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
             reader = selection.reader(scene)
             engines.append(reader)
         except Exception as error:  # whatever a library makes of a file it cannot read
-            unread = selection.reader, " ".join(str(error).split())
+            unread = selection.reader, message_of(error)
     return Asked(scene, tuple(engines), broken, reader, unread)
 
 

@@ -106,9 +106,17 @@ def bias_of_mass_matrix(at: Point) -> Measured | None:
     if not at.functions.of_lagrange or len(at.q) != len(at.v):
         return None
     if at.functions.qdot is None:
-        v = exact(at.v)
-        dM = at.dM()
-        return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
+        return _christoffel(at.dM(), exact(at.v))
+    return at.kept("B of M", lambda: _bias_along_speeds(at))
+
+
+def _christoffel(dM: Measured, v: Measured) -> Measured:
+    """Bias (p,) of the derivatives ∂M_ij/∂q_k, [k, i, j] (p, p, p), and of v (p,)."""
+    return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
+
+
+def _bias_along_speeds(at: Point) -> Measured:
+    """Bias (p,) of M where velocities are generalized speeds; see `bias_of_mass_matrix`."""
     mass, S = at.raw("M"), at.S()
     qdot = at.raw("qdot")
 
@@ -122,8 +130,7 @@ def bias_of_mass_matrix(at: Point) -> Measured | None:
     rates = at.rates()
     dM, M = at.by_q(of_rates), at.measure(of_rates)
     Su = at.along(at.by_q(lambda q, v: speeds(q) @ at.v))
-    b = contract("kij,j,k->i", dM, rates, rates) - 0.5 * contract("ijk,j,k->i", dM, rates, rates)
-    return S.T @ (b + M @ Su)
+    return S.T @ (_christoffel(dM, rates) + M @ Su)
 
 
 def bias_of_energy(at: Point) -> Measured | None:
@@ -167,5 +174,5 @@ def clock_rate(at: Point) -> Measured:
     def of_time(t: Array) -> Array:
         return at.answers("b", at.q, at.v, float(t[0]))
 
-    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size)
+    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size, here.value)
     return rate + at.rate_of(at.raw("b")) if at.answers.reads("b") == "qt" else rate

@@ -30,8 +30,8 @@ GATHERED = of_answers, of_terms, of_energies, of_constraints, of_motions, of_ref
 """The files that register claims."""
 
 RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "not looked at")
-"""Of several states or entries, the verdict that counts is the first of these that there is, and
-what was not resolved is listed beside it."""
+"""Verdicts by precedence: of several states or entries the first of these that occurs counts, and
+entries that were not resolved are listed beside it."""
 
 BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
 """Index into `RANKS` of each verdict of `eomcheck.claims.finding.judged`, which count from 1."""
@@ -250,7 +250,7 @@ class Hidden(NamedTuple):
 
 
 def _same_shape(all_: list[Compared]) -> list[list[Compared]]:
-    """Return what compares entries by name, in groups of one shape."""
+    """Comparisons of named entries, in groups of one shape."""
     groups: dict[tuple[int, ...], list[Compared]] = {}
     for one in all_:
         if one.judged.names is not None:
