@@ -48,6 +48,7 @@ def test_pinocchio_reads_a_urdf_unless_engines_are_named(tmp_path: Path):
 
 
 def test_mujoco_reads_an_mjcf_unless_engines_are_named(tmp_path: Path):
+    pytest.importorskip("mujoco")
     path = tmp_path / "robot.xml"
     path.write_text(mjcf_text(np.random.default_rng(3), 4), encoding="utf-8")
     found = by_reader(from_mjcf(path))
@@ -145,6 +146,7 @@ def test_random_urdfs_are_read_as_pinocchio_reads_them(tmp_path: Path):
 
 
 def test_random_mjcfs_are_read_as_mujoco_reads_them(tmp_path: Path):
+    pytest.importorskip("mujoco")
     random, path = np.random.default_rng(6), tmp_path / "robot.xml"
     seen = set()
     for number in range(12):
