@@ -56,6 +56,11 @@ _LONGEST = 200
 _SIZE = _HEAD.size + _LONGEST
 
 
+def is_ours(of: Any) -> bool:
+    """Whether a class or function is of this package; one without a module is not."""
+    return (of.__module__ or "").startswith("eomcheck.")
+
+
 class UnsupervisedError(BaseException):
     """A command is about to run code of a user's file, and nobody supervises it yet."""
 

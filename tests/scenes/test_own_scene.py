@@ -249,6 +249,14 @@ def test_functions_are_taken_by_name_and_those_of_the_class_body_stay():
     assert not hasattr(Named, "no_function")
 
 
+def test_a_scene_of_a_namespace_without_a_name_is_somebodys_own():
+    space = {"Free": Free, "terms": free_terms}
+    exec("class Nameless(Free):\n    def terms(*x): return Free.terms(*x)", space)
+    nameless = space["Nameless"]
+    assert isinstance(nameless, type)
+    assert nameless.terms is not unwrap(nameless.terms)
+
+
 def as_it_is(key: str) -> bool:
     """Return whether a formulation puts no number into an array that a scene made for doubles."""
     return key != "kane"

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.calls import is_ours
 from eomcheck.claims.blame import raised_in
 from eomcheck.errors import InputError, RefusedError, described_error
 from eomcheck.evaluation.point import Quantities
@@ -43,7 +44,7 @@ def check_shapes(scene: Scene) -> None:
     except Exception as error:
         if raised_in(scene, error):
             return  # which is told of the state where it happens
-        if type(scene).__module__.startswith("eomcheck."):
+        if is_ours(type(scene)):
             raise
         said = f"{described_error(error)}, of what its functions return"
         raise InputError(f"{type(scene).__name__}: {said}") from error

@@ -36,7 +36,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from eomcheck.calls import calling
+from eomcheck.calls import calling, is_ours
 from eomcheck.errors import InputError, shown
 from eomcheck.mechanics.choices import Choices, Ways
 from eomcheck.mechanics.composed import compose
@@ -191,7 +191,7 @@ class Scene(ABC):
                     generic(function)
                 if name in FUNCTIONS and name not in vars(cls):
                     setattr(cls, name, staticmethod(function))
-        if not cls.__module__.startswith("eomcheck."):
+        if not is_ours(cls):
             _guard(cls)
         compose(cls)
 
@@ -398,7 +398,7 @@ def _guard(kind: type[Scene]) -> None:
                 guarded = _pair(word, guarded)
         else:
             continue
-        if not _inner(value).__module__.startswith("eomcheck."):
+        if not is_ours(_inner(value)):
             setattr(kind, name, guarded)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 from typing import NamedTuple
 
+from eomcheck.calls import is_ours
 from eomcheck.claims.run import Cases, Look, Looked, look
 from eomcheck.claims.selection import Asked, Selection, asked_of
 from eomcheck.engines import Engine
@@ -33,7 +34,7 @@ def place_for(
 
 def ours(*classes: type) -> bool:
     """Return whether all of these are of this package."""
-    return all(one.__module__.startswith("eomcheck.") for one in classes)
+    return all(map(is_ours, classes))
 
 
 def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
