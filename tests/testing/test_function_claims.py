@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from tests.testing.own import coriolis, given, guide
+from tests.testing.trees import random_tree
 
 from eomcheck.claims.finding import Finding
 from eomcheck.numbers.pivots import EPS
@@ -198,12 +199,26 @@ def test_a_cache_by_rounded_coordinates_fails(digits: int):
     assert any("does not feel changes of q[" in one for one in details)
 
 
-def test_what_vanishes_but_for_rounding_is_not_taken_for_a_cache():
-    def gravity(q):
-        return [(np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2 - 1.0) * 1e3, q[1]]
-
-    found = check_functions(2, gravity=gravity, claims=REPEAT, states=50)
+@pytest.mark.parametrize(
+    "gravity",
+    [
+        lambda q: [(np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2 - 1.0) * 1e3],
+        lambda q: [1e-17 * np.round(q[0] * 2.0**16), np.sin(q[1])],
+    ],
+)
+def test_what_vanishes_but_for_rounding_is_not_taken_for_a_cache(gravity: Callable):
+    n = len(gravity(np.zeros(2)))
+    found = check_functions(n, gravity=gravity, claims=REPEAT, states=50)
     assert [one.verdict for one in found] == ["passed"]
+
+
+def test_an_entry_in_which_large_terms_cancel_is_not_taken_for_a_cache():
+    """The last entry of C of this tree is 0 but for rounding, in steps that double by chance."""
+    q = [-0.28329282336421846, 7.789756686980005, 8.680870319124994]
+    state = (q, [-2.8440960658185954, 1.4305966145952187, -3.562612178481157])
+    options = {"ranges": (-10.0, 10.0), "states": [state], "claims": REPEAT}
+    found = check_functions(**random_tree(44), **options)
+    assert {one.verdict for one in found} == {"passed"}
 
 
 @pytest.mark.parametrize("nth", [1, 97, 500])

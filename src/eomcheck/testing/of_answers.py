@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.answers import Answers, BrokenError
@@ -197,8 +197,6 @@ def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) ->
     that for the small one, which is still many roundings in doubles.
     """
     f, here, n = at.raw(name), at.of(name), len(at.q)
-    # An entry in which terms as large as the largest cancel is nothing but their rounding.
-    least = np.maximum(by * here.size, allowed_error(1.0) * here.size.max(initial=0.0))
     names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
     reads = at.answers.reads(name)
     for k, width in enumerate(np.concatenate((at.width_q, at.width_v))):
@@ -210,9 +208,11 @@ def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) ->
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - here.value)
 
-        once, twice = changed(FELT), changed(2.0 * FELT)
-        # In proportion: what vanishes but for rounding may be 0 here and not there.
-        coarse = (once > least) & (np.abs(twice - 2.0 * once) <= 0.1 * once)
+        once, *more = (changed(j * FELT) for j in (1, 2, 3))
+        # In proportion, and not small beside other entries: an entry that vanishes but for
+        # rounding may be 0 here and not there.
+        straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]
+        coarse = (once > by * largest(here.size)) & np.logical_and.reduce(straight)
         if coarse.any() and not any((changed(j * small) > 0.0)[coarse].any() for j in (1, 2, 3)):
             return names[k]
     return ""
