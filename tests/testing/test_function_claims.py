@@ -145,6 +145,7 @@ WRONG: dict[str, Wrong] = {
     "energy-quadratic": Wrong("cart", plus("T", CART, cubic)),
     "kinetic-energy": Wrong("cart", plus("M", CART, lambda q: np.diag([0, 1, 0]))),
     "bias-of-energy": Wrong("cart", plus("bias", CART, lambda q, v: [0, v[0] ** 2, 0])),
+    "dissipation-positive": Wrong("cart", plus("R", CART, lambda q, v: -(v[1] ** 2))),
     "constraint-jacobian": Wrong(
         "drive", plus("a", DRIVE, lambda q: np.outer(np.eye(5)[0], np.eye(7)[3]))
     ),
@@ -219,6 +220,63 @@ def test_an_entry_in_which_large_terms_cancel_is_not_taken_for_a_cache():
     options = {"ranges": (-10.0, 10.0), "states": [state], "claims": REPEAT}
     found = check_functions(**random_tree(44), **options)
     assert {one.verdict for one in found} == {"passed"}
+
+
+DAMPERS = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 1.0]])
+DISSIPATION = ["dissipation-positive"]
+
+
+def dissipation(damping: Callable[..., Any], **options: Any) -> list[Finding]:
+    return check_functions(3, R=damping, claims=DISSIPATION, **options)
+
+
+@pytest.mark.parametrize(
+    "damping",
+    [
+        lambda q, v: -v @ DAMPERS @ v / 2,
+        lambda q, v: v @ (DAMPERS - 0.9 * np.eye(3)) @ v / 2,  # one combination of all three
+        lambda q, v: v @ np.diag([1.0, 1.0, -1e-6]) @ v / 2,
+        lambda q, v: abs(v[0]) - 0.1 * abs(v[2]) ** 3,
+        lambda q, v: v @ DAMPERS @ v / 2 * q[0],
+    ],
+)
+def test_a_damper_that_feeds_energy_fails(damping: Callable):
+    (found,) = dissipation(damping)
+    assert found.verdict == "failed"
+    assert "feeds energy at v = [" in found.detail
+
+
+@pytest.mark.parametrize(
+    "damping",
+    [
+        lambda q, v: v @ DAMPERS @ v / 2,
+        lambda q, v: (v[0] - v[1]) ** 2,
+        lambda q, v: np.outer(v, v) @ [1.0, 0.1, 0.3] @ [1.0, 0.1, 0.3],  # semidefinite, rounded
+        lambda q, v: (v[0] - 3.0) ** 2,  # against a belt that moves
+        lambda q, v: abs(v[0]) + 0.2 * abs(v[1]) ** 3,
+        lambda q, v: 0.0,
+    ],
+)
+def test_dampers_that_take_energy_pass(damping: Callable):
+    for ranges in ((-1.0, 1.0), [(-1.0, 1.0)] * 3 + [(-1.0, 1.0), (-1e3, 1e3), (-1e-3, 2e-3)]):
+        (found,) = dissipation(damping, ranges=ranges)
+        assert (found.verdict, found.detail) == ("passed", "")
+
+
+def test_dampers_are_asked_in_the_directions_that_constraints_leave():
+    def damping(q, v):  # of v[1] = v[0], which constraints say: the first damper is counted twice
+        return v @ np.diag([2.0, -1.0, 1.0]) @ v
+
+    together = {"a": lambda q: [[1.0, -1.0, 0.0]]}
+    assert [x.verdict for x in dissipation(damping, **together)] == ["passed"]
+    assert [x.verdict for x in dissipation(damping)] == ["failed"]
+
+
+def test_damping_that_rounding_hides_is_not_resolved():
+    (found,) = dissipation(lambda q, v: 1e14 + v[0] ** 2, states=STATES["cart"])
+    assert found.verdict == "inconclusive"
+    (found,) = dissipation(lambda q, v: v[0] ** 2 if v[0] > -0.01 else np.nan, states=3)
+    assert found.verdict == "not looked at"
 
 
 @pytest.mark.parametrize("nth", [1, 97, 500])

@@ -40,7 +40,7 @@ def second_differences(at: Point) -> Measured:
     """∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
 
     def second() -> Measured:
-        value, size = _second(at.raw("T"), at.q, at.width_v)
+        value, size = differences(at.raw("T"), at.q, at.width_v)
         scale, here = np.outer(at.width_v, at.width_v), at.of("T")
         # Each entry is a sum of four, as noisy for their sizes as T is here.
         noisy = float(here.error / here.size) if here.size > 0.0 else EPS
@@ -52,10 +52,10 @@ def second_differences(at: Point) -> Measured:
 def _second_of(at: Point) -> Callable[[Array, Array], Array]:
     """Function (q, v) -> ∂²T/∂v² (p, p)."""
     T, scale = at.raw("T"), np.outer(at.width_v, at.width_v)
-    return lambda q, v: _second(T, q, at.width_v)[0] / scale
+    return lambda q, v: differences(T, q, at.width_v)[0] / scale
 
 
-def _second(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> tuple[Array, Array]:
+def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> tuple[Array, Array]:
     """Second differences (p, p) of f(q, v) in steps of `widths`, and sizes of their terms."""
     steps, p = np.diag(widths), len(widths)
     rest = float(f(q, np.zeros(p)))

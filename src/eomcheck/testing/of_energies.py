@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.numbers.contract import Array
-from eomcheck.testing.derived import bias_of_energy, inertia_rate, second_differences
+from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.derived import bias_of_energy, differences, inertia_rate, second_differences
 from eomcheck.testing.measured import Measured, exact
 from eomcheck.testing.of_terms import proportional, rows
 from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Blind, Sides, claim
+from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
 
 @claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
@@ -57,6 +59,58 @@ def check_bias_of_energy(at: Point) -> Iterator[Sides]:
     expected = bias_of_energy(at)
     assert expected is not None
     yield Sides("bias ~ T", at.B(), expected, (rows(at),), proportional)
+
+
+@claim(
+    "dissipation-positive",
+    "R(q, v) + R(q, -v) ≥ 2 R(q, 0)",
+    "dissipation function",
+    ("R",),
+    without=("b",),
+    consistent=True,
+)
+def dissipation_positive(at: Point) -> Iterator[Told | Skipped]:
+    """Dampers take energy, in both directions together: v·∂R/∂v of v and of -v is not negative.
+
+    Asked along v, and along that velocity of which second differences of R are least. Terms odd in
+    v, as of a damper against a belt that moves, drop out.
+    """
+    R, here, still = at.raw("R"), at.of("R"), np.zeros(len(at.v))
+    least, size = _least_damped(at, R)
+    noise = EPS + (float(here.error / here.size) if here.size > 0.0 else 0.0)
+    rest = float(R(at.q, still))
+    changes = np.array(
+        [[float(R(at.q, sign * v)) - rest for sign in (1, -1)] for v in (at.v, least)]
+    )
+    if not np.isfinite(changes).all():
+        yield Skipped("R", "R has no value at a velocity within the ranges")
+        return
+    allowed = C * noise * max(size, float(here.size), abs(rest))
+    gains, change = changes.sum(axis=1), float(np.abs(changes).max())
+    gain, v = float(gains.min()), (at.v, least)[int(gains.argmin())]
+    if gain < -allowed:
+        where = ", ".join(f"{x:.3g}" for x in v)
+        feeds = f"feeds energy at v = [{where}], where R is {-gain / 2.0:.3g} W less than at rest"
+        what = f"dissipation function, value: {feeds}: wrong sign? Active drives belong into Q"
+        yield Told("R", -gain, allowed, "failed", what)
+    elif change == 0.0 or allowed <= INCONCLUSIVE * change:
+        yield Told("R", max(0.0, -gain), allowed, "passed")
+    else:
+        what = "R changes with v by no more than its own rounding"
+        yield Told("R", max(0.0, -gain), allowed, "inconclusive", what)
+
+
+def _least_damped(at: Point, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
+    """Velocity (p,) in the ranges of which second differences of R are least, and their size.
+
+    In the directions that constraints leave, where constraints are given.
+    """
+    free = at.free()
+    with np.errstate(divide="ignore"):
+        steps = free / np.abs(free / at.width_v[:, None]).max(axis=0)
+    values, size = differences(lambda q, y: R(q, steps @ y), at.q, np.ones(steps.shape[1]))
+    least = steps @ np.linalg.eigh(values)[1][:, 0]
+    return least / np.abs(least / at.width_v).max(), len(values) * float(size.max())
 
 
 def kinetic_rate(at: Point, qdd: Measured) -> Measured:
