@@ -205,6 +205,16 @@ FAULTS: dict[str, Fault] = {
     "sign of damping": Fault(
         "cart",
         {"R": lambda q, v: -CART.R(q, v)},
+        "dissipation-positive",
+        "feeds energy at v = [1, 0, 0]",
+    ),
+    "damping of another sign in q̈": Fault(
+        "cart",
+        {
+            "qdd": lambda q, v: (
+                CART.qdd(q, v) + np.linalg.solve(CART.M(q), [2 * CART.d * v[0], 0, 0])
+            )
+        },
         "motion",
         "off by damping: its sign is another one in q̈",
     ),
@@ -385,8 +395,8 @@ FAULTS: dict[str, Fault] = {
     "friction that drives": Fault(
         "drive",
         {"R": lambda q, v: -DRIVE.R(q, v)},
-        "motion",
-        "off by damping: its sign is another one in q̈",
+        "dissipation-positive",
+        "feeds energy at v = [",
     ),
     "no torques in q̈": Fault(
         "drive",

@@ -14,7 +14,7 @@ from eomcheck.testing.measured import Measured, exact
 from eomcheck.testing.of_energies import kinetic_rate
 from eomcheck.testing.of_terms import rows, same
 from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Blind, Sides, Skipped, claim
+from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
 HOW = {
     -1.0: "it is not in q̈, or it is in two of the other functions",
@@ -22,6 +22,15 @@ HOW = {
     -2.0: "its sign is another one in q̈",
 }
 """How often a force is in M q̈ + B more than it should be -> what that looks like."""
+
+FORCES = "no force is given: gravity, U, R or Q would tell"
+DAMPER = "odd in v, and linear: a damper? R or Q would tell"
+DRAG = "odd in v, and not linear: drag and friction would be in R or Q"
+
+
+def seen(x: Measured) -> Array:
+    """Whether each entry is certainly not 0."""
+    return np.abs(x.value) > C * x.error
 
 
 @claim(
@@ -36,10 +45,11 @@ HOW = {
         Blind("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
     ),
 )
-def motion(at: Point) -> Iterator[Sides | Skipped]:
+def motion(at: Point) -> Iterator[Sides | Told | Skipped]:
     """Accelerations satisfy the equations of motion, in the directions the constraints leave.
 
-    M and B as given, else as T, C or M say.
+    M and B as given, else as T, C or M say. Where no force is given at all, gravity and dampers may
+    be in q̈: of M q̈ + B the part that is quadratic in v has to vanish, and the rest is said.
     """
     subject, B = "M q̈ + B ~ forces", bias(at)
     if B is None:
@@ -51,6 +61,21 @@ def motion(at: Point) -> Iterator[Sides | Skipped]:
         free = exact(at.free().T)
         names = tuple(f"free direction {i}" for i in range(free.shape[0]))
         inertial, forces = free @ inertial, free @ forces
+    if not at.parts() and seen(inertial).any():
+        if at.has("b"):
+            yield Skipped(subject, FORCES)
+            return
+        each = [at.moved(-at.v), at.moved(np.zeros(len(at.v)))]
+        biases = [bias(one) for one in each]
+        back, rest = (
+            free @ (inertia(one) @ one.of("qdd") + B)
+            for one, B in zip(each, biases, strict=True)
+            if B is not None
+        )
+        yield Sides(subject, inertial + back, 2.0 * rest, (names,))
+        worst = float(np.abs(inertial.value).max())
+        yield Told("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
+        return
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
@@ -72,10 +97,13 @@ def motion(at: Point) -> Iterator[Sides | Skipped]:
     consistent=True,
     natural=True,
 )
-def power_balance(at: Point) -> Iterator[Sides]:
+def power_balance(at: Point) -> Iterator[Sides | Skipped]:
     """Energy changes by what forces and dampers do; constraints do no work."""
     qdd, forces, v = at.of("qdd"), at.forces(), exact(at.v)
     found = kinetic_rate(at, qdd)
+    if not at.parts() and seen(found).any():
+        yield Skipped("Ṫ ~ v·forces", FORCES)
+        return
     yield Sides("Ṫ ~ v·forces", found, v @ forces + of_violation(at, qdd, forces), ())
 
 
@@ -102,9 +130,47 @@ def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     natural=True,
     consistent=True,
 )
-def acceleration_even(at: Point) -> Iterator[Sides]:
-    """Without damping a motion can run backwards."""
-    yield Sides("q̈", at.moved(-at.v).of("qdd"), at.of("qdd"), (rows(at),))
+def acceleration_even(at: Point) -> Iterator[Sides | Told]:
+    """Without damping a motion can run backwards; what is linear in v may be a damper."""
+    damped, odd = _damped(at), _odd(at)
+    if damped.any():
+        rows_ = ", ".join(name for name, one in zip(rows(at), damped, strict=True) if one)
+        largest = float(np.abs(odd.value[damped]).max())
+        yield Told(
+            "q̈ odd in v", largest, 0.0, "inconclusive", f"acceleration, row {rows_}: {DAMPER}"
+        )
+    if damped.all():
+        return
+
+    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+        return DRAG
+
+    none = exact(np.zeros(len(at.v)))
+    found = _where(damped, none, at.moved(-at.v).of("qdd"))
+    yield Sides("q̈", found, _where(damped, none, at.of("qdd")), (rows(at),), say)
+
+
+def _odd(at: Point) -> Measured:
+    """Twice the part of q̈ (p,) that is odd in v."""
+    return at.of("qdd") - at.moved(-at.v).of("qdd")
+
+
+def _damped(at: Point) -> Array:
+    """Whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
+
+    def damped() -> Array:
+        once = _odd(at)
+        if not seen(once).any():
+            return np.zeros(once.shape, bool)
+        return seen(once) & ~seen(_odd(at.moved(2.0 * at.v)) - 2.0 * once)
+
+    return at.kept("damped", damped)
+
+
+def _where(chosen: Array, x: Measured, y: Measured) -> Measured:
+    """Entries of x where `chosen`, of y elsewhere."""
+    pairs = (x.value, y.value), (x.error, y.error), (x.size, y.size)
+    return Measured(*(np.where(chosen, *pair) for pair in pairs))
 
 
 @claim(
@@ -117,7 +183,12 @@ def acceleration_even(at: Point) -> Iterator[Sides]:
     consistent=True,
 )
 def acceleration_quadratic(at: Point) -> Iterator[Sides]:
-    """Without damping accelerations are those at rest and a quadratic part."""
+    """Without damping accelerations are those at rest and a quadratic part, with a linear damper in
+    the mean of both directions of v."""
     rest = at.moved(np.zeros(len(at.v))).of("qdd")
-    found = at.moved(2.0 * at.v).of("qdd") - rest
-    yield Sides("q̈", found, 4.0 * (at.of("qdd") - rest), (rows(at),))
+    twice = at.moved(2.0 * at.v)
+    here, far, damped = at.of("qdd"), twice.of("qdd"), _damped(at)
+    if damped.any():
+        here = _where(damped, here - 0.5 * _odd(at), here)
+        far = _where(damped, far - 0.5 * _odd(twice), far)
+    yield Sides("q̈", far - rest, 4.0 * (here - rest), (rows(at),))
