@@ -199,6 +199,33 @@ def test_equations_by_lagranges_method_pass(rod: bool, damping: float):
     assert expected <= passed
 
 
+def swung(scale: Any = 1, **options: Any) -> KanesMethod:
+    """Return a pendulum whose rate is `scale` times its speed."""
+    q, u = dynamicsymbols("q1 u1")
+    N, pivot = ReferenceFrame("N"), Point("O")
+    rod = N.orientnew("A", "Axis", [q, N.z])
+    rod.set_ang_vel(N, scale * u * N.z)
+    pivot.set_vel(N, sum(options.get("u_auxiliary", [])) * N.y)
+    bob = pivot.locatenew("P", r * rod.x)
+    bob.v2pt_theory(pivot, N, rod)
+    kane = KanesMethod(N, [q], [u], [scale * u - q.diff()], **options)
+    kane.kanes_equations([Particle("P", bob, m)], [(bob, m * g * N.x)])
+    return kane
+
+
+def test_kinematic_equations_may_hold_parameters():
+    scale, numbers = sm.Symbol("k"), {m: 1.3, r: 0.4, g: 9.81}
+    functions = from_kane(swung(scale), numbers | {scale: 0.7}, holonomic=True)
+    found = check(functions, states=3)
+    assert {x.verdict for x in found if x.claim != "reference"} == {"passed"}
+    q, u = np.array([0.3]), np.array([0.5])
+    plain = from_kane(swung(), numbers)
+    assert functions.qdot is not None
+    assert functions.qdot(q, u) == pytest.approx(0.7 * u)
+    assert functions.M(q) == pytest.approx(0.7**2 * plain.M(q))
+    assert functions.qdd(q, u) == pytest.approx(plain.qdd(q, 0.7 * u) / 0.7)
+
+
 def test_names_stand_for_symbols_without_assumptions():
     by_name = from_lagrange(pendulum(False), {"m": 1.3, "r": 0.4, "g": 9.81})
     q = np.array([0.3, -0.8])
@@ -235,6 +262,10 @@ def test_sympy_can_be_what_functions_are_compared_with():
                 pendulum(False), {m: 1.3, r: 0.4, sm.Symbol("g", positive=True): 9.81}
             ),
             "parameters of lagrange have g of other assumptions than its equations",
+        ),
+        (
+            lambda: from_kane(swung(u_auxiliary=[dynamicsymbols("u2")]), NUMBERS),
+            "kane has auxiliary speeds u2(t), which are 0 in every motion",
         ),
         (
             lambda: from_kane(disc(), NUMBERS, U=abs),

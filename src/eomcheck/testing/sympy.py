@@ -109,8 +109,8 @@ def from_kane(
 
     Raises:
         InputError: it is no such thing, its equations are not formed, a symbol has no number, a
-            number no symbol, its velocity constraints are not homogeneous in u, or a function is
-            among the options.
+            number no symbol, it has auxiliary speeds, its velocity constraints are not homogeneous
+            in u, or a function is among the options.
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics", "sympy")
@@ -124,9 +124,16 @@ def from_kane(
         raise InputError("kane has no equations yet, call kane.kanes_equations first") from None
     if any(term != 0 for term in kane._f_nh):
         raise InputError("kane has velocity constraints that are not homogeneous in its speeds")
-    rates = kane.kindiffdict()
+    if auxiliary := list(getattr(kane, "_uaux", ())):
+        names = ", ".join(map(str, auxiliary))
+        raise InputError(
+            f"kane has auxiliary speeds {names}, which are 0 in every motion and only bring "
+            "constraint forces into its equations: make it without u_auxiliary"
+        )
+    rates, t = kane.kindiffdict(), mechanics.dynamicsymbols._t
     numbers = _Numbers("kane", kane.q, kane.u, parameters)
-    in_u = {rate.diff(): value.diff() for rate, value in rates.items()} | dict(rates)
+    seconds = {x.diff(t): mechanics.msubs(y.diff(t), rates) for x, y in rates.items()}
+    in_u = seconds | dict(rates)
 
     energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
     speeds = required("sympy", "sympy").Matrix([rates[q.diff()] for q in kane.q])
