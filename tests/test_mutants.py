@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import Counter
 from dataclasses import replace
@@ -28,10 +29,15 @@ every = pytest.mark.parametrize("mutant", ALL, ids=lambda mutant: mutant.id)
 # ---- The data ------------------------------------------------------------------------------------
 
 
+@functools.cache
+def syntax(file: str) -> str:
+    """The syntax tree of a file of the package."""
+    return ast.dump(ast.parse((PACKAGE / file).read_text(encoding="utf-8")))
+
+
 @every
 def test_every_fault_is_found_once_and_makes_another_program(mutant: Mutant):
-    source = (PACKAGE / mutant.file).read_text(encoding="utf-8")
-    assert ast.dump(ast.parse(mutant.planted())) != ast.dump(ast.parse(source))
+    assert ast.dump(ast.parse(mutant.planted())) != syntax(mutant.file)
 
 
 @every

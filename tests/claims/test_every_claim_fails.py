@@ -275,7 +275,7 @@ def test_where_nothing_is_wrong_no_claim_fails_and_some_finding_passes(claim: st
     assert worst(found).ratio < 0.1
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @cases
 def test_a_claim_fails_where_any_number_that_it_is_about_is_slightly_wrong(claim, key, part):
     for entry in part.each_entry(shape_of(key, part)):
@@ -284,7 +284,7 @@ def test_a_claim_fails_where_any_number_that_it_is_about_is_slightly_wrong(claim
         assert all(f.claim == claim for f in found)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(5)
 @cases
 def test_ten_times_the_allowed_error_fails_and_a_tenth_passes(claim, key, part):
     entry = next(part.each_entry(shape_of(key, part)))
@@ -364,7 +364,7 @@ def test_every_identity_is_disproved_somewhere_below():
     assert {claim for claim, _, _ in PROVED} == {id for id in CLAIMS if CLAIMS[id].proved}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("claim", "key", "part"),
     [pytest.param(*case, id=", ".join(map(str, case))) for case in PROVED],

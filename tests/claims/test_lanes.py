@@ -90,6 +90,7 @@ def test_every_claim_of_every_scene_can_be_looked_at_in_lanes(kind: type[Scene])
     assert all(key[1] == "invariance" and y[0] == "failed" for key, _, y in found), found
 
 
+@pytest.mark.night
 def test_what_is_allowed_in_lanes_is_what_is_allowed_alone(sized):
     cases = list(scene_cases(Snake, (2, 6), sized(25, 8), seed=5))
     one, other = alone(cases), in_lanes(cases)
@@ -111,6 +112,7 @@ OF_RESULTS = {"equivalence", "multipliers", "constraint-acceleration", "equation
 """Claims of results: what rounds in the terms alone is not looked at in lanes."""
 
 
+@pytest.mark.night
 def test_on_hostile_snakes_lanes_differ_only_where_nothing_can_be_told(sized):
     strategy = strategies.scene_states(strategies.hostile_snakes(1, 4), strategies.hostile_states)
     cases = [

@@ -143,6 +143,7 @@ def test_an_engine_on_trial_and_our_scenes_are_found_again(tmp_path):
     assert str(bias) in run(bias.as_python()).splitlines()
 
 
+@pytest.mark.night
 def test_every_report_prints_code_that_runs(tmp_path):
     path = with_fault(tmp_path, "planar_reported", "rest - (spin", "rest + (spin")
     kept, html = tmp_path / "kept.db", tmp_path / "report.html"

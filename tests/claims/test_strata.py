@@ -126,6 +126,7 @@ for scene, state in scene_cases(Snake, (1, 12), 20, {seed}):
 """
 
 
+@pytest.mark.night
 def test_draws_depend_on_the_seed_and_on_nothing_that_stands_in_sources(tmp_path: Path):
     (tmp_path / "own.py").write_text("X = 0.7123, 3, 2.125, 7.5e-3\n", encoding="utf-8")
 
@@ -223,6 +224,7 @@ class WrongQdotOfOneLink(Snake):
         return 1.25 * found if found.size == 3 else found
 
 
+@pytest.mark.night
 def test_a_velocity_that_is_wrong_for_one_link_only_is_found_by_default():
     failure = first_failure(WrongQdotOfOneLink, Selection.of(engines=[]))
     assert failure is not None

@@ -256,6 +256,7 @@ def test_many_scenes_of_every_kind_are_varied(kind, many):
         assert_varied(np.array(there), one.low, one.high, name)
 
 
+@pytest.mark.night
 def test_in_many_snakes_all_links_differ(many):
     snakes = drawn(strategies.snakes(4, 4), many)
     for name in ("mass", "length", "inertia", "stiffness", "damping", "wheel_angle"):
@@ -266,6 +267,7 @@ def test_in_many_snakes_all_links_differ(many):
                 assert share > 0.5, f"{name} of links {i} and {j} differ in {share:.0%}"
 
 
+@pytest.mark.night
 def test_many_snakes_have_every_number_of_links(many):
     assert {snake.links for snake in drawn(strategies.snakes(1, 8), many)} == set(range(1, 9))
 
@@ -292,6 +294,7 @@ def test_symmetries_move_most_of_what_is_drawn():
         assert np.mean(each) > 0.75, name
 
 
+@pytest.mark.night
 def test_many_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds(many):
     snakes = drawn(strategies.hostile_snakes(2, 2), many)
     for name in ("mass", "length"):

@@ -47,6 +47,7 @@ def test_every_heading_is_drawn(states):
 
 
 @pytest.mark.parametrize("name", ["mass", "length", "inertia", "wheel_angle"])
+@pytest.mark.night
 def test_links_of_a_snake_differ_in_every_parameter(name: str):
     snakes = draw(strategies.snakes(3, 3), 100, 0)
     different = [len(set(getattr(snake, name).tolist())) == 3 for snake in snakes]
@@ -73,6 +74,7 @@ def test_both_halves_of_every_range_are_drawn(kind):
             assert (values < middle).any() and (values > middle).any(), name
 
 
+@pytest.mark.night
 def test_hostile_snakes_have_huge_and_tiny_parameters_and_wheels_across():
     snakes = draw(strategies.hostile_snakes(), 200, 0)
     for name in ("mass", "length", "inertia"):
@@ -82,6 +84,7 @@ def test_hostile_snakes_have_huge_and_tiny_parameters_and_wheels_across():
     assert np.mean(across) > 0.1
 
 
+@pytest.mark.night
 def test_hostile_states_are_straight_or_turned_often_and_of_all_speeds():
     states = draw(strategies.hostile_states(COIL), 1000, 0)
     straight = [np.ptp(state.q[2:]) == 0 and state.q[2] != 0 for state in states]

@@ -32,6 +32,7 @@ def test_times_are_read():
     assert [seconds_of(x) for x in ("20s", "10m", "1.5h")] == [20.0, 600.0, 5400.0]
 
 
+@pytest.mark.night
 def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatch, capsys):
     how = "--states", "1", "--family", "ordinary"
     assert run(*how, monkeypatch=monkeypatch) == 0

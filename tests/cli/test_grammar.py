@@ -280,6 +280,7 @@ def test_keys_that_are_completed_are_those_that_there_are(word):
         ("list cl", ["claims"]),
     ],
 )
+@pytest.mark.night
 def test_a_shell_is_told_the_rest_of_a_name_without_anything_heavy(typed, completed):
     code = (
         "import sys; sys.argv[0] = 'eomcheck'\n"

@@ -455,6 +455,7 @@ def test_no_option_is_left_out():
 @pytest.mark.parametrize(
     ("command", "option"), [(command, option) for command in CASES for option in CASES[command]]
 )
+@pytest.mark.sampled(3)
 def test_every_option_changes_what_its_command_hands_on(command, option, here, monkeypatch):
     words, expected, *begin = CASES[command][option]
     base = begin[0] if begin else BASES.get(command, "")

@@ -37,6 +37,7 @@ def errors(said: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("words", [VALIDATE, ("list", "claims")])
+@pytest.mark.night
 def test_a_reader_that_has_gone_changes_no_exit_code_and_no_file(tmp_path: Path, words: tuple):
     file = tmp_path / "found.json"
     reading, writing = os.pipe()
@@ -48,6 +49,7 @@ def test_a_reader_that_has_gone_changes_no_exit_code_and_no_file(tmp_path: Path,
     assert words is not VALIDATE or json.loads(file.read_text(encoding="utf-8"))["findings"]
 
 
+@pytest.mark.night
 def test_output_that_is_lost_on_its_way_is_said_and_the_file_is_there(tmp_path: Path):
     file, full = tmp_path / "found.json", Path("/dev/full")
     if not full.is_char_device():

@@ -106,7 +106,7 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
     assert rows and all(row.count(",") >= head.count(",") for row in rows), "CSV is not folded"
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.night
 def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
     monkeypatch.setattr(rounds, "BATCH", 8)
     assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
@@ -179,7 +179,7 @@ def test_the_culprit_is_who_comes_nearest_to_what_is_allowed(monkeypatch, capsys
     assert {claim for claim, subjects in told.items() if printed[claim] in subjects} == set(told)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.night
 @pytest.mark.parametrize(("columns", "most"), [("40", 40), ("80", 80), (None, 140), ("3", 140)])
 def test_columns_is_honoured_where_output_is_piped_and_so_is_no_color(columns, most):
     environment = {name: x for name, x in os.environ.items() if name != "COLUMNS"}

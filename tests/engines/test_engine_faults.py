@@ -38,6 +38,7 @@ def test_the_right_engine_passes_everything_that_it_offers():
 
 
 @pytest.mark.parametrize("kind", [Snake, ChainPendulum, Sleigh])
+@pytest.mark.night
 def test_the_right_engine_passes_at_random_states(kind):
     found = eomcheck.validate(kind.example(), examples=40, engines=[planar()], claims=ASKING)
     assert [str(f) for f in found if f.verdict == "failed"] == []

@@ -127,6 +127,7 @@ def test_a_module_is_found_by_its_dotted_name(tmp_path, monkeypatch, own_path):
         engine_of("package_of_engines.round:Planar")
 
 
+@pytest.mark.night
 def test_an_entry_point_is_found_by_its_name(tmp_path, monkeypatch, own_path):
     (tmp_path / "announced_engine.py").write_text(
         PLANAR.read_text(encoding="utf-8"), encoding="utf-8"
@@ -200,6 +201,7 @@ def test_an_engine_is_made_once_for_each_scene():
 # ---- The command line ----------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_without_a_scene_every_scene_that_the_engine_represents_is_looked_at():
     found = command("--engine", f"{PLANAR}:Planar", "--examples", "2", "--executor", "local:2")
     assert found.returncode == 0, found.stderr

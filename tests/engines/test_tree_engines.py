@@ -69,6 +69,7 @@ def look(scene: Scene, state: State, engine: Engine, *claims: str):
 @every_engine
 @every_tree
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sampled(4)
 def test_mass_matrix_and_bias_do_not_depend_on_the_frames_that_bodies_are_given_in(
     key, scene_key, seed
 ):

@@ -108,6 +108,7 @@ def test_what_is_changed_keeps_its_structure_and_the_constraints():
 # ---- Rounds and campaigns ------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_round_is_the_same_each_time_and_another_with_another_number():
     one, again = (run_round(plan(), Round(4, STRATUM, {})) for _ in range(2))
     other = run_round(plan(), Round(5, STRATUM, {}))
@@ -171,6 +172,7 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
     assert second.by_stratum == whole.by_stratum
 
 
+@pytest.mark.night
 def test_rounds_go_through_all_structures_before_any_comes_again():
     here = plan(batch=4, claims=("power-balance",))
     campaign = Campaign(here, "snake", strata_of(Snake, (1, 2)))
@@ -233,6 +235,7 @@ def test_suspects_are_judged_by_check_alone(monkeypatch):
     assert all(best[0].height <= 1.0 for best in result.population.values())
 
 
+@pytest.mark.night
 def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkeypatch):
     made_small = []
 

@@ -182,6 +182,7 @@ def test_random_scenes_are_moved_too(kind):
 
 
 @both
+@pytest.mark.night
 def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
     random, strata = np.random.default_rng(0), strata_of_any(kind, (3,))
     fuzzed = [structure_drawn(kind, strata[i % len(strata)], random)() for i in range(60)]

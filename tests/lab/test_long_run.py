@@ -31,6 +31,7 @@ def test_no_output_time_is_one_at_which_the_velocity_was_just_projected():
     assert off.min() > 1e-6
 
 
+@pytest.mark.night
 def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     with Records(tmp_path / "long.db") as records:
         found = STUDY.measure(records, **SHORT)

@@ -104,6 +104,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     return stop.value.code or 0
 
 
+@pytest.mark.night
 def test_the_command_measures_prints_and_draws(measured, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.setattr(paper, "QUICK", SMALL)
     monkeypatch.setattr(paper, "OUTPUTS", OUTPUTS)

@@ -143,6 +143,7 @@ def test_bad_jobs_are_named(arguments, error, says):
         proof_jobs(*arguments)
 
 
+@pytest.mark.night
 def test_a_killed_command_resumes(tmp_path: Path):
     path = tmp_path / "proofs.json"
     part = path.with_name("proofs.json.part")

@@ -83,6 +83,7 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
     assert Overview(read([tmp_path / "r.db"])).verdict == "not finished"
 
 
+@pytest.mark.night
 def test_kinds_of_scenes_are_looked_at_alike_in_any_number_of_processes(tmp_path: Path):
     keys = ("sleigh", "rolling-disk", "chain-pendulum")
     kinds = [SCENES[key] for key in keys]

@@ -364,6 +364,7 @@ def test_a_scheduler_that_stays_without_workers_ends_the_work(monkeypatch):
 
 
 @pytest.mark.usefixtures("deadline")
+@pytest.mark.night
 def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
     where, (_, *workers) = cluster
     wait_for_workers(where.removeprefix("dask:"))
@@ -375,7 +376,7 @@ def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
         check_place(where)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.night
 @pytest.mark.usefixtures("deadline")
 @pytest.mark.parametrize("address", ["127.0.0.1:9", "tcp://127.0.0.1:9", "nonsense://x", "a:b:c"])
 def test_a_scheduler_that_does_not_answer_is_bad_input_and_soon(address, monkeypatch):

@@ -222,6 +222,7 @@ def _place(settings: dict) -> tuple:
     return tuple(settings[name] for name in STATE)
 
 
+@pytest.mark.night
 def test_processes_measure_the_same(tmp_path: Path):
     planned: dict[str, Any] = {"family": ["dependent"], "formulation": ["au"], "quick": True}
     with Records(tmp_path / "records.db") as records:

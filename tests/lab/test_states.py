@@ -43,6 +43,7 @@ def looked(where: str | None, kind=Sleigh, on_case=lambda: None, path: Path | No
     return run
 
 
+@pytest.mark.night
 def test_two_processes_find_and_keep_what_one_does(tmp_path: Path):
     cases: list[int] = []
     runs, kept = [], []
@@ -59,6 +60,7 @@ def test_two_processes_find_and_keep_what_one_does(tmp_path: Path):
     assert kept[0] == kept[1] and len(kept[0]) == len(one.findings)
 
 
+@pytest.mark.night
 def test_two_processes_stop_where_one_does_and_at_the_same_smallest_failure():
     one, two = looked(None, HeavyInside), looked("local:2", HeavyInside)
     assert one.minimal is not None and two.minimal is not None

@@ -170,6 +170,7 @@ def test_an_explicit_integrator_that_does_not_get_there_counts_as_dearer():
     assert cheapest(records, 1e-9, COMPILED) is None
 
 
+@pytest.mark.night
 def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys, monkeypatch):
     with Records(tmp_path / "stiff.db") as records:
         found = STUDY.measure(records, references=REFERENCES, **TINY)

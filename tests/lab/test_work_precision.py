@@ -112,6 +112,7 @@ def test_the_summary_is_made_from_the_numbers():
     assert "None reaches an error of 1e-09." in summary(RECORDS[:1])
 
 
+@pytest.mark.night
 def test_tables_name_what_failed_and_diagrams_are_drawn(tmp_path: Path, capsys):
     check_sheets_fit(sheets(RECORDS))
     print_sheets(sheets(RECORDS))

@@ -50,7 +50,7 @@ def assert_agrees(found: eomcheck.Trajectory, alone: eomcheck.Trajectory):
         assert difference.max() <= 100 * TOLERANCE
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("links", [2, 3])
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_each_motion_is_that_of_simulate(key: str, links: int):

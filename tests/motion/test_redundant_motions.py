@@ -100,6 +100,7 @@ def test_stabilization_holds_redundant_rows_too(stabilized: dict):
     assert held.constraint_residual[-1].max() < loose.constraint_residual[-1].max() / 5
 
 
+@pytest.mark.night
 def test_motions_side_by_side_keep_rows_of_their_own():
     angles = np.array([-0.3, 0.0, 0.2, 0.5, 1.0, 1.4, 1.8, 2.2, 2.6])
     q0, v0 = (np.array(x) for x in zip(*(RING.closed(a, 0.5) for a in angles), strict=True))

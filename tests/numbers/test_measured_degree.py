@@ -82,7 +82,7 @@ def test_no_measured_degree_exceeds_the_bound(scene: Scene):
     assert [entry for entry in found if entry[1] > entry[2]] == []
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @scenes
 def test_every_formulation_and_every_identity_is_measured(scene: Scene):
     """Unless it is about springs, joints or the second partition: then where there are any."""

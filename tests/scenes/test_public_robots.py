@@ -39,6 +39,7 @@ def found(name: str) -> Path | None:
 @pytest.mark.parametrize(
     ("name", "floating"), [*((x, False) for x in FIXED), *((x, True) for x in FREE)]
 )
+@pytest.mark.sampled(3)
 def test_a_public_robot_agrees_with_what_pinocchio_reads_and_is_proved(name: str, floating: bool):
     path = found(name)
     if path is None:

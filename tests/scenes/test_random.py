@@ -94,6 +94,7 @@ def test_draws_have_every_pair_of_strata_and_hardly_rest(cases):
     assert all(states > 0 for of in counts.values() for states in of.values())
 
 
+@pytest.mark.night
 def test_nearly_every_draw_hangs_together_in_another_way(cases):
     assert len({scene.structure for scene, _ in cases}) > 0.9 * ENOUGH
 

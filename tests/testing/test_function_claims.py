@@ -280,6 +280,7 @@ def test_damping_that_rounding_hides_is_not_resolved():
 
 
 @pytest.mark.parametrize("nth", [1, 97, 500])
+@pytest.mark.sampled(3)
 def test_a_write_into_arguments_anywhere_in_a_run_fails(nth: int):
     calls = 0
 
@@ -314,6 +315,7 @@ def test_every_claim_is_tried():
 
 
 @pytest.mark.parametrize("id", WRONG)
+@pytest.mark.sampled(2)
 def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
     right = looked_at(id, 0.0, claims=[id])
     assert right

@@ -516,6 +516,7 @@ def test_the_file_of_the_guide_has_at_most_15_lines_beyond_the_equations(own: st
 
 
 @pytest.mark.parametrize("own", ["cart", "drive"])
+@pytest.mark.night
 def test_a_failure_ends_the_file_of_the_guide_with_1(own: str, tmp_path):
     source = (GUIDES / f"{own}.py").read_text(encoding="utf-8")
     old, new = "return 0.5 * (m", "return 0.4 * (m"

@@ -341,6 +341,7 @@ def test_nothing_is_done_before_a_test_of_the_scene_is_run(session, pytester):
     assert asked() == 2 * one > 0
 
 
+@pytest.mark.night
 def test_processes_of_xdist_share_the_work(session, pytester):
     pytest.importorskip("xdist")
     asked = counting(pytester)
@@ -564,6 +565,7 @@ def test_the_test_with_hypothesis_that_is_shown_passes_and_finds_a_wrong_sign(se
     result.stdout.fnmatch_lines(["FAILED test_wrong.py::test_my_solver*"])
 
 
+@pytest.mark.night
 def test_the_settings_allow_a_first_case_that_takes_long(session, pytester):
     pytester.makepyfile(test_slow=SLOW)
     pytester.runpytest_subprocess("test_slow.py").assert_outcomes(passed=2)

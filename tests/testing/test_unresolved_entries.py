@@ -184,6 +184,7 @@ def table(knots: int, seed: int, factor: float = 1.0) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("knots", [11, 101, 501, 1001, 2001, 20001])
+@pytest.mark.night
 def test_tables_with_many_knots_pass_and_a_wrong_one_fails(knots: int):
     claim = "gravity-of-potential"
     for seed in range(3):
@@ -193,6 +194,7 @@ def test_tables_with_many_knots_pass_and_a_wrong_one_fails(knots: int):
 
 
 @pytest.mark.parametrize("far", [1e3, 1e5, 1e6])
+@pytest.mark.night
 def test_right_functions_of_wide_ranges_do_not_fail(far: float):
     found = check_functions(**given("cart"), ranges=(-far, far), states=10)
     assert not of(found, "failed")
