@@ -673,7 +673,7 @@ def tried(fault: Fault, seed: int = 0) -> Outcome | None:
     rng = np.random.default_rng([seed, fault.kind, list(models()).index(fault.model)])
     try:
         wrong = kind.plant(parts, rng)
-    except KeyError:  # it reads a function that the set has not
+    except KeyError:
         return None
     if wrong is None:
         return None
@@ -681,17 +681,21 @@ def tried(fault: Fault, seed: int = 0) -> Outcome | None:
     given_ = {name: parts[name] for name in names & set(parts)}
     functions = functions_of(n, given_ | {kind.wrong: wrong, "name": fault.model})
     calls_differ = kind.id.startswith("rare:") and "q[0]" not in kind.id
-    if not calls_differ and not visible(given_[kind.wrong], wrong, functions, seed):
+    try:
+        shows = calls_differ or visible(given_[kind.wrong], wrong, functions, seed)
+    except KeyError:  # it reads a function that the set has not
+        return None
+    if not shows:
         return None
     findings = check(functions, seed=seed)
     failed = [x for x in findings if x.verdict == "failed"]
-    skipped = [x.detail for x in findings if x.verdict == "not looked at"]
+    open_ = [x.detail for x in findings if x.verdict in ("not looked at", "inconclusive")]
     return Outcome(
         fault,
         can_be_told(kind, names),
         bool(failed),
         bool(failed) and names_term(failed[0], kind.wrong),
-        any("would" in detail for detail in skipped),
+        any("would" in detail for detail in open_),
         str(failed[0]) if failed else "",
     )
 

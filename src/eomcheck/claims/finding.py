@@ -20,6 +20,9 @@ Verdict = Literal["passed", "failed", "inconclusive", "not looked at"]
 DECIDED: tuple[Verdict, ...] = ("passed", "failed")
 """The verdicts that say something."""
 
+EVERY_ROW = ", in every row"
+"""End of a text about all rows of a quantity."""
+
 
 @dataclass(frozen=True)
 class Proof:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.evaluation.tolerance import C, allowed_error
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
@@ -143,18 +144,23 @@ def check_bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-    """Say by which factor all rows are too large, if by one."""
+    """Factor by which all rows are too large, in words; "" if there is none.
+
+    A factor is told to as many digits as `allowed` leaves, so that one cause has one text.
+    """
     size = float(np.abs(expected).max(initial=0.0))
     if size == 0.0 or found.size < 1:
         return ""
-    factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
+    near = np.maximum(allowed, 1e-10 * size)
     known = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
-    if not (np.abs(found - factor * expected) <= np.maximum(allowed, 1e-10 * size)).all():
-        return ""
     for value, name in known.items():
-        if abs(factor - value) <= 1e-9:
-            return f"{name}, in every row"
-    return f"{factor:.7g} times what is expected, in every row"
+        if (np.abs(found - value * expected) <= near).all():
+            return name + EVERY_ROW
+    factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
+    if not (np.abs(found - factor * expected) <= near).all():
+        return ""
+    digits = min(max(int(-np.log10(near / size)), 1), 7)
+    return f"{factor:.{digits}g} times what is expected{EVERY_ROW}"
 
 
 @claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.claims.repeat import python_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.families import Case
@@ -61,6 +62,7 @@ class Find:
         """What tells causes apart: scene, claim, formulations, fault, and what is wrong."""
         words = cause_of(self)
         what = self.detail.rpartition(": ")[2] if ": " in self.detail else ""
+        what = what.removesuffix(EVERY_ROW)  # in all that do not vanish in this state
         what = "" if any(c.isdigit() for c in what) else what
         return self.scene, self.claim, " ".join(words), self.whose, what
 
