@@ -159,7 +159,7 @@ WRONG: dict[str, Wrong] = {
         lambda eps: {
             "R": None,
             "qdd": lambda q, v: np.linalg.solve(
-                CART.M(q), -CART.bias(q, v) - CART.gravity(q) - eps * np.array([v[0], 0, 0])
+                CART.M(q), -CART.bias(q, v) - CART.gravity(q) - eps * np.array([v[0] ** 3, 0, 0])
             ),
         },
     ),
@@ -182,13 +182,14 @@ WRONG: dict[str, Wrong] = {
 }
 
 
-@pytest.mark.parametrize("nth", [2, 7, 50, 97])
+@pytest.mark.parametrize("nth", [2, 4, 7, 50, 97])
 def test_an_answer_that_is_stale_in_every_nth_call_fails(nth: int):
-    found = check_functions(**(given("cart") | {"gravity": Stale(nth).gravity}), claims=REPEAT)
+    options = {"gravity": Stale(nth).gravity, "states": 8, "claims": REPEAT}
+    found = check_functions(**(given("cart") | options))
     assert [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
 
 
-@pytest.mark.parametrize("digits", [5, 6])
+@pytest.mark.parametrize("digits", [3, 4, 5, 6, 7, 8])
 def test_a_cache_by_rounded_coordinates_fails(digits: int):
     kept: dict[Any, Any] = {}
 
@@ -197,7 +198,16 @@ def test_a_cache_by_rounded_coordinates_fails(digits: int):
 
     found = check_functions(**(given("cart") | {"gravity": gravity}), claims=REPEAT, states=5)
     details = [one.detail for one in found if one.verdict == "failed"]
-    assert any("does not feel changes of q[" in one for one in details)
+    assert any("gravity, does not feel small changes of q" in one for one in details)
+
+
+def test_one_coordinate_that_is_rounded_is_named():
+    def gravity(q):
+        return CART.gravity(np.array([q[0], np.round(q[1], 6), q[2]]))
+
+    found = check_functions(**(given("cart") | {"gravity": gravity}), claims=REPEAT, states=3)
+    (failed,) = [one for one in found if one.verdict == "failed"]
+    assert failed.detail == "gravity, does not feel small changes of q[1]: cached?"
 
 
 @pytest.mark.parametrize(

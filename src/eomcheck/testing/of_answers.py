@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -87,41 +87,49 @@ def same_answer(at: Point) -> Iterator[Sides]:
         yield _again(at, name, again, first)
 
 
-AGAIN = 12
-"""Number of times that each function is called again at each state, another one in between."""
+AGAIN, AWAY = 24, 3
+"""Number of times that each function is called again at each state, and at how many states near it,
+in random order: an answer that is the last one's every nth time shows for every n."""
 
 KEPT, COARSE_BY = 2.0**-26, 2.0**-18
 """Change that a cache by six digits does not show, per half width of the range: functions must
 feel it if `FELT` changes them in proportion and by more than `COARSE_BY` of their size."""
+
+CACHED = tuple((2.0**-k, 2.0 ** -(k + 10)) for k in (6, 11, 21))
+"""Changes of all coordinates together, long and short, per half width: a cache by three to eight
+digits shows one of the long ones and none of the short ones that belong to it."""
 
 
 @claim("answers-repeat", "f(x) is the same in every call of a run", "")
 def answers_repeat(at: Point) -> Iterator[Sides | Told]:
     """Old states are asked again after all other claims, to a rounding, whatever the noise.
 
-    Each second call is at another state, which a stale answer would show; and no answer may be kept
-    for states that differ in the seventh digit. Those in single precision fail as such.
+    Each call is at another state than the one before, whose answer would show; and no answer may be
+    kept for states that differ in few digits. Those in single precision fail as such.
     """
     n, x = len(at.q), np.concatenate((at.q, at.v))
     width = np.concatenate((at.width_q, at.width_v))
+    rng = np.random.default_rng(at.seed)
+    order, where = np.cumsum(rng.integers(1, AWAY + 1, AGAIN)) % (AWAY + 1), [x]
+    where += [x + (0.1 + 0.2 * k) * width for k in range(AWAY)]
     for name in working(at):
-        first, f, worst_ = at.of(name), at.raw(name), None
-        for k in range(AGAIN):
-            away = x + (0.1 + 0.05 * k) * width
-            f(away[:n], away[n:])
-            again = f(at.q, at.v)
-            if not np.array_equal(again, first.value) or worst_ is None:
-                worst_ = again
-        rounding = EPS * np.maximum(first.size, np.abs(first.value))
+        f, first = at.raw(name), at.of(name)
+        known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
+        worst, error = first.value, np.zeros(first.shape)
+        for k in order:
+            away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
+            # No number twice is the same answer.
+            if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
+                error, worst = away, first.value + away
+        rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
         kept = Measured(first.value, rounding, first.size)
         double = name not in at.answers.single and _relative(first) <= NOISE
         unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
-        if unfelt:
-            what = f"{name}, does not feel changes of {unfelt} in the seventh digit: cached?"
+        if unfelt or _is_cached(at, name):
+            what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
             yield Told(name, KEPT, 0.0, "failed", what)
             continue
-        assert worst_ is not None
-        yield _again(at, name, worst_, kept)
+        yield _again(at, name, worst, kept)
 
 
 @claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
@@ -237,11 +245,36 @@ def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) ->
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - here.value)
 
-        once, *more = (changed(j * FELT) for j in (1, 2, 3))
-        # In proportion, and not small beside other entries: an entry that vanishes but for
-        # rounding may be 0 here and not there.
-        straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]
-        coarse = (once > by * largest(here.size)) & np.logical_and.reduce(straight)
-        if coarse.any() and not any((changed(j * small) > 0.0)[coarse].any() for j in (1, 2, 3)):
+        if _steps(changed, FELT, small, by * largest(here.size)):
             return names[k]
     return ""
+
+
+def _is_cached(at: Point, name: str) -> bool:
+    """Whether a function feels long changes of all coordinates together and no short ones."""
+    f, here = at.raw(name), at.of(name)
+    if "q" not in at.answers.reads(name):
+        return False
+    rng = np.random.default_rng(at.seed)
+    along = rng.uniform(0.5, 1.0, len(at.q)) * rng.choice((-1.0, 1.0), len(at.q)) * at.width_q
+
+    def changed(share: float) -> Array:
+        return np.abs(f(at.q + share * along, at.v) - here.value)
+
+    least = largest(here.size)
+    return any(_steps(changed, long, short, long / 8.0 * least) for long, short in CACHED)
+
+
+def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
+    """Whether an entry changes by more than `least` and in proportion over one, two and three long
+    steps, and not at all over as many short ones.
+
+    In proportion, and not small beside other entries: an entry that vanishes but for rounding may
+    be 0 here and not there.
+    """
+    once, *more = (changed(j * long) for j in (1, 2, 3))
+    straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]
+    coarse = (once > least) & np.logical_and.reduce(straight)
+    if not coarse.any():
+        return False
+    return not any((changed(j * short) > 0.0)[coarse].any() for j in (1, 2, 3))
