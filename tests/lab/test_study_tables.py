@@ -17,9 +17,13 @@ from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
 from eomcheck.lab.studies.engines import Compared
 from eomcheck.lab.studies.motion import MotionTime
+from eomcheck.lab.studies.operations.absent import Saving
+from eomcheck.lab.studies.operations.counting import Operations, record_of
+from eomcheck.lab.studies.rhs import Timing
 from eomcheck.lab.studies.robots import Read
 from eomcheck.lab.studies.stability.measure import outcome
 from eomcheck.lab.studies.stability.show import WORDS
+from eomcheck.numbers.counting import System
 
 
 def tables(key: str, *found: Record) -> list[list[tuple[str, ...]]]:
@@ -158,3 +162,124 @@ def test_a_cell_of_the_atlas_is_good_told_or_silent_by_its_error_and_bound(relat
     record = Record("stability", {}, errors={"relative": relative, "bound": bound})
     assert word in WORDS.get(outcome(record), "")
     assert bool(WORDS.get(outcome(record))) == bool(word)
+
+
+def test_right_hand_sides_tell_medians_their_ratio_to_sines_their_slope_and_their_making():
+    rows = [
+        Timing("snake", "sin, cos", 100, 1e-6, (0.0, 0.0), 0.0),
+        Timing("snake", "sin, cos", 7, 5e-8, (0.0, 0.0), 0.0),
+        Timing("snake", "kane", 7, 2e-7, (0.0, 0.0), 0.5),
+        Timing("snake", "kane", 100, 4e-6, (0.0, 0.0), 3.0),
+        Timing("snake", "kane", 1000, 4e-4, (0.0, 0.0), 2.0),
+        Timing("sleigh", "kane", 0, 3e-7, (0.0, 0.0), 0.25),
+    ]
+    (sines, kane), (sleigh,) = tables("rhs", record_of_rows("rhs", {}, rows))
+    assert kane[0] == "kane" and [x.split("(")[-1] for x in kane[1:3]] == ["4 ×)", "4 ×)"]
+    assert [x.split(" ")[0] for x in kane[1:4]] == ["200", "4", "400"]
+    assert kane[4:] == ("2.000", "3 s")
+    assert [x.split(" ")[0] for x in sines[1:3]] == ["50", "1"] and sines[3] == ""
+    assert [x.split(" ")[0] for x in sleigh] == ["kane", "300", "250"]
+
+
+def run_to(final: float, seconds: float | None, **settings: Any) -> Record:
+    errors = {"final": final, "floor": 1e-15, "energy": 1e-9, "constraint": 1e-11}
+    errors |= {"constraint_drift": 3e-10, "constraint_exponent": 1.25}
+    settings = {"reference": "paper-rest", "integrator": "Radau", "tolerance": 1e-3} | settings
+    if seconds is None:
+        return Record("work-precision", settings, "failed", "a step of zero")
+    counts = {"right-hand sides": 1234, "steps": 56}
+    return Record("work-precision", settings, seconds=seconds, counts=counts, errors=errors)
+
+
+def test_work_and_precision_tell_the_fastest_to_each_error_the_front_drift_and_failures():
+    found = (
+        run_to(1e-4, 2e-3, formulation="kane"),
+        run_to(5e-7, 6e-3, formulation="kane", integrator="DOP853", tolerance=1e-7),
+        run_to(2e-4, 8e-3, formulation="au"),
+        run_to(9e-4, 5e-3, formulation="au", integrator="BDF"),
+        run_to(1e-2, 1e-3, formulation="el"),
+        run_to(0.0, None, formulation="ml"),
+    )
+    targets, front, drift, failed = tables("work-precision", *found)
+    blank = ("", "", "")
+    assert targets == [
+        ("kane", "2 ms", "Radau", "1", "6 ms", "DOP853", "1", *blank),
+        ("au", "5 ms", "BDF", "2.5", *blank, *blank),
+        ("el", *blank, *blank, *blank),
+        ("ml", *blank, *blank, *blank),
+    ]
+    assert front == [
+        ("el", "Radau", "1e-03", "1 ms", "1.0e-02"),
+        ("kane", "Radau", "1e-03", "2 ms", "1.0e-04"),
+        ("kane", "DOP853", "1e-07", "6 ms", "5.0e-07"),
+    ]
+    assert drift[:2] == [
+        ("kane", "DOP853", "1e-07", "3.0e-10", "1.2", "", ""),
+        ("au", "Radau", "1e-03", "3.0e-10", "1.2", "", ""),
+    ]
+    assert failed == [("paper-rest", "ml", "Radau", "1e-03", "failed", "a step of zero")]
+    (text,) = said("work-precision", *found)
+    assert text.startswith("paper-rest: 5 of 6 runs finished.")
+    assert "An error of 1e-03 is reached first by kane with Radau in 2 ms; the slowest" in text
+    assert "au, takes 2.5 times as long" in text and "None reaches an error of 1e-09." in text
+
+
+def stiff_run(integrator: str, k: float, cpu: float, sides: int, **other: Any) -> Record:
+    settings = {"problem": "damped", "formulation": "kane", "tolerance": 1e-4, "jacobian": None}
+    settings |= {"integrator": integrator, "stiffness": k} | other
+    return Record(
+        "stiff",
+        settings,
+        seconds=9.0,
+        cpu_seconds=cpu,
+        counts={"right-hand sides": sides},
+        errors={"final": 5e-4, "floor": 1e-12},
+    )
+
+
+def test_stiff_joints_tell_costs_crossovers_what_jacobians_save_and_failures():
+    settings = {"problem": "damped", "formulation": "kane", "integrator": "BDF", "tolerance": 1e-8}
+    found = (
+        Record("stiff-truth", {"stiffness": 1e4}, errors={"uncertainty": 3e-11}),
+        Record("stiff-truth", {"stiffness": 1e8}, "failed", "no truth"),
+        stiff_run("DOP853", 1e4, 1e-3, 100),
+        stiff_run("Radau", 1e4, 4e-3, 900),
+        stiff_run("DOP853", 1e8, 8e-3, 800),
+        stiff_run("Radau", 1e8, 2e-3, 600),
+        stiff_run("Radau", 1e8, 4e-2, 1000, jacobian="differences"),
+        stiff_run("Radau", 1e8, 1e-2, 250, jacobian="exact"),
+        Record("stiff", settings | {"stiffness": 1e8, "jacobian": None}, "failed", "too slow"),
+    )
+    truth, *costs, crossover, jacobians, failures = tables("stiff", *found)
+    assert truth == [("1e+04", "3.0e-11"), ("1e+08", "no truth")]
+    titles = [sheet.title for sheet in study_of("stiff").sheets(found)][1:5]
+    rough = costs[2]
+    assert titles[2].startswith("damped, kane") and titles[2].endswith("1e-03")
+    assert ("DOP853", "1  100", "8  800") in rough and ("Radau", "4  900", "2  600") in rough
+    assert costs[3] == [(row[0], "", "") for row in costs[3]], "none is right to 1e-6"
+    at = {row[:3]: row[3:] for row in crossover}
+    # The ratio of CPU times goes from 1/4 to 4, that of right-hand sides from 1/9 to 4/3.
+    assert at["damped", "1e-03", "kane"] == ("1.0e+06", "3.4e+07")
+    assert at["undamped", "1e-03", "kane"] == ("never", "never")
+    assert jacobians == [
+        ("Radau", "1e-04", "1e+08", "1000", "250", "75%", "40", "10", "75%", "5e-04", "5e-04")
+    ]
+    assert failures == [("damped", "kane", "BDF", "too slow", "1e+08 at 1e-08")]
+
+
+def test_operations_tell_counts_systems_springs_and_savings():
+    counts = [
+        record_of(Operations("au", n, n + 2, n, 2, 10 * n, 5 * n, n, n, (System("A", 2 * n, 1),)))
+        for n in range(2, 9)
+    ]
+    saving = Saving("a trailer", ("Q", "b"), "kane", (1200, 1500), (2e-6, 3e-6))
+    savings = record_of_rows("operations", {"scene": "trailer"}, [saving])
+    table, polynomials, totals, systems, saved = tables("operations", *counts, savings)
+    assert table == [(str(n), str(16 * n)) for n in range(2, 9)]
+    (row,) = polynomials
+    assert row[0] == "au" and [x.replace(" ", "") for x in row[1:]] == ["10N", "5N", "N", "N"]
+    assert totals == [("au", "16 N", "16/3 N³ + 6 N² - 7/3 N")]
+    (solved,) = systems
+    assert solved[:4] == ("au", "A", "2r", "1")
+    assert solved[4] == "n + r: differs at N = 2, 3, 4, 5, 6, 7, 8"
+    assert saved == [("kane", "1 200", "1 500", "300", "2", "3")]

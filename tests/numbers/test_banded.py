@@ -27,7 +27,16 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
-from eomcheck.numbers.banded import HALF, TERMS, WIDTH, full, solve_banded
+from eomcheck.numbers.banded import (
+    HALF,
+    REACH,
+    TERMS,
+    WIDTH,
+    _Factored,
+    columns_of,
+    full,
+    solve_banded,
+)
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import Degrees
@@ -342,6 +351,18 @@ def test_refinement_goes_on_until_the_backward_error_is_that_of_rounding():
             assert (np.abs(b - A @ found) / unit <= allowed).all()
         steps.append(watch.solves[0].refinements)
     assert max(steps) > LEAST_STEPS
+
+
+@pytest.mark.parametrize(
+    ("left", "steps"), [(0.4, MOST_STEPS), (0.6, LEAST_STEPS), (1.4, LEAST_STEPS)]
+)
+def test_refinement_ends_with_the_first_step_that_does_not_halve_the_backward_error(left, steps):
+    size = 5
+    bands = np.where(np.arange(7) == 3, 1.0, np.zeros((size, 7)))
+    factored = _Factored(bands, *columns_of(size))
+    factored.lu[2 * REACH] /= 1.0 - left  # a step leaves this share of the residual
+    _, error, taken = factored.solve(np.ones(size))
+    assert (taken, error > REFINED) == (steps, True)
 
 
 @pytest.mark.parametrize("links", [2, 3, 5, 12])
