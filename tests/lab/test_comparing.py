@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robots import arm, body, joint
+from tests.robots import LINK, arm, body, joint
 from typer.testing import CliRunner
 
+from eomcheck.claims.trial import weight_size
 from eomcheck.cli import app
 from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.files import READERS, PinocchioFile
@@ -18,16 +19,18 @@ from eomcheck.engines.files.description import described
 from eomcheck.engines.files.free import AXES, BaseVelocity, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError, InputError, UnknownNameError
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab import comparing
 from eomcheck.lab.comparing import compare
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.parting import Parting, Why
-from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.quantities import QUANTITIES, apart
 from eomcheck.lab.reasons import reasons
 from eomcheck.lab.report.comparison import print_comparison, write_comparison
 from eomcheck.mechanics.described.quaternions import rotation
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import ChainPendulum, from_urdf
+from eomcheck.robots import from_mjcf
+from eomcheck.scenes import ChainPendulum, Snake, from_urdf
 
 FINGERS = (
     body("left")
@@ -233,6 +236,137 @@ def test_what_is_odd_in_the_file_is_told_where_M_differs(tmp_path: Path, last: s
 
 def test_nothing_odd_is_told_of_a_file_without_it(tmp_path: Path):
     assert reasons(parting(tmp_path / "arm.urdf")) == []
+
+
+# ---- Nobody is blamed, and rounding is no difference ---------------------------------------------
+
+LINKAGE = """<mujoco><worldbody><body name="a"><joint name="a" axis="0 1 0" damping="0.1"/>
+<inertial pos="0 0 0.5" mass="1" diaginertia="0.1 0.1 0.01"/>
+<body name="b" pos="0 0 1"><joint name="b" axis="0 1 0"/>
+<inertial pos="0.5 0 0" mass="1.5" diaginertia="0.01 0.1 0.1"/>
+<body name="c" pos="1.2 0 0"><joint name="c" axis="0 1 0"/>
+<inertial pos="0 0 -0.4" mass="0.7" diaginertia="0.1 0.1 0.01"/></body></body></body></worldbody>
+<equality><connect body1="c" body2="world" anchor="0.1 0 -0.8"/></equality></mujoco>"""
+
+
+def wheel(path: Path) -> Path:
+    """Write a wheel on a hub that steers it, on whose axis both have their weight."""
+    link = """<link name="{}"><inertial><origin xyz="{}"/><mass value="{}"/>
+    <inertia ixx="1e-3" iyy="1e-3" izz="2e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+    turn = """<joint name="{}" type="continuous"><parent link="{}"/><child link="{}"/>
+    <origin xyz="{}" rpy="1.5708 0 0"/><axis xyz="{}"/></joint>"""
+    parts = (
+        '<robot name="wheel"><link name="base"/>',
+        link.format("hub", "0 0 0.1", 0.3),
+        link.format("wheel", "0 0 0.01", 0.4),
+        turn.format("steer", "base", "hub", "0.3 0.1 0", "0 1 0"),
+        turn.format("roll", "hub", "wheel", "0 0.02 0", "0 0 1"),
+        "</robot>",
+    )
+    path.write_text("".join(parts), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("key", READERS)
+def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Path):
+    installed(key)
+    found = compare(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=20)
+    assert (found.verdict(key), found.agree) == ("agrees", True)
+    assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
+
+
+def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative_to():
+    entries = np.array([1.0, -2.0])
+    assert apart(entries, entries - 1e-3, 1999.0) == pytest.approx(1e-3 / 2.001)
+    assert apart(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
+    assert apart(entries * 0, entries * 0) == 0
+    assert np.isnan(apart(None, entries))
+
+
+def test_moments_of_weights_are_as_large_as_the_whole_weight_at_the_end_of_the_arm(tmp_path: Path):
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+    q = np.array([0.3, -0.5, 0.2])
+    seat, last = np.linalg.norm([0.1, 0.2, 0.3]), np.linalg.norm([0, 0.1, 0.05])
+    expected = (2.5 + 1.2 + 0.7) * 9.81 * (3 * seat + 0.5 + last)
+    assert weight_size(Evaluation(scene, q, 0 * q)) == pytest.approx(expected, rel=1e-12)
+    still = from_urdf(tmp_path / "arm.urdf", gravity=None)
+    assert weight_size(Evaluation(still, q, 0 * q)) == 0.0
+    assert weight_size(Evaluation(Snake.coil(2), *Snake.coil(2).initial_state())) == 0.0
+
+
+def test_fast_motion_takes_no_digits_from_forces_by_mujoco(tmp_path: Path):
+    installed("mujoco")
+    engine = READERS["mujoco"](from_urdf(arm(tmp_path / "arm.urdf", damping="0.3")))
+    q, v = np.array([0.3, -0.2, 0.9]), np.array([3e7, 2e7, -1e7])
+    dampers = np.array([0.0, -0.3 * 2e7, 0.0])
+    assert (engine.forces(q, v) == engine.forces(q, 0 * v) + dampers).all()
+
+
+def test_of_a_file_that_is_read_in_two_ways_nobody_is_blamed(monkeypatch, tmp_path, capsys):
+    found = compared(monkeypatch, Heavy, tmp_path / "arm.urdf")
+    assert (found.own, found.agree) == ([], False)
+    assert all(" by the library, " in one.detail for one in found.failed)
+    assert not any("expected" in one.detail for one in found.failed)
+    print_comparison(found)
+    assert "either reading may be wrong" in " ".join(capsys.readouterr().out.split())
+
+
+def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, tmp_path, capsys):
+    energies = type(from_urdf(arm(tmp_path / "arm.urdf"))).energies
+
+    def twice(*given):
+        T, U = energies(*given)
+        return 2 * T, U
+
+    scene = from_urdf(tmp_path / "arm.urdf")
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], Heavy.key, Heavy)
+    monkeypatch.setattr(type(scene), "energies", staticmethod(twice))
+    found = compare(scene, [Heavy.key], states=3)
+    assert {one.claim for one in found.own} >= {"kinetic-energy"}
+    print_comparison(found)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "The two derivations of eomcheck differ from each other: kinetic energy" in printed
+    assert "either reading" not in printed
+    found.findings.clear()
+    assert not found.agree
+
+
+def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    path = tmp_path / "linkage.xml"
+    path.write_text(LINKAGE, encoding="utf-8")
+    found = compare(from_mjcf(path), states=2)
+    assert (found.agree, found.verdict("mujoco"), len(found.skipped)) == (True, "agrees", 2)
+    assert {one.claim for one in found.findings.values() if one.verdict == "passed"} == {
+        "mass-matrix",
+        "bias",
+        "generalized-forces",
+    }
+    assert not found.unsure
+    assert np.isnan(found.apart["q̈"]).all()
+    assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
+    print_comparison(found)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "q̈ is not compared in 2 of 2 states: the 3 x 3 matrix" in printed
+    assert "all that answered agree to rounding, without q̈" in printed
+    ran = CliRunner().invoke(app, ["compare", str(path), "--states", "1"])
+    assert ran.exit_code == 0, ran.output
+
+
+def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
+    light = {"mass": 1e-12, "xx": 1e-12, "yy": 1e-12, "zz": 1e-12}
+    hand = LINK.format(name="hand", at="0 0 0", turn="0 0 0", **light)
+    for product in ("0.01", "-0.02", "0.015"):
+        hand = hand.replace(f'"{product}"', '"0"')
+    found = compare(from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2)
+    assert dict(found.unsure) == {("pinocchio", "acceleration"): 2}
+    assert np.isnan(found.apart["q̈"][0, 1])
+    assert found.verdict("pinocchio") == "agrees"
+    print_comparison(found)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "q̈ of pinocchio: inconclusive in 2 of 2 states" in printed
+    found.decided["pinocchio"] = False
+    assert found.verdict("pinocchio") == "inconclusive"
 
 
 # ---- What a library does instead of an answer ----------------------------------------------------

@@ -170,7 +170,10 @@ def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
         T = S if S.shape == (n, n) else T
     try:
         at.acceleration(like)
-        by_force = _responses(at)[part == "multipliers"] * size_of(case, engine, "bias")
+        summed = size_of(case, engine, "bias")
+        if engine.offers("forces"):  # it may take its own Q, not ours
+            summed += size_of(case, engine, "forces")
+        by_force = _responses(at)[part == "multipliers"] * summed
         return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
     except (np.linalg.LinAlgError, RefusedError):
         return float("inf")

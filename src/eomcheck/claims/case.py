@@ -305,7 +305,7 @@ class Case(AtDoubles):
             where = worst_entry(found - expected, names)
             what = diagnose(found, expected, allowed) if found.ndim else ""
             if engine is not None and trial.is_on_trial(engine):
-                what = trial.said_on_trial(found, expected, allowed)
+                what = trial.said_on_trial(engine, found, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
         return self.finding(subject, observed, allowed, verdict, evidence, detail, engine=engine)
 

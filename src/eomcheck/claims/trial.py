@@ -99,11 +99,34 @@ def mass_size(at: Evaluation, S: Array) -> float:
     return largest(across.T @ np.abs(back.T @ at.terms.M @ back) @ across)
 
 
+def weight_size(at: Evaluation) -> float:
+    """Return the size of the moments of weights that an engine may sum to Q, N or N m.
+
+    The weight of all bodies, times how far from a joint they may be along the tree. About axes that
+    do not feel gravity such moments appear in frames that turn, and cancel. 0 of a scene that is no
+    tree, or has no gravity.
+    """
+    tree, gravity = at.scene.tree(), getattr(at.scene, "gravity", None)
+    if tree is None or not isinstance(gravity, float | int | np.ndarray):
+        return 0.0
+    slides = np.array([kind[0] == "p" for kind in tree.joint])
+    reach = np.abs(tree.coordinates @ at.q + tree.shift) * slides
+    reach += np.linalg.norm(tree.offset, axis=1)
+    for j, parent in enumerate(tree.parent):
+        reach[j] += reach[parent] if parent >= 0 else 0.0
+    arms = (reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0]
+    # What slides feels the weight itself.
+    longest = np.max(arms, initial=float(slides.any()))
+    return float(np.sum(tree.mass) * np.linalg.norm(gravity) * longest)
+
+
 def size_of(case: Case, engine: Engine, method: str) -> float:
     """Return the size of the terms that an engine may sum to an answer, where it cancels."""
     if method == "bias":
         own = 0.0 if is_on_trial(kind_of(engine)) else engine.bias_size(*case.state)
         return inertia_size(case.at) + own
+    if method == "forces":
+        return case.at.kept(weight_size)
     if method == "constraint_drift":
         return drift_size(case.at)
     if method != "mass_matrix" or not engine.offers("velocity_map"):
@@ -247,10 +270,13 @@ def compared(
     return finding
 
 
-def said_on_trial(found: Array, expected: Array, allowed: float) -> str:
+def said_on_trial(kind: type[Engine], found: Array, expected: Array, allowed: float) -> str:
     """Return what is wrong with the worst entry of an engine on trial: both numbers, and a name.
 
+    Of a library that reads a robot's file itself, nobody is blamed: both numbers, and whose.
+
     Args:
+        kind: the engine.
         found: what it says.
         expected: what it should say, same shape.
         allowed: the error that rounding explains.
@@ -258,6 +284,9 @@ def said_on_trial(found: Array, expected: Array, allowed: float) -> str:
     worst = worst_of(found - expected)
     what = resembles(found, expected, allowed, worst)
     numbers = f"found {found[worst]:.9g}, expected {expected[worst]:.9g}"
+    if kind.reads_file:
+        what = ""
+        numbers = f"{found[worst]:.9g} by the library, {expected[worst]:.9g} by eomcheck"
     if largest(found - expected) <= FLOAT32 * largest(expected):
         what = "as large as the rounding of single precision"
     return f"{numbers}: {what}" if what else numbers

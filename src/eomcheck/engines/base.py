@@ -77,6 +77,9 @@ class Engine(ABC):
     """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: what is
     wrong there is then wrong on both sides. Otherwise from `Scene.tree`."""
 
+    reads_file: ClassVar[bool] = False
+    """Whether it reads the file of a robot by itself: a difference may then be either reading."""
+
     extra: ClassVar[str | None] = None
     """The extra of eomcheck that installs its library; None if that is installed anyway."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.finding import Finding
+from eomcheck.claims.finding import DECIDED, Finding
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import Engine, version_of
 from eomcheck.engines.files import BY_FORMAT, FileEngine
@@ -18,13 +18,16 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.draws import draw
 from eomcheck.lab.parting import Parting
-from eomcheck.lab.quantities import QUANTITIES, apart, ours_at, theirs_at
+from eomcheck.lab.quantities import QUANTITIES, apart, ours_at, summed_at, theirs_at
 from eomcheck.lab.reasons import reasons
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 
 OURS = "eomcheck"
+
+OWN = "kinetic-energy", "power-balance"
+"""Claims by which our two derivations are compared where a library differs from them."""
 
 
 def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
@@ -102,24 +105,37 @@ def _look(
     """Compare at one state, at which claims have come to these findings."""
     scene = found.scene
     at = Evaluation(scene, *state)
-    ours = ours_at(at)
-    theirs = {key: theirs_at(found, key, engine, at) for key, engine in made.items()}
-    for name in QUANTITIES:
-        said = [ours[name], *(one.get(name) for one in theirs.values())]
-        table = np.array([[apart(x, y) for y in said] for x in said])
-        found.apart[name] = np.fmax(found.apart.get(name, table), table)
     kinds: dict[type[Engine], str] = {type(engine): key for key, engine in made.items()}
-    for one in findings:
-        key = kinds.get(one.engine) if one.engine is not None else None
-        if key is None or one.verdict == "not looked at":
+    by_library = [(kinds[one.engine], one) for one in findings if one.engine in kinds]
+    ours, summed = ours_at(found, at), summed_at(at)
+    theirs = {key: theirs_at(found, key, engine, at, ours) for key, engine in made.items()}
+    # Where rounding explains any difference there is no number to show.
+    unsure = {
+        (key, CLAIMS[one.claim].asks) for key, one in by_library if one.verdict == "inconclusive"
+    }
+    if "q̈" not in ours:
+        unsure = {(key, method) for key, method in unsure if method != "acceleration"}
+    found.unsure.update(sorted(unsure))
+    for name, method in QUANTITIES.items():
+        said = [ours.get(name)]
+        said += [None if (x, method) in unsure else told.get(name) for x, told in theirs.items()]
+        table = np.array([[apart(x, y, summed[name]) for y in said] for x in said])
+        found.apart[name] = np.fmax(found.apart.get(name, table), table)
+    for key, one in by_library:
+        if one.verdict == "not looked at":
             continue
+        found.decided[key] = found.decided.get(key, False) or one.verdict in DECIDED
         before = found.findings.get((key, one.claim))
         if before is None or one.ratio > before.ratio:
             found.findings[key, one.claim] = one
     description = next(iter(made.values())).description
     bad = {key for (key, _), one in found.findings.items() if one.verdict == "failed"}
+    if bad:
+        own = Selection.of(["gw"], [], OWN, scenes=[scene])
+        seen = Run().look_at(scene, state, own)
+        found.own += [one for one in seen if one.verdict == "failed"]
     for key, told in theirs.items():
-        if key not in bad or len(told) < len(QUANTITIES):
+        if key not in bad or told.keys() != ours.keys():
             continue
         parting = Parting(
             description,

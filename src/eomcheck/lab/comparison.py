@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 from eomcheck.claims.finding import Finding
@@ -25,7 +26,11 @@ class Comparison:
         faults: library and quantity -> what it did instead of an answer, the first time.
         why: library -> what explains its differences, as far as that is known.
         said: library -> what it wrote while it read the file.
+        decided: library -> whether any of its findings is more than inconclusive.
+        unsure: library and method -> in how many states rounding explains any difference.
         states: number of states looked at.
+        skipped: why q̈ is not compared, once for each state in which it is not.
+        own: failures of our two derivations being the same, in states where a library differs.
     """
 
     scene: Scene
@@ -37,7 +42,11 @@ class Comparison:
     faults: dict[tuple[str, str], str] = field(default_factory=dict)
     why: dict[str, list[Why]] = field(default_factory=dict)
     said: dict[str, list[str]] = field(default_factory=dict)
+    decided: dict[str, bool] = field(default_factory=dict)
+    unsure: Counter[tuple[str, str]] = field(default_factory=Counter)
     states: int = 0
+    skipped: list[str] = field(default_factory=list)
+    own: list[Finding] = field(default_factory=list)
 
     @property
     def failed(self) -> list[Finding]:
@@ -47,7 +56,7 @@ class Comparison:
     @property
     def agree(self) -> bool:
         """Whether all that read the file answer everything, and the same."""
-        return not (self.failed or self.faults)
+        return not (self.failed or self.faults or self.own)
 
     @property
     def unanswered(self) -> list[str]:
@@ -68,6 +77,6 @@ class Comparison:
         if library in self.refused:
             return "not installed" if library in self.missing else "no answer"
         if not self.differs(library):
-            return "agrees"
+            return "agrees" if self.decided.get(library, True) else "inconclusive"
         labels = [one.label for one in self.why[library]]
         return ", ".join(labels) if labels and all(labels) else "differs"

@@ -61,7 +61,7 @@ class Parting(NamedTuple):
 
         M times that difference is then against the velocity, at joints with dampers alone.
         """
-        if not (self.damped and self.terms_agree) or self.same("q̈"):
+        if "q̈" not in self.ours or self.same("q̈") or not (self.damped and self.terms_agree):
             return False
         missing = self.ours["M"] @ self.error("q̈")
         others = np.delete(missing, self.damped)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
+from eomcheck.claims.trial import inertia_size, weight_size
 from eomcheck.engines import Answers, EngineFault
 from eomcheck.engines.files import FileEngine
+from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.parting import Why
@@ -23,18 +27,37 @@ QUANTITIES = {
 """What is compared -> what an engine is asked; gravity is what forces are at rest."""
 
 
-def ours_at(at: Evaluation) -> dict[str, Array]:
-    """Return what we say."""
+def ours_at(found: Comparison, at: Evaluation) -> dict[str, Array]:
+    """Return our quantities, without q̈ where it is refused; the reason is kept.
+
+    Constraints that depend on each other, or a singular M, leave M, bias and forces to compare.
+    """
     rest = Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
-    vdot = at.acceleration(FORMULATIONS["gw"]).vdot
-    terms = at.terms.M, at.terms.B, rest.terms.Q, at.terms.Q, vdot
+    terms = at.terms.M, at.terms.B, rest.terms.Q, at.terms.Q
     zero = np.zeros(at.scene.n)
-    said = (zero if one is None else one for one in terms)
-    return dict(zip(QUANTITIES, said, strict=True))
+    ours = {
+        name: zero if one is None else one for name, one in zip(QUANTITIES, terms, strict=False)
+    }
+    try:
+        ours["q̈"] = at.acceleration(FORMULATIONS["gw"]).vdot
+    except RefusedError as refusal:
+        found.skipped.append(str(refusal))
+    return ours
 
 
-def theirs_at(found: Comparison, key: str, engine: FileEngine, at: Evaluation) -> dict[str, Array]:
-    """Return what a library says, and keep what it does instead of an answer."""
+def summed_at(at: Evaluation) -> dict[str, float]:
+    """Return the size of the terms that a library may sum to each quantity.
+
+    0 of M and of q̈, for which the entries themselves count.
+    """
+    B, Q = inertia_size(at), at.kept(weight_size)
+    return dict(zip(QUANTITIES, (0.0, B, Q, Q, 0.0), strict=True))
+
+
+def theirs_at(
+    found: Comparison, key: str, engine: FileEngine, at: Evaluation, names: Iterable[str]
+) -> dict[str, Array]:
+    """Return what a library says of quantities, and keep what it does instead of an answer."""
     answers, (q, v, t), zero = Answers(engine), (at.q, at.v, at.t), np.zeros(at.scene.n)
     arguments = {
         "M": (q, t),
@@ -44,9 +67,9 @@ def theirs_at(found: Comparison, key: str, engine: FileEngine, at: Evaluation) -
         "q̈": (q, v, zero, at.terms.a, at.terms.gamma, t),
     }
     told = {}
-    for name, method in QUANTITIES.items():
+    for name in names:
         try:
-            answer = answers.ask(method, *arguments[name])
+            answer = answers.ask(QUANTITIES[name], *arguments[name])
         except EngineFault as fault:
             if (key, name) not in found.faults:
                 found.faults[key, name] = fault.what
@@ -56,9 +79,15 @@ def theirs_at(found: Comparison, key: str, engine: FileEngine, at: Evaluation) -
     return told
 
 
-def apart(x: Array | None, y: Array | None) -> float:
-    """Return the largest difference over the largest entry, NaN where one is not known."""
+def apart(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
+    """Return the largest difference over the largest entry, NaN where one is not known.
+
+    Where the entries have cancelled to less than a thousandth of the terms that they are summed
+    from, it is the difference over the size of these.
+    """
     if x is None or y is None:
         return np.nan
     scale = max(largest(x), largest(y))
+    if scale < INCONCLUSIVE * summed:
+        scale = summed
     return largest(x - y) / scale if scale > 0 else 0.0

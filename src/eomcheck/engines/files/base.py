@@ -34,6 +34,8 @@ class FileEngine(TreeEngine):
         said: lines that the library wrote while it read the file.
     """
 
+    reads_file = True
+
     base_velocity: ClassVar[BaseVelocity]
     """What it has for the velocity of a free base."""
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity
@@ -48,9 +50,10 @@ class MujocoFile(FileEngine, MujocoEngine):
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,): gravity, and what its joints damp and spring."""
-        bias = self.bias(q, v)
+        self._under_gravity(q, np.zeros(len(v)))  # moving, the bias would cancel against itself
+        gravity = -self.data.qfrc_bias
         self._under_gravity(q, v)
-        return self.data.qfrc_passive - self.data.qfrc_bias + bias
+        return gravity + self.data.qfrc_passive
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẍ (m,) of `mj_forward`."""

@@ -11,10 +11,16 @@ from eomcheck.console import console
 from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS
 from eomcheck.lab.comparison import Comparison
+from eomcheck.lab.quantities import QUANTITIES
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say
 from eomcheck.output import counted
+
+NOBODY = (
+    "The two derivations of eomcheck agree in these states, but share one reading of the file: "
+    "either reading may be wrong."
+)
 
 MOST_LINES = 4
 """Of what a library says while it reads a file."""
@@ -37,7 +43,10 @@ def library_sheet(found: Comparison) -> Sheet:
     size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
     title = f"{found.scene.name}: {', '.join(size)}"
     heads = ["library", *found.apart, "verdict"]
-    note = "Largest difference from eomcheck, relative to the largest entry."
+    note = (
+        "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
+        "less than a thousandth of the terms that they are summed from, to these."
+    )
     return Sheet("libraries", title, heads, rows, note=note)
 
 
@@ -67,6 +76,21 @@ def sentences(found: Comparison) -> Iterator[str]:
                 yield f"    It said: {said}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
+    if found.own:
+        worst = max(found.own, key=lambda one: one.ratio)
+        yield f"The two derivations of eomcheck differ from each other: {worst.detail}"
+    elif found.failed:
+        yield NOBODY
+    alike: dict[tuple[str, int], list[str]] = {}
+    for (key, method), count in found.unsure.items():
+        alike.setdefault((method, count), []).append(key)
+    for (method, count), keys in alike.items():
+        names = " and ".join(name for name, asks in QUANTITIES.items() if asks == method)
+        where = f"inconclusive in {count} of {counted(found.states, 'state')}"
+        yield f"{names} of {', '.join(keys)}: {where}, rounding explains any difference there"
+    if found.skipped:
+        where = f"{len(found.skipped)} of {counted(found.states, 'state')}"
+        yield f"q̈ is not compared in {where}: {found.skipped[0]}"
     for key, why in found.refused.items():
         yield f"{key} {'was left out' if key in found.missing else 'gave no answer'}: {why}"
 
@@ -81,7 +105,8 @@ def print_comparison(found: Comparison, pairs: bool = False) -> None:
     for said in sentences(found):
         say(said)
     if found.agree:
-        console.print("all that answered agree to rounding")
+        without = "" if len(found.skipped) < found.states else ", without q̈"
+        console.print(f"all that answered agree to rounding{without}")
 
 
 def write_comparison(found: Comparison, path: Path) -> None:
@@ -101,5 +126,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
         "findings": [one.as_dict() for one in found.findings.values()],
         "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
         "said": found.said,
+        "skipped": found.skipped,
+        "own": [one.as_dict() for one in found.own],
     }
     write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")
