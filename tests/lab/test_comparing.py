@@ -270,7 +270,7 @@ def wheel(path: Path) -> Path:
 @pytest.mark.parametrize("key", READERS)
 def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Path):
     installed(key)
-    found = compare(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=20)
+    found = compare(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)
     assert (found.verdict(key), found.agree) == ("agrees", True)
     assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
 
