@@ -24,6 +24,7 @@ import time
 import traceback
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,6 +33,7 @@ import numpy as np
 
 import eomcheck
 from eomcheck import cli
+from eomcheck.console import progress
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
 from eomcheck.lab.report.overview import Overview, read
@@ -378,23 +380,26 @@ def main() -> int:
     parser.add_argument("--patience", type=float, default=60.0, help="seconds an input")
     options = parser.parse_args()
     counts: dict[str, Counter[str]] = defaultdict(Counter)
-    with tempfile.TemporaryDirectory() as name:
+    done = 0
+    with tempfile.TemporaryDirectory() as name, suppress(KeyboardInterrupt):
         folder = Path(name)
         every = inputs(folder, options.seed)
         chosen = [x for x in every[:: options.every] if x.kind.startswith(options.kind)]
-        for i, one in enumerate(chosen):
-            how = ended(one, folder, options.patience, i % SAMPLE == 0)
-            why = breach(how)
-            counts[one.kind].update(["inputs", f"code {how.code}", *(["breaches"] if why else [])])
-            if why:
-                print(f"{why}: {one.kind}, {one.name}", flush=True)
-                print("\n".join(how.output.splitlines()[-4:])[-1500:], flush=True)
+        with progress("hostile inputs", len(chosen)) as advance:
+            for done, one in enumerate(chosen, 1):
+                how = ended(one, folder, options.patience, done % SAMPLE == 1)
+                why = breach(how)
+                counts[one.kind].update(["inputs", f"code {how.code}", *["breaches"] * bool(why)])
+                if why:
+                    print(f"{why}: {one.kind}, {one.name}", flush=True)
+                    print("\n".join(how.output.splitlines()[-4:])[-1500:], flush=True)
+                advance()
     columns = ["kind", "inputs", "code 0", "code 1", "code 2", "breaches"]
     rows = [[kind, *(str(of[x]) for x in columns[1:])] for kind, of in counts.items()]
     print_sheets([Sheet("hostile", "Hostile inputs", columns, rows)])
     breaches = sum(of["breaches"] for of in counts.values())
-    print(f"{len(chosen)} of {len(every)} inputs, {breaches} breaches")
-    return int(breaches > 0 or len(every) < LEAST)
+    print(f"{done} of {len(every)} inputs, {breaches} breaches")
+    return int(breaches > 0 or len(every) < LEAST or done < len(chosen))
 
 
 if __name__ == "__main__":
