@@ -42,6 +42,9 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--links", "5..2"], "links = '5..2'"),
         (["validate", "--links", "many"], "links = 'many'"),
         (["validate", "--examples", "0"], "examples = 0"),
+        (["validate", "--examples", "9" * 40], "examples = 1e+40, expected at most 1000000000"),
+        (["validate", "--json", "x" * 5000], "5000 characters are no name of a file"),
+        (["validate", "--scene", "x" * 5000 + ".py:S"], "5003 characters are no name of a file"),
         (
             ["validate", "--engine", "bullet"],
             "'bullet' (did you mean 'pybullet'?); known: pinocchio",

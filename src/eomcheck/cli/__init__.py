@@ -7,10 +7,12 @@ Each command imports what it needs when it runs.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
 from eomcheck import calls, supervisor
@@ -89,6 +91,10 @@ def _run() -> NoReturn:
                 code = 2
             elif said := outside(error):
                 code = _said(said, 1)
+            elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+                # Wherever a file is first asked for: not even whether it exists can be asked.
+                name = Path(error.filename or "").name
+                code = _said(f"{name[:40]!r}...: {len(name)} characters are no name of a file", 2)
             elif isinstance(error, Exception) or not looked_up_code():
                 raise
             else:

@@ -32,7 +32,7 @@ from eomcheck.cli.options import (
 )
 from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
 from eomcheck.files import check_writable, write_text
-from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, parameters, whole_numbers
+from eomcheck.lab.options import SCENE_HELP, check_count, interval, parameters, whole_numbers
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
 """What `eomcheck list` can list."""
@@ -81,7 +81,7 @@ def validate(
     With --set, or for one snake, on that scene alone, in random states.
     """
     bounds, known = interval("1..12" if links is None else links), parameters(given)
-    at_least_one(examples=examples)
+    check_count(examples=examples)
     check_writable(json)
     check_output(report, [records] if records else [])
 

@@ -12,7 +12,7 @@ from eomcheck.cli.complete import completing
 from eomcheck.cli.options import Json, Patience, Seed
 from eomcheck.errors import InputError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import at_least_one, listed
+from eomcheck.lab.options import check_count, listed
 
 
 @app.command()
@@ -46,7 +46,7 @@ def compare(
     Exit code 1 if some differ by more than rounding, or one that is installed gives no answer.
     """
     foreign()
-    at_least_one(states=states)
+    check_count(states=states)
     check_writable(json)
     from eomcheck.console import progress
     from eomcheck.lab.comparing import compare as compared

@@ -21,7 +21,7 @@ from eomcheck.cli.options import (
 )
 from eomcheck.errors import InputError, UnwrittenError, WorkerError
 from eomcheck.files import check_writable
-from eomcheck.lab.options import SCENE_HELP, at_least_one, interval, listed
+from eomcheck.lab.options import SCENE_HELP, check_count, interval, listed
 from eomcheck.output import counted
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def fuzz(
         raise InputError("--time and --states: expected one of them, not both")
     most = None if states is not None else seconds_of(time or "1m")
     if states is not None:
-        at_least_one(states=states)
+        check_count(states=states)
 
     from eomcheck.console import console, doing, stoppable, undisturbed
     from eomcheck.lab.fuzzing.campaign import Campaign

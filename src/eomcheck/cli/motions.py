@@ -24,7 +24,7 @@ from eomcheck.cli.options import (
     scene_asked,
 )
 from eomcheck.errors import InputError
-from eomcheck.lab.options import at_least_one, numbers
+from eomcheck.lab.options import check_count, numbers
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.scene import Scene
@@ -73,7 +73,7 @@ def _many(
     from eomcheck.lab.report.many import chart_of_many, print_many
     from eomcheck.lab.store import executors
 
-    at_least_one(draws=draws)
+    check_count(draws=draws)
     if not 0 <= scale < np.inf:
         raise InputError(f"scale = {scale}, expected a number that is not negative")
     if plot is not None:

@@ -11,6 +11,8 @@ from eomcheck.errors import InputError
 T = TypeVar("T")
 
 MOST_LINKS = 100_000
+MOST_COUNTED = 10**9
+"""Largest number of examples, states, draws and the like."""
 
 SCENE_HELP = (
     "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "
@@ -134,8 +136,10 @@ def no_more_than(links: int | None) -> int | None:
     return links
 
 
-def at_least_one(**numbers: int) -> None:
-    """Raise InputError unless every number is at least 1."""
+def check_count(**numbers: int) -> None:
+    """Raise InputError unless every number is 1 to `MOST_COUNTED`."""
     for name, value in numbers.items():
         if value < 1:
             raise InputError(f"{name} = {value}, expected at least 1")
+        if value > MOST_COUNTED:
+            raise InputError(f"{name} = {value:.3g}, expected at most {MOST_COUNTED}")

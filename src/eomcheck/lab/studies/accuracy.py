@@ -20,7 +20,7 @@ from eomcheck.evaluation.enclosure import Enclosure
 from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
 from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Examples, Links, Seed, at_least_one, interval
+from eomcheck.lab.options import Examples, Links, Seed, check_count, interval
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
@@ -83,7 +83,7 @@ def cells(
         InputError: no such numbers of links, or no examples.
     """
     drawn = {"links": interval(links), "examples": examples, "seed": seed, "hostile": hostile}
-    at_least_one(examples=examples)
+    check_count(examples=examples)
     for place in range(examples):
         yield drawn | {"state": place}
 

@@ -17,7 +17,7 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Links, Seed, at_least_one, interval
+from eomcheck.lab.options import Links, Seed, check_count, interval
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.show.sheet import Sheet
@@ -62,7 +62,7 @@ def cells(
         InputError: no such numbers of links, or no snakes.
     """
     low, high = interval(links)
-    at_least_one(**{"per-size": per_size})
+    check_count(**{"per-size": per_size})
     for size in range(low, high + 1):
         yield {"links": size, "per size": per_size, "seed": seed}
 

@@ -19,7 +19,7 @@ from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.options import Seed, at_least_one, interval
+from eomcheck.lab.options import Seed, check_count, interval
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.groups import record_of_rows, rows_of
@@ -84,7 +84,7 @@ def cells(
     Raises:
         InputError, UnknownNameError: no such engine, no such numbers of links, or no states.
     """
-    at_least_one(states=states)
+    check_count(states=states)
     numbers = interval(links)
     for key in ENGINES if engine is None else engine:
         kind = engine_of(key)

@@ -34,7 +34,7 @@ from eomcheck.evaluation.point import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.repeat import repeated, sines
 from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Kind, Repeats, Set, at_least_one, parameters
+from eomcheck.lab.options import Kind, Repeats, Set, check_count, parameters
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.text import seconds_text
@@ -282,9 +282,9 @@ def cells(
         formulations_for(kind, formulation)
         if links and not kind.has_links:
             raise InputError(f"links = {links}: {kind.key} has no number of links to choose")
-        at_least_one(repeats=repeats)
+        check_count(repeats=repeats)
         for value in links or ():
-            at_least_one(links=value)
+            check_count(links=value)
         default = (LINKS if kind is Snake else (3,)) if kind.has_links else (None,)
         for value in (links or default) if set else ():
             bench_state(kind, value, parameters(set))  # refuses what the scene does not know

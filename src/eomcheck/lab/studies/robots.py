@@ -14,7 +14,7 @@ from eomcheck.claims.run import validate
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparing import compare
-from eomcheck.lab.options import Seed, at_least_one
+from eomcheck.lab.options import Seed, check_count
 from eomcheck.lab.quantities import QUANTITIES
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
@@ -98,7 +98,7 @@ def cells(
     Raises:
         InputError: no such robot, or no states.
     """
-    at_least_one(states=states)
+    check_count(states=states)
     if robot is free is None:
         robot, free = [*ROBOTS], [*WALKING]
     for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:

@@ -16,7 +16,7 @@ from eomcheck.claims.strata import scene_cases
 from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.options import Examples, Kind, Seed, at_least_one, interval
+from eomcheck.lab.options import Examples, Kind, Seed, check_count, interval
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
@@ -39,7 +39,7 @@ def cells(
         InputError: no such numbers of links, links of a kind without, or no examples.
         UnknownNameError: no such scene.
     """
-    at_least_one(examples=examples)
+    check_count(examples=examples)
     for kind in kinds_of(scene):
         if links is not None and not kind.has_links:
             raise InputError(f"links = {links!r}: {kind.key} has no number of links to choose")
