@@ -17,8 +17,9 @@ import eomcheck
 from eomcheck import cli
 from eomcheck.claims import run as run_of_claims
 from eomcheck.cli.checking import REGISTRIES
-from eomcheck.errors import DiedError, WorkerError
+from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.options import check_count
 from eomcheck.lab.store.findings import RUNS
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.records import Records
@@ -42,7 +43,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--links", "5..2"], "links = '5..2'"),
         (["validate", "--links", "many"], "links = 'many'"),
         (["validate", "--examples", "0"], "examples = 0"),
-        (["validate", "--examples", "9" * 40], "examples = 1e+40, expected at most 1000000000"),
+        (["validate", "--examples", "9" * 40], "expected at most 1000000000"),
         (["validate", "--json", "x" * 5000], "5000 characters are no name of a file"),
         (["validate", "--scene", "x" * 5000 + ".py:S"], "5003 characters are no name of a file"),
         (
@@ -111,6 +112,13 @@ def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch,
     assert len(captured.err.strip().splitlines()) == 1
     assert "Traceback" not in captured.err
     assert not Path("x.db").exists()  # nothing was begun
+
+
+def test_a_count_is_1_to_1000000000():
+    check_count(draws=1, states=10**9)
+    for count in (0, 10**9 + 1, 10**400):
+        with pytest.raises(InputError, match="states = "):
+            check_count(states=count)
 
 
 def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):

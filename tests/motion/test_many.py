@@ -311,7 +311,7 @@ def test_draws_that_fail_are_counted_and_the_exit_code_tells():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--draws", "0"], "draws = 0, expected at least 1"),
+        (["--draws", "0"], "draws = 0, expected a whole number of at least 1"),
         (["--draws", "2", "--scale", "-1"], "scale = -1"),
         (["--draws", "2", "--integrator", "Radau"], "integrated by DOP853, without stabilization"),
         (["--draws", "2", "--formulation", "im", "--formulation", "el"], "expected one for draws"),

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Annotated, TypeVar
 
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, whole_number
 
 T = TypeVar("T")
 
@@ -139,7 +139,4 @@ def no_more_than(links: int | None) -> int | None:
 def check_count(**numbers: int) -> None:
     """Raise InputError unless every number is 1 to `MOST_COUNTED`."""
     for name, value in numbers.items():
-        if value < 1:
-            raise InputError(f"{name} = {value}, expected at least 1")
-        if value > MOST_COUNTED:
-            raise InputError(f"{name} = {value:.3g}, expected at most {MOST_COUNTED}")
+        whole_number(name, value, 1, MOST_COUNTED)
