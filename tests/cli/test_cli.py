@@ -116,9 +116,9 @@ def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch,
 
 def test_a_count_is_1_to_1000000000():
     check_count(draws=1, states=10**9)
-    for count in (0, 10**9 + 1, 10**400):
+    for number in (0, 10**9 + 1, 10**400):
         with pytest.raises(InputError, match="states = "):
-            check_count(states=count)
+            check_count(states=number)
 
 
 def test_accelerations_are_printed_with_what_to_trust_them(monkeypatch, capsys):
