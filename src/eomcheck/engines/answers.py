@@ -148,6 +148,12 @@ class Answers:
         M = self._asked("mass_matrix", (len(S),) * 2, x, t)
         return S.T @ M @ S if self._maps else M
 
+    def own_terms(self, q: Array, v: Array, t: float = 0.0) -> tuple[VelocityMap, Array, Array]:
+        """Return (x, S, Ṡ v), M_x (m, m) and B_x (m,), in the engine's own coordinates."""
+        x, S, rest = self.velocity_map(q, v)
+        M = self._asked("mass_matrix", (len(S),) * 2, x, t)
+        return VelocityMap(x, S, rest), M, self._asked("bias", (len(S),), x, S @ v, t)
+
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,)."""
         x, S, rest = self.velocity_map(q, v)
