@@ -313,6 +313,49 @@ def test_what_would_be_huge_in_memory_and_no_body_is_taken_out(tmp_path: Path):
     assert time.perf_counter() - start < 5.0
 
 
+def test_a_light_with_a_texture_is_read_without_it(tmp_path: Path):
+    pytest.importorskip("mujoco")
+    path = tmp_path / "lit.xml"
+    path.write_text(
+        '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="8" height="8"/></asset>'
+        '<worldbody><light type="image" texture="t"/><body><joint axis="0 1 0"/>'
+        '<geom size="0.1" pos="0.2 0 0"/></body></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    assert from_mjcf(path).n == 1
+
+
+@pytest.mark.parametrize(
+    ("bodies", "joint", "found", "read"),
+    [
+        (201, "<joint/>", 201, False),
+        (34, "<freejoint/>", 204, True),
+        (67, '<joint type="ball"/>', 201, True),
+    ],
+)
+def test_coordinates_are_counted_before_anything_slow(
+    tmp_path: Path, monkeypatch, bodies: int, joint: str, found: int, read: bool
+):
+    pytest.importorskip("mujoco")
+    path, seen = tmp_path / "many.xml", []
+    body = f'<body>{joint}<geom size="0.1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{body * bodies}</worldbody></mujoco>", encoding="utf-8")
+    reading = mjcf_file._read
+    monkeypatch.setattr(mjcf_file, "_read", lambda *given: seen.append(1) or reading(*given))
+    monkeypatch.setattr(mjcf_file, "_strip", lambda *_: pytest.fail("stripped"))
+    with pytest.raises(InputError, match=f"many.xml': {found} coordinates, expected at most 200"):
+        from_mjcf(path)
+    assert bool(seen) == read
+
+
+def test_200_coordinates_are_not_too_many(tmp_path: Path, monkeypatch):
+    pytest.importorskip("mujoco")
+    path = tmp_path / "many.xml"
+    body = '<body><joint/><geom size="0.1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{body * 200}</worldbody></mujoco>", encoding="utf-8")
+    assert mjcf_file.compiled(path)[0].nv == 200
+
+
 def test_files_that_are_included_are_looked_through_as_well(tmp_path: Path):
     path, other = limb(tmp_path / "limb.xml"), tmp_path / "part.xml"
     other.write_text("<mujocoinclude><option gravity='0 0 -1'/></mujocoinclude>")

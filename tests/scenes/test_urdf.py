@@ -314,3 +314,16 @@ def test_a_free_root_is_asked_for_behind_a_colon_wherever_a_scene_is_named(tmp_p
         scene_of("snake:floating")
     with pytest.raises(InputError, match=r"expected .*arm.urdf or .*arm.urdf:floating"):
         scene_of(f"{file}:fixed")
+
+
+def test_a_link_without_joints_is_a_robot_where_it_is_free(tmp_path: Path):
+    path = tmp_path / "one.urdf"
+    path.write_text(f"<robot>{body('a')}</robot>", encoding="utf-8")
+    with pytest.raises(InputError, match=r"has no joint; '.*one.urdf:floating' sets its link free"):
+        from_urdf(path)
+    scene = from_urdf(path, floating=True)
+    assert scene.n == 6
+    claims = ["mass-matrix", "kinetic-energy"]
+    found = eomcheck.validate(scene, examples=1, formulations=["gw"], claims=claims)
+    assert "failed" not in {one.verdict for one in found}
+    assert "pinocchio_file" in {one.subject for one in found}

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck.calls import call, foreign
-from eomcheck.errors import message_of, required
+from eomcheck.errors import InputError, message_of, required
+from eomcheck.mechanics.described.frames import check_count
 from eomcheck.robots.urdf_robot import MOST
 from eomcheck.robots.urdf_xml import Element, Format, Unreadable, decimal, number, root_of
 
@@ -18,6 +19,8 @@ NOT_UNDERSTOOD = frozenset(
     {"attach", "composite", "extension", "flex", "flexcomp", "model", "plugin", "replicate"}
 )
 """Elements that bring more than they say, or bodies that are not rigid."""
+
+JOINTS = "joint", "freejoint"
 
 FORCELESS = {
     "sensors": "sensors",
@@ -53,8 +56,11 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
         InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
         EngineError: MuJoCo is not installed.
     """
+    joints = 0
     for root in _roots(path):
         _check(root, path)
+        joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
+    _check_count(path, joints)  # at least a coordinate each
     foreign()
     library = required("mujoco", "mujoco")
     try:
@@ -65,8 +71,19 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
         raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
 
 
+def _check_count(path: Path, coordinates: int) -> None:
+    """Check the number of coordinates before MuJoCo takes minutes over a large file."""
+    try:
+        check_count(coordinates)
+    except InputError as error:
+        raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
 def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
     spec = _read(library, path)
+    kinds = library.mjtJoint
+    several = {kinds.mjJNT_FREE: 6, kinds.mjJNT_BALL: 3}
+    _check_count(path, sum(several.get(joint.type, 1) for joint in spec.joints))
     out = _strip(library, spec, str(path))
     return spec.compile(), out
 
@@ -150,6 +167,8 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
             geom.material = geom.hfieldname = ""
             if not needed or body is spec.worldbody or body.name == "world":
                 spec.delete(geom)
+    for light in spec.lights:
+        light.texture = ""
     for site in spec.sites:
         site.material = ""
     kept = {geom.meshname for geom in spec.geoms}

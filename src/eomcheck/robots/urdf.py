@@ -60,6 +60,9 @@ def urdf_kind(
         raise InputError(f"path = {path!r}, expected the path of a URDF file") from None
     gravity = gravity_of(gravity)
     robot = read_urdf(file)
+    if not (robot.joints or floating):
+        name = str(path)
+        raise Unreadable(f"{name!r} has no joint; {f'{name}:{FLOATING}'!r} sets its link free")
     options = (", floating=True" if floating else "") + (
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
     )

@@ -73,8 +73,6 @@ def read_urdf(path: Path) -> Robot:
             raise Unreadable(f"{where!r} has {len(found)} {what}, expected at most {MOST}")
     if not links:
         raise Unreadable(f"{where!r} has no link")
-    if not joints:
-        raise Unreadable(f"{where!r} has no joint")
     out = Counter(others(root, READ | OF_ROBOT, repr(where)))
     out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
     name = identifier(root.get("name", "") or path.stem)

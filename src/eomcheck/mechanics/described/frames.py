@@ -24,6 +24,20 @@ from eomcheck.numbers.contract import Array
 MOST = 200
 """Coordinates that a description may have: identities of more are not proved in reasonable time."""
 
+
+def check_count(coordinates: int) -> None:
+    """Check that a description has no more coordinates than `MOST`.
+
+    Raises:
+        InputError: it has.
+    """
+    if coordinates > MOST:
+        raise InputError(
+            f"{coordinates} coordinates, expected at most {MOST}: what is larger is "
+            "not checked in reasonable time"
+        )
+
+
 PRIMITIVE = {
     "revolute": ("r",),
     "prismatic": ("p",),
@@ -91,11 +105,7 @@ class Frames:
                 raise InputError(said)
             if joint.follows is None:
                 found += [joint.name + part for part in COORDINATES[joint.kind]]
-        if len(found) > MOST:
-            raise InputError(
-                f"{len(found)} coordinates, expected at most {MOST}: what is larger is "
-                "not checked in reasonable time"
-            )
+        check_count(len(found))
         for name in found:
             if found.count(name) > 1:
                 raise InputError(f"two coordinates have the name {name!r}")
