@@ -158,7 +158,7 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "calls errors console output pytest_plugin",
+    "rounding calls errors console output pytest_plugin",
     "files lookup supervisor",
     "numbers",
     "kernels mechanics",

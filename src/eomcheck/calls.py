@@ -1,6 +1,6 @@
 """Calls of code that is not part of this package: a user's file, or an outside library.
 
-Whatever calls such code does it through `call`, whose contract has four rules:
+Whatever calls such code does it through `call`, whose contract has five rules:
 
 1. The result and every `Exception` pass through unchanged, and so does KeyboardInterrupt. Any other
    BaseException (SystemExit, GeneratorExit, ...) comes out as a `CallError`: it ends the call, not
@@ -14,6 +14,10 @@ Whatever calls such code does it through `call`, whose contract has four rules:
 4. A function in which a process died or gave no answer is not called again: from the call on that
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding.
+
+5. The floating-point rounding mode, and whether subnormal numbers are flushed to zero, are restored
+   after each call. A call that changed them comes out as a `CallError`, but for imports, of which
+   libraries compiled with -ffast-math do so.
 
 Calls do not nest: within a call only the outermost one counts.
 """
@@ -34,6 +38,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from eomcheck.errors import CallError, described_error
+from eomcheck.rounding import restore
 
 T = TypeVar("T")
 
@@ -165,18 +170,27 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
         slow: whether it may take `FIRST` times as long in any case, as an import.
 
     Raises:
-        CallError: it raised what is no Exception, or gave no answer; or a process died of it.
+        CallError: it raised what is no Exception, or gave no answer; or a process died of it; or it
+            changed how doubles are rounded.
         Exception: it raised this.
     """
+    restore()  # so that nothing is blamed for what was changed outside any call
+    changed = ""
     try:
         if _board is None or threading.current_thread() is not threading.main_thread():
-            return function(*arguments)
-        return _board.call(name, function, arguments, slow)
+            answer = function(*arguments)
+        else:
+            answer = _board.call(name, function, arguments, slow)
     except (Exception, KeyboardInterrupt, UnsupervisedError):
         raise
     except BaseException as error:
         ended = CallError(name, f"raised {described_error(error)}")
         raise ended.with_traceback(error.__traceback__) from error
+    finally:
+        changed = restore()
+    if changed and not slow:
+        raise CallError(name, changed)
+    return answer
 
 
 def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:

@@ -47,6 +47,15 @@ class Enclosure:
     bits: int
     digits: float
 
+    def __repr__(self) -> str:
+        """Return 15 digits of each ball, whatever precision another thread computes with."""
+        vdot, v = (_shown(balls) for balls in (self.vdot, self.v))
+        multipliers = None if self.multipliers is None else _shown(self.multipliers)
+        return (
+            f"Enclosure(vdot={vdot}, multipliers={multipliers}, v={v}, bits={self.bits}, "
+            f"digits={self.digits})"
+        )
+
     def doubles(self) -> Array:
         """Return v̇ (n,), the midpoints rounded to doubles, 0 where it may vanish."""
         return as_doubles(self.vdot)
@@ -54,6 +63,14 @@ class Enclosure:
     def overlaps(self, other: Enclosure) -> Array:
         """Return (n,), whether the balls of v̇ have a point in common, entry by entry."""
         return np.array([x.overlaps(y) for x, y in zip(self.vdot, other.vdot, strict=True)])
+
+
+SHOWN = 15
+"""Digits of a ball in the text of an enclosure."""
+
+
+def _shown(balls: Array) -> str:
+    return f"[{', '.join(ball.str(SHOWN) for ball in balls)}]"
 
 
 def enclose(
