@@ -147,6 +147,10 @@ def some(kind: str, names: Iterable[T]) -> tuple[T, ...]:
     return found
 
 
+MOST_COUNTED = 10**9
+"""Largest number of examples, states, points and the like."""
+
+
 def whole_number(name: str, value: Any, least: int | None = 1, most: int | None = None) -> int:
     """Return a whole number as an int.
 

@@ -228,6 +228,7 @@ class Nameless(Free):
     ("arguments", "message"),
     [
         ((Snake, 2, 0), "points = 0, expected a whole number of at least 1"),
+        ((Snake, 2, 10**9 + 1), "points = 1000000001, expected at most 1000000000"),
         ((Snake, 2, 2.5), "points = 2.5, expected a whole number of at least 1"),
         ((Snake, 2, True), "points = True, expected a whole number of at least 1"),
         ((Snake, 0), "links = 0, expected a whole number of at least 1"),

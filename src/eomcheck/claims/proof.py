@@ -21,7 +21,7 @@ from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.point import Point
 from eomcheck.claims.registry import Skipped
 from eomcheck.claims.shapes import check_shapes
-from eomcheck.errors import InputError, RefusedError, distinct, whole_number
+from eomcheck.errors import MOST_COUNTED, InputError, RefusedError, distinct, whole_number
 from eomcheck.evaluation import point as quantities
 from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.mechanics.scene import Scene
@@ -60,7 +60,7 @@ def prove(
         UnknownNameError: no such formulation.
     """
     keys = None if formulations is None else distinct("formulations", formulations)
-    points = whole_number("points", points)
+    points = whole_number("points", points, most=MOST_COUNTED)
     seed = new_seed() if seed is None else seed
     findings: list[Finding] = []
     for structure in structures(scene, links):

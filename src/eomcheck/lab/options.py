@@ -6,13 +6,11 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Annotated, TypeVar
 
-from eomcheck.errors import InputError, whole_number
+from eomcheck.errors import MOST_COUNTED, InputError, whole_number
 
 T = TypeVar("T")
 
 MOST_LINKS = 100_000
-MOST_COUNTED = 10**9
-"""Largest number of examples, states, draws and the like."""
 
 SCENE_HELP = (
     "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "

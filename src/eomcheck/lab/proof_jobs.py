@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from eomcheck.errors import whole_number
+from eomcheck.errors import MOST_COUNTED, whole_number
 from eomcheck.formulations import formulations_among
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import ALL, kinds_of
@@ -52,7 +52,7 @@ def proof_jobs(
         UnknownNameError: no such scene or formulation.
     """
     kinds = kinds_of(scene)
-    points = whole_number("points", points)
+    points = whole_number("points", points, most=MOST_COUNTED)
     chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
     scenes = tuple(
         one
