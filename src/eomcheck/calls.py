@@ -38,7 +38,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from eomcheck.errors import CallError, described_error
-from eomcheck.rounding import restore
+from eomcheck.rounding import changed, restore
 
 T = TypeVar("T")
 
@@ -174,8 +174,9 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
             changed how doubles are rounded.
         Exception: it raised this.
     """
-    restore()  # so that nothing is blamed for what was changed outside any call
-    changed = ""
+    if changed():
+        restore()  # so that nothing is blamed for what was changed outside any call
+    what = ""
     try:
         if _board is None or threading.current_thread() is not threading.main_thread():
             answer = function(*arguments)
@@ -187,9 +188,10 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
         ended = CallError(name, f"raised {described_error(error)}")
         raise ended.with_traceback(error.__traceback__) from error
     finally:
-        changed = restore()
-    if changed and not slow:
-        raise CallError(name, changed)
+        if what := changed():
+            restore()
+    if what and not slow:
+        raise CallError(name, what)
     return answer
 
 

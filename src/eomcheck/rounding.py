@@ -28,15 +28,12 @@ def changed() -> str:
     return FLUSHING if nearest else ROUNDING
 
 
-def restore() -> str:
-    """Set the default again where it was changed; return what `changed` returned before."""
-    what = changed()
-    if what:
-        # Where the C library has no such function, the change is reported all the same.
-        with suppress(OSError, TypeError, AttributeError, ValueError):
-            library = ctypes.CDLL(None)
-            apple = sys.platform == "darwin"
-            address = ctypes.c_char.in_dll(library, "_FE_DFL_ENV") if apple else None
-            default = ctypes.c_void_p(-1) if address is None else ctypes.byref(address)
-            library.fesetenv(default)
-    return what
+def restore() -> None:
+    """Set the default again."""
+    # Where the C library has no such function, a change is reported all the same.
+    with suppress(OSError, TypeError, AttributeError, ValueError):
+        library = ctypes.CDLL(None)
+        apple = sys.platform == "darwin"
+        address = ctypes.c_char.in_dll(library, "_FE_DFL_ENV") if apple else None
+        default = ctypes.c_void_p(-1) if address is None else ctypes.byref(address)
+        library.fesetenv(default)

@@ -11,7 +11,8 @@ The contract, numbered, so that a message or a note can point at a rule.
 4.  An engine with coordinates of its own overrides `velocity_map`. All its other methods are then
     asked and answer in these, and `eomcheck.engines.answers` maps them to the scene's.
 5.  Answers are arrays of real numbers, of the shapes given, new or the engine's own. What it is
-    handed it does not change.
+    handed it does not change, nor the floating-point rounding mode, nor how subnormal numbers are
+    rounded.
 6.  What it cannot represent it says in `represents`, once for the whole scene. An exception, a
     wrong shape or a value that is not finite is a failure of the engine.
 7.  Only the file of an engine imports its library, and only when the engine is made.
