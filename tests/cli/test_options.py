@@ -25,6 +25,7 @@ from eomcheck.lab.studies import study_of
 from eomcheck.mechanics.scene import Scene
 
 URDF = str(Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf")
+PLANAR = str(Path(__file__).parents[2] / "docs" / "guides" / "planar.py") + ":Planar"
 REFERENCES = Path(__file__).parents[2] / "validation" / "references"
 
 Seen = dict[str, Any]
@@ -180,6 +181,15 @@ CASES: dict[str, dict[str, Case]] = {
         "examples": ("--examples 7", {"look_at_kind.examples": 7}),
         "seed": ("--seed 9", {"look_at_kind.seed": 9}),
         "engine": ("--engine casadi", {"look_at_kind.selection": "~'engines': ['CasadiEngine']"}),
+        "engine that is named": ("--engine casadi", {"look_at_kind.selection": "~'named': True"}),
+        "engine of one's own": (
+            f"--engine {PLANAR}",
+            {"look_at_kinds.runs": "~'random-trees': {'findings'"},
+        ),
+        "engine of one's own and mechanisms": (
+            f"--engine {PLANAR}",
+            {"look_at_kinds.runs": "~'random-mechanisms': {'findings'"},
+        ),
         "formulation": (
             "--formulation au,el",
             {"look_at_kind.selection": "~'formulations': ['au', 'el']"},
@@ -227,7 +237,11 @@ CASES: dict[str, dict[str, Case]] = {
         **PATIENT,
         "scene": ("--scene sleigh", {"plan.kind": "Sleigh", "name": "sleigh"}),
         "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
-        "engine": ("--engine none", {"plan.engines": []}),
+        "engine": ("--engine none", {"plan.engines": [], "plan.wide": False}),
+        "engine of ours": (
+            "--engine casadi",
+            {"plan.engines": ["CasadiEngine"], "plan.wide": True},
+        ),
         "formulation": ("--formulation au,el", {"plan.formulations": ["au", "el"]}),
         "claim": ("--claim bias,kinetic-energy", {"plan.claims": ["bias", "kinetic-energy"]}),
         "time": ("--time 3m", {"run.states": None, "run.seconds": 180.0}, ""),

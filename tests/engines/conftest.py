@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from eomcheck.claims import run
 from eomcheck.engines import ENGINES
 from eomcheck.errors import EngineError
 
@@ -19,3 +20,10 @@ def installed(request: pytest.FixtureRequest) -> None:
             engine.version()
         except EngineError as error:
             pytest.skip(str(error))
+
+
+@pytest.fixture(autouse=True)
+def seldom(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have engines on trial asked again a few times only: other tests say how often."""
+    if request.module.__name__.rpartition(".")[2] != "test_engine_history":
+        monkeypatch.setattr(run, "OFTEN", 2)

@@ -230,6 +230,22 @@ def test_an_engine_that_is_wrong_is_a_find():
     assert result.failed and {one.engine for one in result.failed} == {Wrong}
 
 
+class Far(planar.Planar):
+    """An engine that is a thousandth off where a joint has turned by more than a whole turn."""
+
+    def mass_matrix(self, q, t=0.0):
+        return super().mass_matrix(q, t) * (1.001 if np.abs(q[2:]).max() > 8.0 else 1.0)
+
+
+def test_an_engine_that_is_named_is_asked_at_wide_states_too():
+    here, found = Round(0, Stratum(2, ("damping",)), {}), {}
+    for wide in (False, True):
+        plan = of_engine(Far, wide=wide, climbing=False, ration=Ration(0, 0, 1, 0, 0))
+        found[wide] = len(run_round(plan, here).failed)
+        assert plan.settings.get("wide", False) == wide
+    assert found[False] == 0 and 2 <= found[True] <= plan.batch // 2
+
+
 def test_what_is_ordinary_is_told_from_what_is_hostile():
     random = np.random.default_rng(0)
     cases, families = drawn(Snake, Stratum(3, ()), FAMILIES, 200, random)

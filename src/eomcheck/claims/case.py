@@ -31,6 +31,10 @@ from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.linear import column_scale
 
+OFTEN, ONCE = 90, 1
+"""How often an engine on trial is asked again for each answer: at the first state that is looked
+at and the first that is drawn, and elsewhere. Counts and what fills up over calls show there."""
+
 
 @dataclass
 class Case(AtDoubles):
@@ -42,6 +46,7 @@ class Case(AtDoubles):
         engines: engines made for this very scene.
         claim: the claim being looked at.
         broken: engines that could not be made, and why.
+        asked_again: how often engines on trial are asked again for each answer.
     """
 
     at: Evaluation
@@ -49,6 +54,7 @@ class Case(AtDoubles):
     engines: tuple[Engine, ...]
     claim: Claim | None = None
     broken: dict[type[Engine], str] = field(default_factory=dict)
+    asked_again: int = OFTEN
 
     @property
     def state(self) -> State:

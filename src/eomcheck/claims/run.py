@@ -19,12 +19,14 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
+from eomcheck.claims.case import OFTEN, ONCE
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.robot_file import of_file
 from eomcheck.claims.selection import Asked, Selection, asked_of, case_of
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import measured, scene_cases, state_cases
+from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.doubles import Evaluation
@@ -46,9 +48,9 @@ class Look(NamedTuple):
     refused: tuple[str, ...]
 
 
-def look(asked: Asked, state: State, selection: Selection) -> Look:
-    """Look at one state of a scene whose engines are made."""
-    case = case_of(asked, state, selection)
+def look(asked: Asked, state: State, selection: Selection, asked_again: int) -> Look:
+    """Look at one state of a scene whose engines are made; for arguments see `case_of`."""
+    case = case_of(asked, state, selection, asked_again)
     broken = case.broken_terms
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
@@ -58,6 +60,11 @@ def look(asked: Asked, state: State, selection: Selection) -> Look:
             findings += of_file(asked, case, CLAIMS[one])
         seconds[one] = time.perf_counter() - start
     return Look(findings, seconds, _refused(case) if broken is None and case.finite else ())
+
+
+def often_at(number: int) -> int:
+    """Return how often engines on trial are asked again at a drawn case: often at the first."""
+    return ONCE if number else OFTEN
 
 
 Cases = Iterable[tuple[Scene, State]]
@@ -102,16 +109,18 @@ class Run:
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
-        return self._take(self._look(scene, state, selection))
+        return self._take(
+            self._look(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
+        )
 
-    def _look(self, scene: Scene, state: State, selection: Selection) -> Look:
+    def _look(self, scene: Scene, state: State, selection: Selection, asked_again: int) -> Look:
         if self._asked is None or self._asked.scene is not scene:
             self._asked = asked_of(scene, selection)  # engines are made once for each scene
-        return look(self._asked, state, selection)
+        return look(self._asked, state, selection, asked_again)
 
     def _one_after_another(self, cases: Cases, selection: Selection) -> Looked:
-        for scene, state in cases:
-            yield scene, state, self._look(scene, state, selection)
+        for i, (scene, state) in enumerate(cases):
+            yield scene, state, self._look(scene, state, selection, often_at(i))
 
     def _take(self, seen: Look) -> list[Finding]:
         new = list(filter(self._is_new, seen.findings))
@@ -193,7 +202,7 @@ class Run:
         self.look_at(example, State(*example.initial_state()), selection)
         on_case()
         drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
-
+        drawn = with_wide(drawn, seed) if selection.named else drawn
         self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, looks)
 
     def look_at_scene(
@@ -219,6 +228,7 @@ class Run:
             InputError: see `eomcheck.claims.strata.state_cases`.
         """
         drawn = state_cases(scene, examples, seed)
+        drawn = with_wide(drawn, seed) if selection.named else drawn
         self.look_at(scene, State(*scene.initial_state()), selection)
         on_case()
         self.explore(drawn, selection, on_case, states_of, seed, looks)

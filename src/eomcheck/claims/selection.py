@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eomcheck.claims import CLAIMS, Case, State
+from eomcheck.claims.case import OFTEN
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
 from eomcheck.engines.files import FileEngine, default_reader
@@ -26,6 +27,8 @@ class Selection:
     claims: tuple[str, ...]
     reader: type[FileEngine] | None = None
     """The library among `engines` that reads a robot's file itself, where none were named."""
+    named: bool = False
+    """Whether engines were named: they are asked at states beyond the ordinary ones too."""
 
     @classmethod
     def of(
@@ -51,7 +54,8 @@ class Selection:
         chosen, reader = engines_among(engines), None
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)
-        return cls(formulations_among(scenes, formulations), chosen, ids, reader)
+        named_ones = engines is not None and bool(chosen)
+        return cls(formulations_among(scenes, formulations), chosen, ids, reader, named_ones)
 
 
 class Asked(NamedTuple):
@@ -91,11 +95,20 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
     return Asked(scene, tuple(engines), broken, reader, unread)
 
 
-def case_of(asked: Asked, state: State, selection: Selection) -> Case:
-    """Return what claims look at in a state of a scene whose engines are made."""
+def case_of(asked: Asked, state: State, selection: Selection, asked_again: int = OFTEN) -> Case:
+    """Return what claims look at in a state of a scene whose engines are made.
+
+    Args:
+        asked: the scene and its engines.
+        state: (q, v, t).
+        selection: what takes part.
+        asked_again: how often engines on trial are asked again for each answer.
+    """
     formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
     evaluation = Evaluation(asked.scene, *state)
-    return Case(evaluation, formulations, asked.engines, broken=asked.broken)
+    return Case(
+        evaluation, formulations, asked.engines, broken=asked.broken, asked_again=asked_again
+    )
 
 
 def case_at(scene: Scene, state: State, selection: Selection) -> Case:

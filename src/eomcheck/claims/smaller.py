@@ -9,6 +9,7 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Finding, State
+from eomcheck.claims.case import ONCE
 from eomcheck.claims.robot_file import of_file
 from eomcheck.claims.selection import Selection, asked_of, case_of
 from eomcheck.claims.strata import links_of
@@ -57,7 +58,7 @@ def smallest_failure(
 
     def examine(drawn: tuple[Scene, State]) -> None:
         asked = asked_of(drawn[0], selection)
-        case = case_of(asked, drawn[1], selection)
+        case = case_of(asked, drawn[1], selection, ONCE)
         for finding in of_file(asked, case, CLAIMS[failed.claim]):
             if finding.verdict == "failed":
                 raise _Falsified(finding)

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
 UNABLE = (np.linalg.LinAlgError, EngineFault)
 
+BETWEEN = 0.25
+"""Share of the answers asked again before which the engine is asked at another state."""
+
 FLOAT32 = 2.0**-19
 """A relative error below this, and above that of doubles, is one of single precision."""
 
@@ -208,7 +211,8 @@ def answer(
             raise EngineFault(case.broken[engine])
         answers = Answers(engine)
         if is_on_trial(kind):
-            answers.disturb(method, *case.state)
+            answers.disturb(method, *arguments)
+            return _answered_worst(answers, method, arguments, case.asked_again)
         return answers.ask(method, *arguments)
     except EngineFault as fault:
         if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_on_trial(kind):
@@ -217,6 +221,40 @@ def answer(
         verdict = "inconclusive" if open_here else "failed"
         outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"
         return case.finding(kind.key, *outcome, engine=kind)
+
+
+def _answered_worst(answers: Answers, method: str, arguments: tuple, times: int) -> Any:
+    """Return the answer that differs most from the first one, of an engine asked again and again.
+
+    All of them are to be right: calls at other states come in between, at irregular intervals, so
+    that no period of calls passes by.
+
+    Raises:
+        EngineFault: one of them is no answer.
+    """
+    first = answers.ask(method, *arguments)
+    worst, by = first, 0.0
+    random = np.random.default_rng(0)
+    for k in range(times):
+        if k == 0 or random.random() < BETWEEN:
+            answers.ask_elsewhere(method, arguments, 1 + k % 7)
+        again = answers.ask(method, *arguments)
+        if (apart := _apart(again, first)) > by:
+            worst, by = again, apart
+    return worst
+
+
+def _apart(x: Any, y: Any) -> float:
+    """Return the largest difference of two answers, per size of the second, part by part."""
+    parts = zip(x, y, strict=True) if isinstance(y, tuple) else ((x, y),)
+    return max(
+        float(one is not other) if one is None or other is None else _per_size(one, other)
+        for one, other in parts
+    )
+
+
+def _per_size(x: Any, y: Any) -> float:
+    return largest(np.asarray(x) - np.asarray(y)) / (largest(y) or 1.0)
 
 
 def unseen(case: Case, kind: type[Engine], why: str) -> Finding:

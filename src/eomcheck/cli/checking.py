@@ -44,7 +44,7 @@ def validate(
         str | None,
         typer.Option(
             metavar="SCENE",
-            help=f"{SCENE_HELP} [snake; with an engine of your own all that it represents]",
+            help=f"{SCENE_HELP} [snake; with an engine of your own all and random ones]",
             autocompletion=completing("scene", "robot", more=["all"]),
         ),
     ] = None,
@@ -98,6 +98,7 @@ def validate(
     from eomcheck.lab.store.states import ours, place_for
     from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
     from eomcheck.named import ALL, ROBOTS, kinds_of, left_out, scene_of
+    from eomcheck.random_mechanisms import RANDOM
 
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
@@ -108,6 +109,8 @@ def validate(
         one = scene_of(name, None if links is None else bounds[0], known)
         bounds = (links_of(one) or 1, links_of(one) or 1)
     kinds = kinds_of(name) if one is None else (type(one),)
+    if scene is None and tried:
+        kinds += tuple(RANDOM.values())
     if engine:
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):

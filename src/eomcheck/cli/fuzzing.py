@@ -190,7 +190,8 @@ def fuzz(
                 plan = _motions(kind, formulation, seed, family, climb)
             else:
                 selection = _selection(kind, engine, formulation, claim)
-                plan = _plan(kind, selection, seed, family, climb, ration)
+                wide = bool(engine) and bool(selection.engines)
+                plan = _plan(kind, selection, seed, family, climb, ration, wide)
         campaign = Campaign(plan, name, strata, kept)
         try:
             with doing(f"fuzzing {name}"):
@@ -261,9 +262,10 @@ def _plan(
     family: list[str] | None,
     climb: bool,
     ration: str | None,
+    wide: bool,
 ) -> Plan:
     from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
-    from eomcheck.lab.fuzzing.rounds import Plan
+    from eomcheck.lab.fuzzing.rounds import BATCH, Plan
     from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
     from eomcheck.random_mechanisms.kinds import Random
 
@@ -273,8 +275,8 @@ def _plan(
     counts = Ration() if ration is None else Ration(*_rations(ration))
     what = kind, seed, claims, formulations, selection.engines, families, climb, counts
     if issubclass(kind, Random):
-        return RandomPlan(*what, batch=LANES)
-    return Plan(*what) if runs_in_lanes(kind) else Plan(*what, batch=ALONE)
+        return RandomPlan(*what, LANES, wide)
+    return Plan(*what, BATCH if runs_in_lanes(kind) else ALONE, wide)
 
 
 def _functions(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,10 @@ from eomcheck.numbers.contract import Array
 from eomcheck.output import printable
 
 ELSEWHERE = 0.25
-"""How far off the states are at which an engine is asked before, see `Answers.disturb`."""
+"""How far off the states are at which an engine is asked before, per size above 1, see
+`Answers.disturb`."""
+NEAR = 2.0**-26
+"""How far off those are that a cache by rounded numbers takes for the same, per size above 1."""
 
 Shape = tuple[int | None, ...]
 
@@ -101,26 +105,35 @@ class Answers:
         self.engine = engine
         self._maps = engine.offers("velocity_map")
 
-    def disturb(self, method: str, q: Array, v: Array, t: float) -> None:
+    def disturb(self, method: str, *arguments: Any) -> None:
         """Ask at other states, so that an answer that is kept where it should not be shows.
 
         Of our own engines a test says that nothing is.
 
-        Last of all by `method` itself where only the velocity is another one. What comes of it
-        does not matter.
+        By `method` itself also where q and v differ in the eighth digit, for which no answer may
+        be kept, and last of all where only the velocity is another one. What comes of it does not
+        matter.
+
+        Args:
+            method: the method that is asked next.
+            arguments: what it is handed: q, v, ..., t.
         """
-        other = q + ELSEWHERE, ELSEWHERE - v / 2
-        for name, (there, speed) in (
-            ("mass_matrix", other),
-            ("bias", other),
-            (method, other),
-            (method, (q, other[1])),
-        ):
-            if name != "acceleration":
-                try:
-                    self.ask(name, there, speed, t)
-                except Exception:
-                    continue
+        q, v, *_, t = arguments
+        other = _away(q, ELSEWHERE), _away(-v / 2, ELSEWHERE)
+        for name in ("mass_matrix", "bias"):
+            with suppress(Exception):
+                self.ask(name, *other, t)
+        near = _away(q, NEAR), _away(v, NEAR)
+        for there, speed in (other, near, (q, other[1])):
+            with suppress(Exception):
+                self.ask(method, there, speed, *arguments[2:])
+
+    def ask_elsewhere(self, method: str, arguments: Sequence[Any], number: int) -> None:
+        """Ask at another state, of which there is one for each number; see `disturb`."""
+        q, v, *rest = arguments
+        by = ELSEWHERE * number
+        with suppress(Exception):
+            self.ask(method, _away(q, by), _away(-v / 2, by), *rest)
 
     def ask(self, method: str, *arguments: Any) -> Any:
         """Return what the engine says by the method of this name, handed q, v, ..., t."""
@@ -232,6 +245,12 @@ class Answers:
             if isinstance(here, np.ndarray) and not np.array_equal(here, before, equal_nan=True):
                 raise EngineFault(f"{method} changes an array that it is handed")
         return result
+
+
+def _away(x: Array, by: float) -> Array:
+    """Return numbers (n,) that are `by` away from x, per size above 1, and so are differences."""
+    shares = (-1.0) ** np.arange(x.size) * np.linspace(1.0, 0.5, x.size)
+    return x + by * shares * np.maximum(1.0, np.abs(x))
 
 
 def _raised(error: Exception) -> str:

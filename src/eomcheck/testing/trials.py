@@ -15,6 +15,7 @@ from eomcheck.claims.selection import Selection
 from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import scene_cases, state_cases
 from eomcheck.claims.trial import check_compared, represents_some
+from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine, represents
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
@@ -168,7 +169,8 @@ class SceneTrial:
         engines = None if self.engine is None else [self.engine]
         selection = Selection.of(None, engines, self.claims, scenes=[kind])
         run = Run()
-        for scene, state in self._cases(examples, seed):
+        cases = self._cases(examples, seed)
+        for scene, state in with_wide(cases, seed) if selection.named else cases:
             run.look_at(scene, state, selection)
         if self.engine is not None:
             check_compared([self.engine], run.findings)

@@ -10,8 +10,8 @@ import numpy as np
 
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.draws import drawn_of
-from eomcheck.lab.fuzzing.families import ORDINARY, Case
-from eomcheck.lab.fuzzing.rounds import Plan, climbed, look_at
+from eomcheck.lab.fuzzing.families import Case
+from eomcheck.lab.fuzzing.rounds import Plan, climbed, for_engines, look_at
 from eomcheck.lab.fuzzing.structures import structure_drawn, varied
 from eomcheck.lab.fuzzing.work import KEPT, Population, Result, Round, generator, timed
 
@@ -63,7 +63,7 @@ def _look_at_one(plan: Plan, result: Result, random: np.random.Generator) -> Non
         lambda family: varied(scene, family, random), plan.families, plan.batch, random
     )
     result.counts.update(families)
-    look_at(plan, result, cases, {i for i, f in enumerate(families) if f == ORDINARY})
+    look_at(plan, result, *for_engines(plan, cases, families, random))
     if plan.climbing and result.population:
         _climb(plan, result, random)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.lanes import liftable
+from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
@@ -65,6 +66,8 @@ class Plan(NamedTuple):
         climbing: whether every other batch is climbed to.
         ration: how often what takes long is looked at.
         batch: states side by side.
+        wide: whether every other ordinary case is in a state that has joints turned by whole turns,
+            or moves fast or slowly, see `eomcheck.claims.wide`: for engines that were named.
     """
 
     kind: type[Scene]
@@ -76,6 +79,7 @@ class Plan(NamedTuple):
     climbing: bool = True
     ration: Ration = Ration()
     batch: int = BATCH
+    wide: bool = False
 
     @property
     def noun(self) -> str:
@@ -99,6 +103,7 @@ class Plan(NamedTuple):
             "climbing": self.climbing,
             "ration": list(self.ration),
             "batch": self.batch,
+            **({"wide": True} if self.wide else {}),
         }
 
     def run(self, given: Round) -> Result:
@@ -128,11 +133,29 @@ def run_round(plan: Plan, given: Round) -> Result:
     with timed(result), np.errstate(all="ignore"):
         cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
-        ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
-        look_at(plan, result, cases, ordinary)
+        look_at(plan, result, *for_engines(plan, cases, families, random))
         if plan.climbing and population:
             _climb(plan, result, random)
     return result
+
+
+def for_engines(
+    plan: Plan, cases: list[Case], families: Sequence[str], random: np.random.Generator
+) -> tuple[list[Case], set[int]]:
+    """Return cases, some ordinary ones in wide states, and at which of them engines are asked.
+
+    Args:
+        plan: of the campaign.
+        cases: as they were drawn.
+        families: of each.
+        random: source of the draws.
+    """
+    ordinary = [i for i, family in enumerate(families) if family == ORDINARY]
+    if plan.wide:
+        seed = int(random.integers(2**32))
+        for i, case in zip(ordinary, with_wide((cases[i] for i in ordinary), seed), strict=True):
+            cases[i] = case
+    return cases, set(ordinary)
 
 
 def _climb(plan: Plan, result: Result, random: np.random.Generator) -> None:

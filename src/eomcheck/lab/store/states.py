@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 from eomcheck.calls import is_ours
-from eomcheck.claims.run import Cases, Look, Looked, look
+from eomcheck.claims.run import Cases, Look, Looked, look, often_at
 from eomcheck.claims.selection import Asked, Selection, asked_of
 from eomcheck.engines import Engine
 from eomcheck.lab.store.workers import spread
@@ -73,7 +73,7 @@ class _Item(NamedTuple):
 
 
 def _look(item: _Item, selection: Selection) -> Look:
-    return look(_asked(item.scene, selection), item.state, selection)
+    return look(_asked(item.scene, selection), item.state, selection, often_at(item.number))
 
 
 @lru_cache(1)
