@@ -136,7 +136,7 @@ def test_before_each_answer_an_engine_is_asked_elsewhere_and_in_the_eighth_digit
             asked.append(np.hstack((q, v)))
             return super().bias(q, v, t)
 
-    kind: type[Engine] = Asked
+    kind: Any = Asked
     Answers(kind(SCENE)).disturb("bias", 30 * Q, V, 0.0)
     # The map of coordinates takes the first angle off the second.
     apart = [np.linalg.solve(np.kron(np.eye(2), [[1, 0], [-1, 1]]), one) for one in asked]
