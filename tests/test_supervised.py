@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from eomcheck import calls, supervisor
 from eomcheck.errors import CallError
+from eomcheck.lab.store.cluster import Dask, guarded
+from eomcheck.lab.store.provenance import sources
 from eomcheck.supervisor import End, supervise, why_died
 
 CHILD = """
@@ -135,6 +139,81 @@ def test_code_of_others_asks_for_a_supervisor_only_within_a_command_that_has_non
     with calls.requiring(), pytest.raises(calls.UnsupervisedError):
         calls.foreign()
     calls.foreign()
+
+
+# ---- Off the main thread -------------------------------------------------------------------------
+
+
+def in_thread(function, *arguments):
+    """Return what a function answers in a thread, or the CallError that it raises."""
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(function, *arguments)
+        try:
+            return future.result(30)
+        except CallError as error:
+            return str(error)
+
+
+def busy(seconds: float) -> str:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        pass
+    return "done"
+
+
+@pytest.fixture
+def remote(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make this process one that works for a command elsewhere, with a patience of 0.2 s."""
+    monkeypatch.setattr(calls, "_threads", calls.ThreadWatch())
+    monkeypatch.setattr(calls, "_remote", [False])
+    monkeypatch.setattr(calls, "_patience", [60.0])
+    monkeypatch.setenv(calls.PATIENT, "60")
+    monkeypatch.setattr(calls, "WATCH", 0.02)
+    calls.work_for(0.2)
+
+
+def test_a_call_off_the_main_thread_that_does_not_return_is_interrupted(remote):
+    def both():
+        first = in_call(4.0)
+        return first, in_call(0.0), in_call(4.0), in_call(0.0)
+
+    def in_call(seconds: float) -> str:
+        try:
+            return calls.call("own.f", busy, seconds)
+        except CallError as error:
+            return str(error)
+
+    began = time.monotonic()
+    gone = "own.f gave no answer in {} s"
+    assert in_thread(both) == (gone.format(1), "done", gone.format(0.2), "done")
+    assert time.monotonic() - began < 10
+
+
+def test_nested_calls_off_the_main_thread_count_once(remote):
+    def nested():
+        calls.call("own.g", busy, 0.0)
+        return calls.call("own.g", busy, 0.5)
+
+    # The first call of a name may take five times as long, and so may all that it calls.
+    assert in_thread(calls.call, "own.f", nested) == "done"
+    assert in_thread(calls.call, "own.f", busy, 4.0) == "own.f gave no answer in 0.2 s"
+
+
+def test_a_thread_of_a_process_that_works_for_no_command_is_left_alone(remote, monkeypatch):
+    monkeypatch.setattr(calls, "_remote", [False])
+    for _ in range(2):
+        assert in_thread(calls.call, "own.f", busy, 0.5) == "done"
+
+
+def test_work_on_a_dask_worker_has_the_patience_of_its_command(remote):
+    work = pickle.dumps((_hanging, 4.0))
+    calls.set_patience(60.0)
+    assert in_thread(guarded, sources(), work, 0.2) == "own.f gave no answer in 1 s"
+    assert Dask("tcp://nowhere:1").call(len, "")[3] == calls.patience() == 0.2
+
+
+def _hanging(seconds: float) -> str:
+    return calls.call("own.f", busy, seconds)
 
 
 # ---- The supervisor ------------------------------------------------------------------------------

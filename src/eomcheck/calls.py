@@ -11,6 +11,7 @@ Whatever calls such code does it through `call`, whose contract has five rules:
 3. A call that runs longer than `patience` seconds (`FIRST` times as long if it is the first of its
    name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s". A
    process that cannot be interrupted is killed.
+   Off the main thread, and so in a dask worker, only Python code can be interrupted.
 4. A function in which a process died or gave no answer is not called again: from the call on that
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding.
@@ -24,6 +25,7 @@ Calls do not nest: within a call only the outermost one counts.
 
 from __future__ import annotations
 
+import ctypes
 import mmap
 import os
 import signal
@@ -46,6 +48,9 @@ PATIENCE = 60.0
 """Seconds that a call may take, unless told otherwise."""
 FIRST = 5
 """The first call of a name, and an import, may take so many times as long."""
+
+WATCH = 0.1
+"""Seconds between two looks at calls off the main thread."""
 
 VERDICT = "EOMCHECK_VERDICT"
 """Environment variable of a supervised command: the pipe for its exit code, and the lifeline."""
@@ -134,6 +139,57 @@ class Board:
             raise _NoAnswer
 
 
+class ThreadWatch:
+    """Calls in progress off the main thread, those over their limits interrupted by a thread."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.names: set[str] = set()
+        self.running: dict[int, tuple[float, bool]] = {}
+        """Ident of a thread -> when its call is over its limit, s, and whether it was told."""
+        self.thread: threading.Thread | None = None
+
+    def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
+        """Return function(*arguments), watched while it runs."""
+        here = threading.get_ident()
+        with self.lock:
+            nested = here in self.running and not self.running[here][1]
+            limit = patience() * (FIRST if slow or name not in self.names else 1)
+            if not nested:
+                self.names.add(name)
+                self.running[here] = time.monotonic() + limit, False
+            if self.thread is None:
+                self.thread = threading.Thread(target=self._watch, daemon=True)
+                self.thread.start()
+        if nested:
+            return function(*arguments)
+        try:
+            try:
+                return function(*arguments)
+            finally:
+                with self.lock:
+                    self.running.pop(here, None)
+                    _raise_in(here, None)  # one that is on its way
+        except _NoAnswer:
+            raise CallError(name, f"gave no answer in {limit:g} s") from None
+
+    def _watch(self) -> None:
+        while True:
+            time.sleep(WATCH)
+            now = time.monotonic()
+            with self.lock:
+                for thread, (until, told) in self.running.items():
+                    if now > until and not told:
+                        self.running[thread] = until, True
+                        _raise_in(thread, _NoAnswer)
+
+
+def _raise_in(thread: int, error: type[BaseException] | None) -> None:
+    """Have an exception raised in another thread, or take back the one that was to be."""
+    raised = None if error is None else ctypes.py_object(error)
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), raised)
+
+
 def read(path: Path) -> Call | None:
     """Return the call in progress on a board, None where there is none."""
     try:
@@ -178,7 +234,12 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
         restore()  # so that nothing is blamed for what was changed outside any call
     what = ""
     try:
-        if _board is None or threading.current_thread() is not threading.main_thread():
+        if threading.current_thread() is not threading.main_thread():
+            if _board is None and not _remote[0]:
+                answer = function(*arguments)
+            else:
+                answer = _threads.call(name, function, arguments, slow)
+        elif _board is None:
             answer = function(*arguments)
         else:
             answer = _board.call(name, function, arguments, slow)
@@ -209,7 +270,15 @@ def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:
 
 _patience = [float(os.environ.get(PATIENT, PATIENCE))]
 _board: Board | None = None
+_threads = ThreadWatch()
+_remote = [False]
 _required = [False]
+
+
+def work_for(seconds: float) -> None:
+    """Have calls in this process, which works for a command elsewhere, take no longer."""
+    _remote[0] = True
+    set_patience(seconds)
 
 
 @contextmanager

@@ -15,6 +15,8 @@ import pytest
 from tests.engines.planar import with_fault
 
 import eomcheck
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.engines import Engine, engine_of, version_of
 from eomcheck.errors import InputError, described_error
 from eomcheck.lookup import in_file
@@ -173,6 +175,30 @@ def test_an_import_that_vanishes_is_reported_and_not_tried_again(tmp_path: Path)
     assert run.stdout.splitlines() == ["once", died]
 
 
+def test_a_scene_that_raises_whatever_it_is_asked_is_a_failure(tmp_path: Path):
+    kind = in_file(*trailer(tmp_path, "raises", "raise ValueError('no axle')").rsplit(":", 1))
+    selection = Selection.of(engines=[], claims=["finite-terms"], scenes=[kind])
+    for look in (
+        lambda run: run.look_at_kind(kind, selection, (1, 1), 3, 0),
+        lambda run: run.look_at_scene(kind.example(), selection, 3, 0),
+    ):
+        run = Run()
+        look(run)
+        (finding,) = run.finish(selection)
+        assert finding.verdict == "failed"
+        assert "Trailer.drift raised ValueError: no axle (raises.py, line" in finding.detail
+
+
+def test_a_scene_that_raises_while_states_are_drawn_and_did_not_fail_before_is_an_error():
+    class Late(Sleigh):
+        def coordinate_ranges(self):
+            raise ZeroDivisionError
+
+    run = Run()
+    with pytest.raises(ZeroDivisionError):
+        run.look_at_scene(Late(), Selection.of(engines=[], claims=["finite-terms"]), 3, 0)
+
+
 def test_a_call_without_an_answer_is_reported_after_its_patience(tmp_path: Path):
     name = trailer(tmp_path, "waits", "import time; time.sleep(1000)")
     run = eom("acceleration", "--scene", name, "--patience", "0.3")
@@ -229,6 +255,31 @@ def test_an_engine_that_dies_or_hangs_is_a_failure_of_it_and_the_rest_is_told(tm
         assert re.search(r"^\d+ of \d+ findings failed\.$", run.stdout, re.M)
 
 
+DYING = """
+from eomcheck.engines.pinocchio import PinocchioEngine
+
+def bias(self, q, v, t=0.0):
+    import os
+    os.kill(os.getpid(), 11)
+
+PinocchioEngine.bias = bias
+"""
+
+
+@pytest.mark.night
+def test_a_library_that_dies_in_validate_is_a_failure_and_the_rest_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("sitecustomize", "usercustomize"):  # one of them may be somebody else's
+        (tmp_path / f"{name}.py").write_text(DYING)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    run = eom("validate", "--scene", "sleigh", "--examples", "2")
+    assert run.returncode == 1
+    assert "PinocchioEngine: bias ended its process by SIGSEGV" in run.stdout
+    assert re.search(r"^\d+ of \d+ findings failed\.$", run.stdout, re.M)
+    assert "kinetic-energy" in run.stdout
+
+
 @pytest.mark.night
 def test_code_that_dies_in_workers_is_a_failure_of_it(tmp_path: Path):
     name = trailer(tmp_path, "in_workers", "import os; os._exit(0)")
@@ -249,9 +300,11 @@ def test_commands_that_run_only_our_code_start_no_process(monkeypatch, capsys):
         ["list", "claims"],
         ["list", "engines"],
         ["constraints", "--scene", "nowhere.py:A"],
+        ["validate", "--examples", "0"],
+        ["fuzz", "--states", "0"],
     ):
         monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
         with pytest.raises(SystemExit) as end:
             cli.main()
         codes.append(end.value.code)
-    assert codes == [0, 0, 77]
+    assert codes == [0, 0, 77, 77, 77]

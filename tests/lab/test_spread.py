@@ -261,7 +261,7 @@ def test_an_executor_is_one_of_concurrent_futures():
 
 def test_work_of_other_sources_is_not_done():
     with pytest.raises(WorkerError, match="another version"):
-        guarded("other", pickle.dumps((len, "")))
+        guarded("other", pickle.dumps((len, "")), 60.0)
 
 
 # ---- The workers of a dask scheduler -------------------------------------------------------------

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
@@ -203,7 +203,8 @@ class Run:
         on_case()
         drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
         drawn = with_wide(drawn, seed) if selection.named else drawn
-        self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, looks)
+        with self._failing(example):
+            self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, looks)
 
     def look_at_scene(
         self,
@@ -231,7 +232,18 @@ class Run:
         drawn = with_wide(drawn, seed) if selection.named else drawn
         self.look_at(scene, State(*scene.initial_state()), selection)
         on_case()
-        self.explore(drawn, selection, on_case, states_of, seed, looks)
+        with self._failing(scene):
+            self.explore(drawn, selection, on_case, states_of, seed, looks)
+
+    @contextmanager
+    def _failing(self, scene: Scene) -> Iterator[None]:
+        """End the drawing where a function of the scene's own raises, if a failure says so."""
+        try:
+            yield
+        except Exception as error:
+            failed = any(one.verdict == "failed" for one in self.findings)
+            if isinstance(error, EomcheckError) or not failed or not raised_in(scene, error):
+                raise
 
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""

@@ -24,6 +24,9 @@ from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_err
 from eomcheck.lookup import looked_up_code, outside
 from eomcheck.output import unfailing
 
+SUPERVISED = "validate", "fuzz"
+"""Commands that ask outside libraries, Pinocchio and CasADi, unless told otherwise."""
+
 for group in (bench, study, draw):
     app.add_typer(group)
 
@@ -31,8 +34,8 @@ for group in (bench, study, draw):
 def main() -> None:
     """Run the command line; bad input is one sentence and exit code 2.
 
-    A command that runs code of a user's file, or of an outside library that may crash, runs in a
-    process of its own, which `eomcheck.supervisor` watches.
+    A command that runs code of a user's file or of an outside library runs in a process of its own,
+    which `eomcheck.supervisor` watches.
     """
     pipe = supervisor.serve()
     if pipe is not None:
@@ -40,13 +43,14 @@ def main() -> None:
         sys.exit(code)
     if not supervisor.possible():
         _run()
-    if not any(".py:" in word for word in sys.argv[1:]):
+    told = sys.argv[1:]
+    if told[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in told):
         try:
             with calls.requiring():
                 _run()
         except calls.UnsupervisedError:
             pass  # another way in which such code is named: a package's engine, a corpus
-    sys.exit(supervisor.command(sys.argv[1:]))
+    sys.exit(supervisor.command(told))
 
 
 def _exit_code() -> int:

@@ -13,6 +13,7 @@ from concurrent.futures import (
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from eomcheck.calls import patience, work_for
 from eomcheck.errors import DiedError, InputError, WorkerError, required
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.provenance import sources
@@ -64,7 +65,7 @@ class Dask(Place):
     def call(self, function: Callable, item: Any) -> tuple:
         """Return the function, guarded."""
         # Pickled here: dask would look for futures, and in old versions for tasks, in an item.
-        return guarded, sources(), pickle.dumps((function, item))
+        return guarded, sources(), pickle.dumps((function, item)), patience()
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
@@ -107,16 +108,22 @@ class Dask(Place):
 _ONE = threading.Lock()
 
 
-def guarded(digest: str, work: bytes) -> Any:
+def guarded(digest: str, work: bytes, patient: float) -> Any:
     """Return function(item), computed by these very sources, one at a time in this process.
 
     A dask worker has several threads by default; the precision of balls is one per process.
+
+    Args:
+        digest: of the sources of the process that wants the result.
+        work: (function, item), pickled.
+        patient: seconds that a call of code that is not ours may take.
 
     Raises:
         WorkerError: this process has other sources of eomcheck than the one that wants the result.
     """
     if sources() != digest:
         raise WorkerError("the workers have another version of eomcheck")
+    work_for(patient)
     with _ONE:
         function, item = pickle.loads(work)
         return function(item)
