@@ -46,8 +46,9 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         if wide:
             table = scene_sheet(claims, runs).without("statement", "evidence")
         print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
-    if wide or len(runs) == 1:
-        print_sheets([strata_sheet({key: run.strata for key, run in runs.items() if run.drawn})])
+    strata = {key: run.strata for key, run in runs.items() if run.drawn}
+    if strata and (wide or len(runs) == 1):
+        print_sheets([strata_sheet(strata)])
     print_unseen(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
