@@ -216,7 +216,7 @@ def parting(path: Path, **options) -> Parting:
     ours = {name: np.eye(3) if name == "M" else np.ones(3) for name in QUANTITIES}
     theirs = ours | {"M": ours["M"] + 0.5}
     names = "shoulder", "slide", "wrist"
-    return Parting(described(arm(path, **options)), names, np.ones(3), ours, theirs)
+    return Parting(described(arm(path, **options)), names, np.ones(3), ours, theirs, {})
 
 
 @pytest.mark.parametrize(
@@ -281,6 +281,14 @@ def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative
     assert apart(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
     assert apart(entries * 0, entries * 0) == 0
     assert np.isnan(apart(None, entries))
+
+
+def test_what_cancels_to_rounding_agrees_but_for_digits(tmp_path: Path):
+    at = parting(tmp_path / "arm.urdf")
+    at.ours["bias"], at.theirs["bias"] = np.zeros(3), np.full(3, 1e-16)
+    assert not at.same("bias")
+    assert at._replace(summed={"bias": 1.0}).same("bias")
+    assert not at._replace(summed={"bias": 1e-9}).same("bias")
 
 
 def test_moments_of_weights_are_as_large_as_the_whole_weight_at_the_end_of_the_arm(tmp_path: Path):

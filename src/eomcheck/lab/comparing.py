@@ -143,6 +143,7 @@ def _look(
             state.v,
             ours,
             told,
+            summed,
             made[key].free_base(*state[:2]),
         )
         for why in reasons(parting):

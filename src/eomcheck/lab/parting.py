@@ -8,13 +8,24 @@ import numpy as np
 
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity, FreeBase
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.contract import Array
 
 CLOSE, ROUNDED = 1e-8, 1e-13
 """Relative: what agrees to this agrees but for digits; but for rounding."""
 
 TERMS = "M", "bias", "gravity"
+
+
+def scale_of(entry: float, summed: float) -> float:
+    """Return what differences are relative to: the largest entry, or the terms that cancelled.
+
+    Args:
+        entry: the largest entry.
+        summed: size of the terms that entries are summed from; it counts where these have cancelled
+            to less than a thousandth of it.
+    """
+    return summed if entry < INCONCLUSIVE * summed else entry
 
 
 class Parting(NamedTuple):
@@ -26,6 +37,7 @@ class Parting(NamedTuple):
         v: velocities (n,).
         ours: quantity -> value.
         theirs: quantity -> value.
+        summed: quantity -> size of the terms that it is summed from, 0 where it is not known.
         free: how the frame moves that the library fixes to a free base, and by what velocity it
             is taken to tell it; None where the base is held.
     """
@@ -35,6 +47,7 @@ class Parting(NamedTuple):
     v: Array
     ours: dict[str, Array]
     theirs: dict[str, Array]
+    summed: dict[str, float]
     free: tuple[FreeBase, BaseVelocity] | None = None
 
     def error(self, name: str) -> Array:
@@ -43,7 +56,8 @@ class Parting(NamedTuple):
 
     def same(self, name: str, tolerance: float = CLOSE) -> bool:
         """Return whether they agree but for digits."""
-        return largest(self.error(name)) <= tolerance * max(largest(self.ours[name]), 1e-300)
+        scale = scale_of(largest(self.ours[name]), self.summed.get(name, 0.0))
+        return largest(self.error(name)) <= tolerance * max(scale, 1e-300)
 
     @property
     def terms_agree(self) -> bool:

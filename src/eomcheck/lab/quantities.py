@@ -11,10 +11,10 @@ from eomcheck.engines import Answers, EngineFault
 from eomcheck.engines.files import FileEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.parting import Why
+from eomcheck.lab.parting import Why, scale_of
 from eomcheck.numbers.contract import Array
 
 QUANTITIES = {
@@ -80,14 +80,8 @@ def theirs_at(
 
 
 def apart(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
-    """Return the largest difference over the largest entry, NaN where one is not known.
-
-    Where the entries have cancelled to less than a thousandth of the terms that they are summed
-    from, it is the difference over the size of these.
-    """
+    """Return the largest difference, relative; see `scale_of`. NaN where one is not known."""
     if x is None or y is None:
         return np.nan
-    scale = max(largest(x), largest(y))
-    if scale < INCONCLUSIVE * summed:
-        scale = summed
+    scale = scale_of(max(largest(x), largest(y)), summed)
     return largest(x - y) / scale if scale > 0 else 0.0
