@@ -196,7 +196,7 @@ def test_the_code_of_a_finding_runs_as_printed(tmp_path):
 
 def test_the_code_of_what_was_not_looked_at_runs_too():
     found = check_functions(**given("cart"), states=1)
-    (untold,) = [x for x in found if x.state is None]
+    untold, _ = (x for x in found if x.state is None)
     code = untold.as_python()
     assert str(GUIDES / "cart.py") in code
     assert run(code) == ""

@@ -3,8 +3,8 @@
     python -m tests.trials.right_models [--jobs 2] [--seed 0] [--origin Drake] [--markdown FILE]
 
 Prints how many there are of each origin and every Finding that failed; the exit code is 1 if there
-is one, or if fewer than `LEAST` models were checked. Models in float32 fail `double-precision`, and
-nothing else.
+is one, or if fewer than `LEAST` models were checked; after Ctrl-C it is 130, and the table holds
+what was done. Models in float32 fail `double-precision`, and nothing else.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 
 from tests.trials.formula_models import formula_models
 from tests.trials.library_models import Model, library_models
+from tests.trials.progress import Progress, ignore_interrupts
 
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets
@@ -60,7 +61,7 @@ def judgements(
     if jobs == 1:
         yield from map(judged, indices, seeds)
         return
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(jobs, initializer=ignore_interrupts) as pool:
         yield from pool.map(judged, indices, seeds)
 
 
@@ -82,15 +83,16 @@ def main() -> int:
     options = parser.parse_args()
     wanted = [k for k, one in enumerate(models()) if one.origin.startswith(options.origin)]
     rows: dict[str, list[int]] = defaultdict(lambda: [0] * 5)
-    for index, counts, alarms in judgements(wanted, options.seed, options.jobs):
-        if counts is None:
-            continue
-        verdicts = [counts.get(one, 0) for one in ("passed", "inconclusive", "not looked at")]
-        added = [1, *verdicts, int(bool(alarms))]
-        origin = models()[index].origin
-        rows[origin] = [old + new for old, new in zip(rows[origin], added, strict=True)]
-        for alarm in alarms:
-            print(alarm, flush=True)
+    with Progress(len(wanted)) as progress:
+        for index, counts, alarms in progress.of(judgements(wanted, options.seed, options.jobs)):
+            if counts is None:
+                continue
+            verdicts = [counts.get(one, 0) for one in ("passed", "inconclusive", "not looked at")]
+            added = [1, *verdicts, int(bool(alarms))]
+            origin = models()[index].origin
+            rows[origin] = [old + new for old, new in zip(rows[origin], added, strict=True)]
+            for alarm in alarms:
+                print(alarm, flush=True)
     sheet = table(rows)
     print_sheets([sheet])
     if options.markdown is not None:
@@ -98,7 +100,7 @@ def main() -> int:
     checked, failed = (sum(row[k] for row in rows.values()) for k in (0, 4))
     few = not options.origin and checked < LEAST
     print(f"{checked} models, {failed} with a false alarm" + (f", at least {LEAST}" if few else ""))
-    return int(failed > 0 or few)
+    return 130 if progress.interrupted else int(failed > 0 or few)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import numpy as np
 from tests.testing.own import coriolis, given, guide
 from tests.testing.trees import random_tree
 from tests.trials.formula_models import _damped_chain, _furuta, _two_link_arm, by_casadi
+from tests.trials.progress import Progress, ignore_interrupts
 
 from eomcheck.claims.finding import Finding
 from eomcheck.lab.show.sheet import Sheet
@@ -718,7 +719,7 @@ def outcomes(chosen: list[Fault], seed: int, jobs: int) -> Iterator[Outcome | No
     if jobs == 1:
         yield from map(tried, chosen, seeds)
         return
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(jobs, initializer=ignore_interrupts) as pool:
         yield from pool.map(tried, chosen, seeds, chunksize=4)
 
 
@@ -773,17 +774,19 @@ def main() -> int:
     options = parser.parse_args()
     chosen = [one for one in faults() if KINDS[one.kind].id.startswith(options.kind)]
     found: list[Outcome] = []
-    for one in outcomes(chosen[:: options.every], options.seed, options.jobs):
-        if one is None:
-            continue
-        found.append(one)
-        what = f"{KINDS[one.fault.kind].id}, {one.fault.model}, {one.fault.set}"
-        if one.told and not one.caught:
-            print(f"MISSED {what}", flush=True)
-        elif one.told and not one.named:
-            print(f"not named: {what}: {one.first}", flush=True)
-        elif not one.told and not one.caught and not one.hinted:
-            print(f"NO WORD {what}", flush=True)
+    chosen = chosen[:: options.every]
+    with Progress(len(chosen)) as progress:
+        for one in progress.of(outcomes(chosen, options.seed, options.jobs)):
+            if one is None:
+                continue
+            found.append(one)
+            what = f"{KINDS[one.fault.kind].id}, {one.fault.model}, {one.fault.set}"
+            if one.told and not one.caught:
+                print(f"MISSED {what}", flush=True)
+            elif one.told and not one.named:
+                print(f"not named: {what}: {one.first}", flush=True)
+            elif not one.told and not one.caught and not one.hinted:
+                print(f"NO WORD {what}", flush=True)
     sheet = table(found)
     print_sheets([sheet])
     if options.markdown is not None:
@@ -792,7 +795,8 @@ def main() -> int:
     for name, (share, asked) in reached.items():
         print(f"{name}: {share:.1%} (asked {asked:.0%})")
     print(f"{len(found)} faults of {len({one.fault.kind for one in found})} kinds")
-    return int(any(share < asked for share, asked in reached.values()))
+    missed = any(share < asked for share, asked in reached.values())
+    return 130 if progress.interrupted else int(missed)
 
 
 if __name__ == "__main__":

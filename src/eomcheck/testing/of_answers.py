@@ -95,9 +95,13 @@ KEPT, COARSE_BY = 2.0**-26, 2.0**-18
 """Change that a cache by six digits does not show, per half width of the range: functions must
 feel it if `FELT` changes them in proportion and by more than `COARSE_BY` of their size."""
 
-CACHED = tuple((2.0**-k, 2.0 ** -(k + 10)) for k in (6, 11, 21))
-"""Changes of all coordinates together, long and short, per half width: a cache by three to eight
-digits shows one of the long ones and none of the short ones that belong to it."""
+CACHED = (2.0**-6, 2.0**-16, 2.0**-12), (2.0**-9, 2.0**-19, 2.0**-12)
+"""Changes of all coordinates together, long and short, per half width, and least change of a
+function per size: a cache by three to five digits shows the long ones, and none of the short ones,
+which singles would feel."""
+
+CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
+"""The same of functions that are as exact as doubles, with a cache by seven or eight digits."""
 
 
 @claim("answers-repeat", "f(x) is the same in every call of a run", "")
@@ -125,7 +129,8 @@ def answers_repeat(at: Point) -> Iterator[Sides | Told]:
         kept = Measured(first.value, rounding, first.size)
         double = name not in at.answers.single and _relative(first) <= NOISE
         unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
-        if unfelt or _is_cached(at, name):
+        cached = name not in at.answers.single and _is_cached(at, name, double)
+        if unfelt or cached:
             what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
             yield Told(name, KEPT, 0.0, "failed", what)
             continue
@@ -250,7 +255,7 @@ def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) ->
     return ""
 
 
-def _is_cached(at: Point, name: str) -> bool:
+def _is_cached(at: Point, name: str, double: bool) -> bool:
     """Whether a function feels long changes of all coordinates together and no short ones."""
     f, here = at.raw(name), at.of(name)
     if "q" not in at.answers.reads(name):
@@ -261,8 +266,8 @@ def _is_cached(at: Point, name: str) -> bool:
     def changed(share: float) -> Array:
         return np.abs(f(at.q + share * along, at.v) - here.value)
 
-    least = largest(here.size)
-    return any(_steps(changed, long, short, long / 8.0 * least) for long, short in CACHED)
+    steps, size = CACHED_DOUBLES if double else CACHED, largest(here.size)
+    return any(_steps(changed, long, short, by * size) for long, short, by in steps)
 
 
 def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:

@@ -72,6 +72,11 @@ def motion(at: Point) -> Iterator[Sides | Told | Skipped]:
             for one, B in zip(each, biases, strict=True)
             if B is not None
         )
+        odd, along = inertial - back, exact(free.value @ at.v)
+        if not at.natural() and seen(odd).any() and not seen(along @ odd):
+            # Dampers do work; terms of T that are linear in v do none.
+            yield Sides(subject, odd, exact(np.zeros(odd.shape)), (names,))
+            return
         yield Sides(subject, inertial + back, 2.0 * rest, (names,))
         worst = float(np.abs(inertial.value).max())
         yield Told("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")

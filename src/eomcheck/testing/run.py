@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -38,6 +38,9 @@ BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconcl
 
 LAST = "answers-repeat", "arguments-unchanged"
 """Claims that are checked last, in this order: they are about all calls of a run."""
+
+WIDE = 3
+"""Number of states outside the default ranges, beside those that are asked for."""
 
 LISTED = 8
 """Number of entries that are listed by name where none of them is resolved."""
@@ -156,14 +159,76 @@ def check(
         of_reference.check_reference(points)
     found = {
         claim.id: [*worst(functions, claim, points), *untold(functions, claim, points[0])]
-        for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id))
+        for claim in selected
+        if claim.id not in LAST
     }
+    if isinstance(wanted, int) and functions.ranges is None:
+        for one in beyond(functions, answers, found, seed + wanted, reference):
+            found[one.claim].append(one)
+    for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
+        if claim.id in LAST:
+            found[claim.id] = [*worst(functions, claim, points)]
     return [one for claim in selected for one in found[claim.id]]
+
+
+def beyond(
+    functions: Functions,
+    answers: Answers,
+    found: Mapping[str, list[Finding]],
+    seed: int,
+    reference: Functions | None = None,
+) -> Iterator[Finding]:
+    """Yield what fails outside the default ranges only, and what the ranges are.
+
+    A few states have q in [-π, π], where every function has a value, if nothing failed inside. A
+    domain may end outside the ranges, as of tables and of arccos: what fails there is inconclusive.
+
+    Args:
+        functions: the functions, without `ranges` of their own.
+        answers: of the functions.
+        found: id -> Findings inside the ranges, of the claims that are asked.
+        seed: of the draws.
+        reference: what they are compared with, or None.
+    """
+    wide = []
+    if not any(one.verdict == "failed" for all_ in found.values() for one in all_):
+        middle, half = functions.half_ranges()
+        half[: functions.n] = np.pi
+        wide = [
+            Point(answers, state.q, state.v, seed + k, reference)
+            for k, state in enumerate(_draws(functions, middle, half, WIDE, seed))
+            if _finite(answers, state)
+        ]
+    for id in found:
+        for one in worst(functions, FUNCTION_CLAIMS[id], wide):
+            if one.verdict == "failed":
+                detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
+                yield replace(one, verdict="inconclusive", detail=detail)
+    if {"answers", "reference"} <= set(found):  # in a report about everything
+        more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
+        detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
+        skipped: Verdict = "not looked at"
+        about = "reference", functions.name, functions, None
+        yield Finding(*about, 0.0, 0.0, skipped, skipped, detail)
+
+
+def _finite(answers: Answers, state: State) -> bool:
+    """Whether every function has a value at a state."""
+    try:
+        with np.errstate(all="ignore"):
+            for name in answers.functions.given:
+                answers(name, state.q, state.v)
+    except BrokenError:
+        return False
+    return True
 
 
 def drawn(functions: Functions, count: int, seed: int) -> list[State]:
     """Return random states, evenly spread over the ranges."""
-    middle, half = functions.half_ranges()
+    return _draws(functions, *functions.half_ranges(), count, seed)
+
+
+def _draws(functions: Functions, middle: Array, half: Array, count: int, seed: int) -> list[State]:
     rng, n = np.random.default_rng(seed), functions.n
     draws = middle + half * rng.uniform(-1.0, 1.0, (count, len(half)))
     return [State(x[:n], x[n:]) for x in draws]

@@ -1,0 +1,63 @@
+"""Trials say how far they are, and print the table of what is done when they are interrupted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+from tests.trials.progress import Progress
+
+
+def interrupted_after(count: int) -> Iterator[int]:
+    yield from range(count)
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_trial_ends_with_what_is_done(capsys):
+    done = 0
+    with Progress(5, period=0.0) as progress:
+        for item in progress.of(interrupted_after(2)):
+            done += 1 + item
+    assert (progress.interrupted, done) == (True, 3)
+    assert capsys.readouterr().err == "1 of 5\n2 of 5\ninterrupted after 2 of 5\n"
+
+
+def test_a_trial_that_ends_says_nothing_more(capsys):
+    with Progress(2, period=1e9) as progress:
+        assert list(progress.of("ab")) == ["a", "b"]
+    assert not progress.interrupted
+    assert capsys.readouterr().err == ""
+    with pytest.raises(ValueError, match="something else"), Progress(2):
+        raise ValueError("something else")
+
+
+@pytest.mark.night
+@pytest.mark.parametrize("trial", ["right_models", "wrong_functions"])
+def test_a_table_is_printed_and_the_exit_code_is_that_of_an_interrupt(trial, monkeypatch, capsys):
+    for library in ("pinocchio", "casadi"):
+        pytest.importorskip(library)
+    if trial == "right_models":
+        from tests.trials import right_models as module
+
+        alarm = ["an alarm"]
+        monkeypatch.setattr(module, "models", lambda: [SimpleNamespace(origin="one")])
+        monkeypatch.setattr(module, "judgements", lambda *_: iter_then_stop((0, {}, alarm)))
+        said = "1 models, 1 with a false alarm"
+    else:
+        from tests.trials import wrong_functions as module
+
+        monkeypatch.setattr(module, "faults", list)
+        monkeypatch.setattr(module, "outcomes", lambda *_: iter_then_stop(None))
+        said = "0 faults of 0 kinds"
+    monkeypatch.setattr(sys, "argv", ["trial"])
+    assert module.main() == 130
+    printed = capsys.readouterr()
+    assert said in printed.out
+    assert printed.err.startswith("interrupted after 1 of ")
+
+
+def iter_then_stop(item: object) -> Iterator[object]:
+    yield item
+    raise KeyboardInterrupt
