@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
+from tests.testing.own import coriolis, given, guide
 
+from eomcheck.claims.finding import Finding
+from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing.blame import READS, SETTLES, reads
 from eomcheck.testing.of_terms import proportional
+from eomcheck.testing.subject import INPUTS
+from eomcheck.testing.trials import results_of
+
+CART, DRIVE = guide("cart"), guide("drive")
+PAIR = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
 
 EXPECTED = np.array([0.0, 1e-7, -2e-7])
 
@@ -28,3 +40,277 @@ def test_a_factor_that_is_known_to_six_digits_has_one_text(factor: float, text: 
 def test_a_factor_beyond_noise_is_another_one():
     assert proportional(0.50001 * EXPECTED, EXPECTED, 1e-13, (1,)).startswith("0.50001 times")
     assert proportional(EXPECTED * [1.0, 1.0, 0.5], EXPECTED, 1e-13, (1,)) == ""
+
+
+# ---- Which function ------------------------------------------------------------------------------
+
+
+def failures(own: str, names: str, states: int = 2, **changed: Any) -> list[Finding]:
+    """Return the failures where functions of a guide are given by name, some of them changed."""
+    functions = given(own) | changed
+    kept = {x: f for x, f in functions.items() if x not in INPUTS or x in names.split()}
+    return [x for x in check_functions(**kept, states=states) if x.verdict == "failed"]
+
+
+def wrong_M(q):
+    return CART.M(q) * PAIR
+
+
+def solved(*forces: Callable) -> Callable:
+    """Return q̈ of the cart with more forces."""
+    return lambda q, v: CART.qdd(q, v) + np.linalg.solve(CART.M(q), sum(f(q, v) for f in forces))
+
+
+class Wrong(NamedTuple):
+    """A function that is wrong, among some that are given, and the conclusion."""
+
+    own: str
+    names: str
+    changed: dict[str, Any]
+    cause: str
+    sentence: str
+
+
+EVERYTHING = "M bias gravity qdd T U R Q a c gamma"
+
+WRONG = {
+    "M": Wrong(
+        "cart",
+        EVERYTHING,
+        {"M": wrong_M},
+        "M",
+        "mass matrix M is wrong: bias-of-mass-matrix, bias-power, kinetic-energy and 1 more fail, "
+        "bias-of-energy passes; kinetic-energy: entry (q[0], q[1]): sign; bias, row q[0]: ",
+    ),
+    "M, and q̈ tells": Wrong(
+        "cart",
+        "M bias gravity qdd R",
+        {"M": lambda q: CART.M(q) * 1.01},
+        "M",
+        "mass matrix M is wrong: bias-of-mass-matrix, bias-power, motion and 1 more fail; ",
+    ),
+    "M or bias": Wrong(
+        "cart",
+        "M bias",
+        {"M": wrong_M},
+        "M or bias",
+        "mass matrix M or bias is wrong: T, qdd or against would tell; ",
+    ),
+    "bias": Wrong(
+        "cart",
+        "M T bias",
+        {"bias": lambda q, v: CART.bias(q, v) / 2},
+        "bias",
+        "bias is wrong: bias-of-mass-matrix, bias-power and bias-of-energy fail, kinetic-energy "
+        "passes; bias, row q[",
+    ),
+    "T": Wrong(
+        "cart",
+        EVERYTHING,
+        {"T": lambda q, v: 2 * CART.T(q, v)},
+        "T",
+        "kinetic energy T is wrong: kinetic-energy, bias-of-energy and power-balance fail, motion "
+        "passes; mass matrix, entry (q[",
+    ),
+    "C": Wrong(
+        "cart",
+        "M bias C",
+        {"C": lambda q, v: coriolis(q, v).T},
+        "C",
+        "Coriolis matrix C is wrong: coriolis-bias fails, bias-of-mass-matrix passes; ",
+    ),
+    "U": Wrong(
+        "cart",
+        "qdd T U R",
+        {"U": lambda q: -CART.U(q)},
+        "qdd or U",
+        "acceleration qdd or potential energy U is wrong: gravity or against would tell; ",
+    ),
+    "U at another angle": Wrong(
+        "cart",
+        "qdd T U R",
+        {"U": lambda q: CART.U(q + np.array([0.0, 0.3, 0.1]))},
+        "qdd or U",
+        "acceleration qdd or potential energy U is wrong: gravity or against would tell; ",
+    ),
+    "gravity, not the load beside it": Wrong(
+        "cart",
+        "M bias gravity qdd R Q",
+        {
+            "gravity": lambda q: 2 * CART.gravity(q),
+            "Q": lambda q, v: np.array([0.1, 0.0, 0.2]),
+            "qdd": solved(lambda q, v: np.array([0.1, 0.0, 0.2])),
+        },
+        "gravity or qdd",
+        "gravity or acceleration qdd is wrong: U or against would tell; ",
+    ),
+    "R": Wrong(
+        "cart",
+        EVERYTHING,
+        {"R": lambda q, v: 2 * CART.R(q, v)},
+        "qdd or R",
+        "acceleration qdd or dissipation function R is wrong: against would tell; ",
+    ),
+    "q̈": Wrong(
+        "cart",
+        "M bias gravity qdd R",
+        {"qdd": solved(CART.bias)},
+        "qdd",
+        "acceleration qdd is wrong: motion and power-balance fail, bias-of-mass-matrix passes; ",
+    ),
+    "gamma": Wrong(
+        "drive",
+        "M a c gamma qdd",
+        {"gamma": lambda q, v: -DRIVE.gamma(q, v)},
+        "gamma",
+        "constraint drift gamma is wrong: constraint-drift and constraint-acceleration fail, "
+        "constraint-jacobian passes; ",
+    ),
+    "gravity that raises": Wrong(
+        "cart", EVERYTHING, {"gravity": lambda q: q[9]}, "gravity", "gravity, IndexError: "
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_the_first_failure_says_which_function_is_wrong(name: str):
+    wrong = WRONG[name]
+    first, *others = failures(wrong.own, wrong.names, **wrong.changed)
+    assert first.detail.startswith(wrong.sentence), first.detail
+    assert (first.cause, first.follows) == (wrong.cause, "")
+    for one in others:
+        assert (one.cause, one.follows) == (wrong.cause, first.claim)
+        assert str(one).startswith(f"  follows from {wrong.cause}: {one.claim} [")
+        assert one.as_dict()["follows"] == first.claim
+    assert first.as_dict()["cause"] == wrong.cause and "follows" not in first.as_dict()
+
+
+def test_a_reference_clears_what_it_agrees_with():
+    right = given("cart")
+    against = Functions(right["n"], M=CART.M)
+    first, *_ = failures("cart", "M bias", M=wrong_M, against=against)
+    assert first.cause == "M"
+    first, *_ = failures("cart", "M bias", bias=lambda q, v: -CART.bias(q, v), against=against)
+    assert first.cause == "bias"
+
+
+def test_two_wrong_functions_are_two_conclusions():
+    changed = {"M": lambda q: np.triu(CART.M(q)), "R": lambda q, v: -CART.R(q, v)}
+    found = failures("cart", "M R", **changed)
+    assert [(x.claim, x.cause, x.follows) for x in found if not x.follows] == [
+        ("mass-matrix-symmetric", "M", ""),
+        ("dissipation-positive", "R", ""),
+    ]
+
+
+def test_what_a_certain_cause_explains_has_no_other_cause():
+    """Gravity in the bias leaves a constant in the equations of motion, unlike any other bias."""
+    wrong = {"bias": lambda q, v: CART.bias(q, v) + CART.gravity(q)}
+    found = failures("cart", EVERYTHING, **wrong)
+    assert found[0].claim == "bias-at-rest"
+    assert {(x.cause, x.follows) for x in found[1:]} == {("bias", "bias-at-rest")}
+
+
+def test_a_failure_that_follows_is_folded_in_a_test_suite():
+    found = failures("cart", "M T bias", M=wrong_M)
+    ids = [x.claim for x in found]
+    results = results_of(ids, found, ())
+    assert "to see it again" in results[ids[0]].text
+    why = f"follows from M, see {ids[0]}\n"
+    assert all(results[x].text.startswith(f"{why}{x} [") for x in ids[1:])
+    assert not any("to see it again" in results[x].text for x in ids[1:])
+    known = results_of(ids, found, {ids[0]})
+    assert "to see it again" in known[ids[1]].text
+
+
+def test_what_passes_is_as_it_was():
+    found = check_functions(**given("cart"), states=1)
+    assert {(x.cause, x.follows) for x in found} == {("", "")}
+    assert not any({"cause", "follows"} & {*x.as_dict()} for x in found)
+
+
+def test_every_claim_reads_the_functions_it_needs():
+    functions = Functions(2, **dict.fromkeys(INPUTS, len))
+    for id, claim in FUNCTION_CLAIMS.items():
+        needs = {x.split("|")[0] for x in claim.needs} & {*INPUTS}
+        subject = "M ~ cart" if id == "reference" else "M"
+        assert reads(functions, id, subject) >= (needs or {"M"}), id
+    assert {*READS, *SETTLES} <= {*FUNCTION_CLAIMS}
+    assert reads(functions, "reference", "forces ~ cart") == {"gravity", "R", "Q"}
+    without = Functions(2, T=len, bias=len, qdd=len, bias_has_gravity=True)
+    assert reads(without, "motion") == {"T", "bias", "qdd"}
+
+
+# ---- Which term ----------------------------------------------------------------------------------
+
+
+def bias(q, v):
+    """Bias of two links, relative angles."""
+    s = np.sin(q[1])
+    return np.array([-s * (2 * v[0] * v[1] + v[1] ** 2), s * v[0] ** 2])
+
+
+def M(q):
+    c = np.cos(q[1])
+    return np.array([[3.0 + 2 * c, 1.0 + c], [1.0 + c, 1.0]])
+
+
+def with_term(row: int, change: Callable) -> Callable:
+    """Return the bias with something more in a row, in multiples of sin q[1]."""
+
+    def wrong(q, v):
+        found = bias(q, v)
+        found[row] += np.sin(q[1]) * change(v)
+        return found
+
+    return wrong
+
+
+TERMS = {
+    "v[0]²: wrong sign: got -0.479426, expected 0.479426": (1, lambda v: -2 * v[0] ** 2),
+    "v[0] v[1]: half: got -0.479426, expected -0.958851": (0, lambda v: v[0] * v[1]),
+    "v[1]²: twice as large: got -0.958851, expected -0.479426": (0, lambda v: -(v[1] ** 2)),
+    "v[0] v[1]: missing: expected -0.958851": (0, lambda v: 2 * v[0] * v[1]),
+    "v[0] v[1]: missing, v[0]² in its place: -0.958851": (
+        0,
+        lambda v: 2 * v[0] * v[1] - 2 * v[0] ** 2,
+    ),
+    "v[1]²: should vanish: got 0.479426": (1, lambda v: v[1] ** 2),
+    "v[1]²: got -0.335598, expected -0.479426": (0, lambda v: 0.3 * v[1] ** 2),
+}
+
+
+@pytest.mark.parametrize("text", TERMS)
+def test_a_wrong_term_of_the_bias_is_named(text: str):
+    row, change = TERMS[text]
+    state = ([0.3, 0.5], [0.7, -0.4])
+    found = check_functions(2, M=M, bias=with_term(row, change), states=[state])
+    first = next(x for x in found if x.verdict == "failed")
+    assert first.detail.count("row q[") == 2
+    assert first.detail.endswith(f"; row q[{row}], {text}"), first.detail
+
+
+def test_a_term_that_is_lost_beside_another_wrong_one_is_not_in_its_place():
+    wrong = with_term(0, lambda v: 2 * v[0] * v[1] + 0.3 * v[1] ** 2)
+    found = check_functions(2, M=M, bias=wrong, states=[([0.3, 0.5], [0.7, -0.4])])
+    first = next(x for x in found if x.verdict == "failed")
+    assert "row q[0], v[0] v[1]: missing: expected -0.958851; " in first.detail
+    assert first.detail.endswith("; row q[0], v[1]²: got -0.335598, expected -0.479426")
+
+
+@pytest.mark.parametrize(
+    ("forces", "text"),
+    [
+        (lambda q, v: [0.0, 0.1, 0.3], "constant in v: a force"),
+        (lambda q, v: [0.0, 0.2 * v[0], 0.1 * v[2]], "odd in v: damping"),
+        (lambda q, v: [0.0, 0.2 * v[0] ** 2, v[1] * v[2]], "even in v, 0 at rest: bias"),
+        (lambda q, v: [0.0, 0.2 * v[0], 0.1], ""),
+    ],
+)
+def test_what_a_motion_is_off_by_is_told_by_how_it_depends_on_v(forces: Callable, text: str):
+    found = failures(
+        "cart", "M bias gravity R qdd", qdd=solved(lambda q, v: np.array(forces(q, v)))
+    )
+    (motion,) = (x for x in found if x.claim == "motion")
+    assert motion.detail.endswith(f"; the difference is {text}") == bool(text)
+    assert "qdd" in motion.cause

@@ -81,6 +81,9 @@ class Finding:
         proof: what a proof rests on, or None.
         digits: decimal digits of a result in doubles that are certainly right, or None.
         engine: the engine on trial, which is not one of ours, or None.
+        cause: for a failure of functions, the function that is wrong by all that failed and
+            passed, or "M or bias" where that does not decide; "" otherwise.
+        follows: id of the claim whose failure has the same cause and is reported first, or "".
     """
 
     claim: str
@@ -95,6 +98,8 @@ class Finding:
     proof: Proof | None = None
     digits: float | None = None
     engine: type[Engine] | None = None
+    cause: str = ""
+    follows: str = ""
 
     @property
     def ratio(self) -> float:
@@ -109,7 +114,8 @@ class Finding:
         if self.verdict == "not looked at":
             return f"{text}: {self.detail}"  # there are no numbers
         text = f"{text}: observed {self.observed:.3g}, allowed {self.allowed:.3g}"
-        return f"{text} ({self.detail})" if self.detail else text
+        text = f"{text} ({self.detail})" if self.detail else text
+        return f"  follows from {self.cause}: {text}" if self.follows else text
 
     def because(self, why: str) -> Finding:
         """Return the Finding with more in its detail."""
@@ -139,6 +145,10 @@ class Finding:
             row["proof"] = asdict(self.proof) | {"primes": list(self.proof.primes)}
         if self.digits is not None:
             row["digits"] = self.digits
+        if self.cause:
+            row["cause"] = self.cause
+        if self.follows:
+            row["follows"] = self.follows
         return row
 
     def as_python(self) -> str:

@@ -115,6 +115,11 @@ def _christoffel(dM: Measured, v: Measured) -> Measured:
     return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
 
 
+def bias_along(at: Point, v: Array) -> Measured:
+    """Bias (p,) of M at another velocity v (p,), where velocities are q̇."""
+    return _christoffel(at.dM(), exact(v))
+
+
 def _bias_along_speeds(at: Point) -> Measured:
     """Bias (p,) of M where velocities are generalized speeds; see `bias_of_mass_matrix`."""
     mass, S = at.raw("M"), at.S()

@@ -63,7 +63,9 @@ class Point:
 
     def moved(self, v: Array) -> Point:
         """Return the same coordinates with another velocity."""
-        return self.kept(("v", v.tobytes()), lambda: Point(self.answers, self.q, v, self.seed))
+        return self.kept(
+            ("v", v.tobytes()), lambda: Point(self.answers, self.q, v, self.seed, self.reference)
+        )
 
     # ---- Black boxes ---------------------------------------------------------------------------
 

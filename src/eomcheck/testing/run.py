@@ -20,6 +20,7 @@ from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import of_answers, of_terms, of_energies  # isort: skip
 from eomcheck.testing import of_constraints, of_motions, of_reference  # isort: skip
 from eomcheck.testing.answers import Answers, BrokenError
+from eomcheck.testing.blame import concluded
 from eomcheck.testing.noise import NEAR
 from eomcheck.testing.point import Point
 from eomcheck.testing.reference import reference_of
@@ -168,7 +169,8 @@ def check(
     for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
         if claim.id in LAST:
             found[claim.id] = [*worst(functions, claim, points)]
-    return [one for claim in selected for one in found[claim.id]]
+    ordered = [one for claim in selected for one in found[claim.id]]
+    return concluded(functions, ordered, points)
 
 
 def beyond(

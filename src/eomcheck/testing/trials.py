@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple, Protocol
@@ -78,7 +78,8 @@ def results_of(
 
     Args:
         claims: ids, in the order in which a failure is closest to its cause.
-        findings: of all claims.
+        findings: of all claims. One that follows from another is told without code, which the
+            other one has, unless that is expected to fail.
         known: ids of the claims that are expected to fail.
         smallest: returns the smallest failure like one that is found. It is asked once, for the
             first that is not expected: what follows is mostly due to that one.
@@ -92,7 +93,8 @@ def results_of(
         if isinstance(worst, Finding):
             if claim not in known:
                 worst, smallest = smallest(worst), lambda failed: failed
-            worst = _failed(worst, by[claim])
+            folded = worst.follows and worst.follows not in known
+            worst = _folded(worst) if folded else _failed(worst, by[claim])
         found[claim] = worst
     return found
 
@@ -110,6 +112,12 @@ def result_of(findings: list[Finding]) -> Result | Finding:
         return Result("inconclusive", str(by["inconclusive"]))
     why = by["not looked at"]
     return Result("not looked at", f"{why.subject}: {why.detail}")
+
+
+def _folded(shown: Finding) -> Result:
+    """Return a failure that follows from another, without code that shows it again."""
+    why = f"follows from {shown.cause}, see {shown.follows}"
+    return Result("failed", f"{why}\n{replace(shown, follows='')}")
 
 
 def _failed(shown: Finding, findings: list[Finding]) -> Result:
