@@ -130,6 +130,11 @@ def raising(self, q, v, t=0.0):
     return {}["missing"]
 
 
+class Odd:
+    def __getattr__(self, name):
+        raise ValueError(name)
+
+
 ARRAY = "expected an array of shape"
 ANSWERS = {
     "nan": ("bias", lambda self, q, v, t: np.full(5, np.nan), "returned nan in entry [0]"),
@@ -140,6 +145,7 @@ ANSWERS = {
     "half": ("mass_matrix", lambda self, q, t: np.zeros(15), f"of shape (15,), {ARRAY} (5, 5)"),
     "complex": ("bias", lambda self, q, v, t: np.zeros(5, complex), "an array of complex128"),
     "text": ("bias", lambda self, q, v, t: np.array(["x"] * 5), "an array of <U1"),
+    "odd": ("bias", lambda self, q, v, t: Odd(), "returned an Odd, which raised ValueError"),
     "exception": ("bias", raising, "raised KeyError: 'missing' (test_engine_faults.py, line"),
     "no t": ("mass_matrix", lambda self, q: np.eye(5), "raised TypeError"),
     "writes": ("bias", lambda self, q, v, t: v.fill(0) or v, "changes an array that it is handed"),

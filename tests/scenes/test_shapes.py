@@ -11,7 +11,7 @@ import eomcheck
 from eomcheck.claims.shapes import check_shapes
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes import SCENES, FourBarChain, Snake
+from eomcheck.scenes import SCENES, FourBarChain, Sleigh, Snake
 
 
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
@@ -70,3 +70,32 @@ def test_a_transposed_null_space_is_refused():
 
     with pytest.raises(InputError, match=r"speeds: W has shape \(2, 5\), expected \(5, 2\)"):
         check_shapes(Transposed.coil(3))
+
+
+class Odd:
+    """An object of which everything raises."""
+
+    def __getattr__(self, name: str):
+        raise ValueError(name)
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (lambda: None, "c is None, expected an array of shape (1,)"),
+        (Odd, "c is a Odd, expected an array of shape (1,)"),
+        (lambda: np.array(["2000-01-01"], "M8[D]"), "c is an array of datetime64[D], expec"),
+        (lambda: np.array([1j]), "c is an array of complex128, expected real numbers"),
+    ],
+)
+def test_what_is_no_array_of_real_numbers_is_refused(answer, says):
+    kind = type("Wrong", (Sleigh,), {"constraint": staticmethod(lambda *_: answer())})
+    with pytest.raises(InputError) as raised:
+        check_shapes(kind())
+    assert f"Wrong.constraint: {says}" in str(raised.value)
+
+
+def test_velocities_and_kinetic_energy_are_left_out_by_no_scene():
+    kind = type("Still", (Sleigh,), {"energies": staticmethod(lambda *_: (None, None))})
+    with pytest.raises(InputError, match="energies: T is None, expected"):
+        check_shapes(kind())

@@ -25,11 +25,18 @@ Shape = tuple[int, ...]
 Returned = tuple[str, str, Any, Shape]
 """Name of the function, of what it returns, that itself, and the shape it should have."""
 
+ARRAYS: Any = (np.ndarray, Number)
+
+NEEDED = frozenset({"V", "ω", "M", "T", "u", "r", "Φ"})
+"""What no scene leaves out; c may be None where there are no constraints."""
+
 _looked_at: set[tuple[type[Scene], str]] = set()
 
 
 def check_shapes(scene: Scene) -> None:
-    """Check what each function of `scene` returns, once for each structure; None is allowed.
+    """Check what each function of `scene` returns, once for each structure.
+
+    None stands for what a scene has not, where it may be left out.
 
     Raises:
         InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
@@ -59,11 +66,16 @@ def _compare_shapes(scene: Scene) -> None:
                 map_record(partial(_check_shared, scene), at.kinematics)
         for function, name, found, shape in returned(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
-            if isinstance(found, list | tuple):
-                kind = type(found).__name__
-                raise InputError(f"{whose} is a {kind}, expected an array of shape {shape}")
-            if found is not None and np.shape(found) != shape:
-                raise InputError(f"{whose} has shape {np.shape(found)}, expected {shape}")
+            if found is None and name not in NEEDED and (name != "c" or scene.r == 0):
+                continue
+            if not isinstance(found, ARRAYS):
+                kind = "None" if found is None else f"a {type(found).__name__}"
+                raise InputError(f"{whose} is {kind}, expected an array of shape {shape}")
+            array: np.ndarray = np.asarray(found, dtype=None)
+            if array.shape != shape:
+                raise InputError(f"{whose} has shape {array.shape}, expected {shape}")
+            if array.dtype.kind not in "fiub":
+                raise InputError(f"{whose} is an array of {array.dtype}, expected real numbers")
 
 
 def _check_shared(scene: Scene, part: Any) -> None:

@@ -273,7 +273,7 @@ def _kind(value: Any) -> str:
     if value is None:
         return "None"
     name = type(value).__name__
-    return f"a{'n' if name[0] in 'aeiou' else ''} {name}"
+    return f"a{'n' if name[0] in 'aeiouAEIO' else ''} {name}"
 
 
 def _checked(method: str, value: Any, shape: Shape) -> Array:
@@ -284,10 +284,14 @@ def _checked(method: str, value: Any, shape: Shape) -> Array:
     """
     wanted = ", ".join("any" if x is None else str(x) for x in shape)
     expected = f"expected an array of shape ({wanted})"
-    if not hasattr(value, "__array__"):
+    try:
+        array = np.asarray(value) if hasattr(value, "__array__") else None
+        masked = bool(np.ma.is_masked(value))
+    except Exception as error:
+        raise EngineFault(f"{method} returned {_kind(value)}, which {_raised(error)}") from error
+    if array is None:
         raise EngineFault(f"{method} returned {_kind(value)}, {expected}")
-    array = np.asarray(value)
-    if np.ma.is_masked(value):
+    if masked:
         raise EngineFault(f"{method} returned a masked array, of which entries are masked")
     if len(array.shape) != len(shape) or any(
         want not in (None, have) for have, want in zip(array.shape, shape, strict=True)
