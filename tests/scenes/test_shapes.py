@@ -99,3 +99,10 @@ def test_velocities_and_kinetic_energy_are_left_out_by_no_scene():
     kind = type("Still", (Sleigh,), {"energies": staticmethod(lambda *_: (None, None))})
     with pytest.raises(InputError, match="energies: T is None, expected"):
         check_shapes(kind())
+
+
+@pytest.mark.parametrize("function", ["terms", "speeds"])
+def test_what_is_no_named_tuple_is_refused(function: str):
+    kind = type("Wrong", (Sleigh,), {function: staticmethod(lambda *_: Odd())})
+    with pytest.raises(InputError, match=f"{function}: a Odd, expected a NamedTuple of"):
+        check_shapes(kind())

@@ -139,8 +139,9 @@ def returned(scene: Scene, at: Quantities) -> Iterator[Returned]:
 
 
 def _fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[Returned]:
-    if len(getattr(record, "_fields", ())) != len(shapes):
+    names = getattr(record, "_fields", ()) if isinstance(record, tuple) else ()
+    if len(names) != len(shapes):
         said = f"a NamedTuple of {len(shapes)}"
         raise InputError(f"{function}: a {type(record).__name__}, expected {said}")
-    for name, found, shape in zip(record._fields, record, shapes, strict=True):
+    for name, found, shape in zip(names, record, shapes, strict=True):
         yield function, name, found, shape
