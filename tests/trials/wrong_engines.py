@@ -191,7 +191,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("acceleration 1 % off", "acceleration", "x, y = right\nreturn 1.01 * x, y"),
     # Ends of the process
     Fault("exits", "bias", _every(20, "sys.exit(0)")),
-    Fault("ends the process", "bias", _every(20, "os._exit(0)"), says="died"),
+    Fault("ends the process", "bias", _every(20, "os._exit(0)"), says="bias ended its process"),
 )
 """Faults, about half of them in some calls or states only."""
 
