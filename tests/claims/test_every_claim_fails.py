@@ -36,7 +36,7 @@ from tests.samples import ordinary
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding, accelerations, speeds, truth
 from eomcheck.claims.draws import look_at
-from eomcheck.claims.finding import entry_name
+from eomcheck.claims.entries import entry_name
 from eomcheck.claims.point import Point
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.refusals import ENOUGH, MAY_REFUSE, Drawn, coverage, independent_rcond

@@ -73,7 +73,21 @@ def test_coverage_fails_where_more_than_5_percent_are_refused():
     assert share(0, 19) == share(19, 19) == "inconclusive"
 
 
+def test_coverage_is_open_where_a_stratum_has_no_solved_state():
+    """4 states of 100 are few of all, and all that there are at rest."""
+    q, _ = SNAKE.initial_state()
+    moving, resting = State(q, np.ones(5)), State(q, np.zeros(5))
+    drawn = [Drawn(SNAKE, moving, ())] * 96 + [Drawn(SNAKE, resting, ("em",))] * 4
+    finding = coverage(drawn)
+    assert finding.verdict == "inconclusive"
+    assert finding.detail.endswith("em refused every state of motion at rest (4)")
+    one_solved = [*drawn[:-1], Drawn(SNAKE, resting, ("el",))]
+    assert coverage(one_solved).verdict == "passed"
+    assert coverage([*drawn[50:]]).verdict == "failed"
+
+
 def test_coverage_names_who_refused():
     finding = coverage([Drawn(SNAKE, State(Q, np.zeros(5)), ("el", "em"))] * 30)
     assert "0 of 30 ordinary states" in finding.detail
     assert "el refused 30; em refused 30" in finding.detail
+    assert finding.detail.endswith(" and 8 more")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from tests.robots import LINK, arm, body, joint
 from typer.testing import CliRunner
 
+from eomcheck.claims.finding import Finding
 from eomcheck.claims.trial import weight_size
 from eomcheck.cli import app
 from eomcheck.engines import Answers, VelocityMap
@@ -21,7 +23,7 @@ from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.lab import comparing
-from eomcheck.lab.comparing import compare
+from eomcheck.lab.comparing import _worse, compare
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.parting import Parting, Why
 from eomcheck.lab.quantities import QUANTITIES, apart
@@ -369,12 +371,23 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     found = compare(from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2)
     assert dict(found.unsure) == {("pinocchio", "acceleration"): 2}
     assert np.isnan(found.apart["q̈"][0, 1])
-    assert found.verdict("pinocchio") == "agrees"
+    assert found.verdict("pinocchio") == "agrees where decided"
+    assert found.undecided("pinocchio") == ["engine-acceleration"]
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
+    assert "engine-acceleration is not resolved in any of 2 states: gw ~ pinocchio" in printed
     assert "q̈ of pinocchio: inconclusive in 2 of 2 states" in printed
     found.decided["pinocchio"] = False
     assert found.verdict("pinocchio") == "inconclusive"
+
+
+def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
+    inconclusive, failed = (
+        Finding("bias", "B", None, None, 1.0, allowed, verdict, "compared")
+        for allowed, verdict in ((0.0, "inconclusive"), (0.5, "failed"))
+    )
+    assert _worse(failed, inconclusive) and not _worse(inconclusive, failed)
+    assert _worse(replace(failed, observed=2.0), failed) and not _worse(failed, failed)
 
 
 # ---- What a library does instead of an answer ----------------------------------------------------

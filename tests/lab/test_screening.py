@@ -21,7 +21,7 @@ from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.judging import fault_of
 from eomcheck.lab.fuzzing.replay import replayed
 from eomcheck.lab.fuzzing.rounds import run_round
-from eomcheck.lab.fuzzing.screening import TRUTH, Ration, Screened, screened
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, TRUTH, Ration, Screened, screened
 from eomcheck.lab.fuzzing.work import Result, Round
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake_terms
@@ -109,6 +109,28 @@ def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, su
     monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), error))
     found = screened(cases, FORMULAE[:1], ("true-error",), every=1)
     assert bool(found.suspects) == suspect
+
+
+def test_a_claim_that_no_lane_decides_is_counted_beside_those_that_are(monkeypatch):
+    """Where rounding explains everything, of what one claim says."""
+    right = LaneCase.look
+
+    def look(self, claims):
+        for one in right(self, claims):
+            blind = one.claim == "kinetic-energy"
+            yield one._replace(verdict=np.full_like(one.verdict, 3)) if blind else one
+
+    monkeypatch.setattr(LaneCase, "look", look)
+    found = screened(
+        ordinary(Snake, 3), FORMULAE[:1], ("kinetic-energy", "equations-residual"), every=0
+    )
+    assert found.by_claim[OPEN, "kinetic-energy"] == found.verdicts["inconclusive"] == 3
+    assert found.by_claim[DECIDED, "kinetic-energy"] == 0
+    assert found.by_claim[DECIDED, "equations-residual"] == found.verdicts["passed"] > 0
+    result = Result(0, STRATUM, {})
+    cases = ordinary(Snake, 2)
+    rounds.look_at(plan(claims=("kinetic-energy", "equivalence")), result, cases, set(), 0)
+    assert result.counts[f"{OPEN}kinetic-energy"] == 2
 
 
 # ---- Terms that are not finite -------------------------------------------------------------------

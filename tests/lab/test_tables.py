@@ -14,12 +14,14 @@ from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate
 from eomcheck.lab.report import comparison, findings, fuzzing, many, motions, proofs
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
 from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
+from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.report.units import units
@@ -233,6 +235,33 @@ def test_a_report_fails_by_one_failure_and_says_how_many_claims_were_checked():
     assert (made.verdict, made.headline) == ("nothing checked", "No claim was checked.")
 
 
+HIDDEN = kept(verdict="inconclusive", detail="not resolved in any of 4 states: au, row x")
+
+
+def test_a_report_names_claims_of_which_no_state_resolves_an_entry():
+    made = Overview([run_of("snake", "done")])
+    made.rows = [kept(), HIDDEN, kept("motion")]
+    assert made.verdict == "passed"
+    said = "All 2 claims hold where resolved; entries of bias are resolved in no state."
+    assert made.headline == said
+    for other in (replace(HIDDEN, detail="of one state"), replace(HIDDEN, verdict="passed")):
+        made = Overview([run_of("snake", "done")])
+        made.rows = [kept(), other, kept("motion")]
+        assert made.headline == "All 2 claims hold."
+
+
+def test_entries_that_no_state_resolves_are_printed_and_in_junit(tmp_path, capsys):
+    rows = [kept(), HIDDEN, kept("motion")]
+    findings.print_unresolved(by_claim(rows))
+    said = "inconclusive: bias on snake: not resolved in any of 4 states: au, row x"
+    assert " ".join(capsys.readouterr().out.split()) == said
+    made = Overview([run_of("snake", "done")])
+    made.rows = rows
+    write_junit(made, tmp_path / "r.xml")
+    text = (tmp_path / "r.xml").read_text(encoding="utf-8")
+    assert text.count(HIDDEN.detail) == 1
+
+
 # ---- Fuzzing -------------------------------------------------------------------------------------
 
 
@@ -251,6 +280,8 @@ def campaign() -> Campaign:
         ("bias", "au"): Candidate(0.5, None),  # type: ignore[arg-type]
         ("motion", ""): Candidate(0.25, None),  # type: ignore[arg-type]
     }
+    made.counts.update({OPEN + "motion": 4, OPEN + "bias": 2, DECIDED + "bias": 1})
+    made.counts.update({OPEN + "drift": 0})
     made.lost = {"energy-rate": "branches"}
     made.rounds, made.cpu_seconds, made.seconds = 6, 12.0, 48.0
     find = Find("snake", {}, [], [], 0.0, "bias", "au ~ el", 2.0, 1.0, "scene", "known by", "row")
@@ -264,6 +295,7 @@ def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
     assert {row["what"]: row["how many"] for row in table(sheet)} == {
         **{"motions": "240", "a second of CPU time": "20", "rounds": "6", "ordinary": "200"},
         **{"climbed": "40", "passed": "99", "not in lanes: energy-rate": "branches"},
+        "motion: decided in no state": "4 inconclusive",
     }
     assert table(fuzzing.strata_sheet(campaign)) == [
         {"structure": "1 link", "motions": "11"},

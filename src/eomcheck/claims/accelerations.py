@@ -68,8 +68,7 @@ def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
             sensitivity = where(told, sensitivity, np.inf)
-        scale = largest(terms)
-        yield vanishing(f.key, residual, (names,), scale, sensitivity + scale)
+        yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
 def _left(x: Any, e: Quantities) -> Array:
@@ -109,8 +108,8 @@ def constraint_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
         return
     gamma_sensitivity = look.sensitivity(lambda e: e.terms.gamma)
     for f, x in look.solutions:
-        terms = size(a, x.vdot) + size(gamma)
-        sensitivity = _row_sum(a) * look.vdot_sensitivity(f) + gamma_sensitivity + terms
+        terms = magnitude(a, x.vdot) + magnitude(gamma)
+        sensitivity = _row_sum(a) * look.vdot_sensitivity(f) + gamma_sensitivity + largest(terms)
         yield vanishing(f.key, a @ x.vdot + gamma, names, terms, sensitivity)
 
 

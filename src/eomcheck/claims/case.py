@@ -13,6 +13,7 @@ import numpy as np
 from eomcheck.claims import trial
 from eomcheck.claims.at_doubles import AtDoubles
 from eomcheck.claims.blame import raised_in
+from eomcheck.claims.entries import Entries, entries_of
 from eomcheck.claims.finding import Finding, diagnose, judge, worst_entry
 from eomcheck.claims.own import broken_on_doubles
 from eomcheck.claims.registry import CLAIMS, Claim, Names, Sides, names_of_term, term_of
@@ -22,10 +23,11 @@ from eomcheck.evaluation.doubles import Acceleration, Evaluation
 from eomcheck.evaluation.redundant import solution_of
 from eomcheck.evaluation.sensitivity import (
     acceleration_sensitivity,
+    entry_sensitivity_of,
     sensitivity_of,
     speeds_told,
 )
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
@@ -251,7 +253,9 @@ class Case(AtDoubles):
                     )
                 scale: Any = sensitivity if one.may_vanish else one.size
                 here: tuple[Any, ...] = one.subject, one.found, one.expected, sensitivity
-                yield self.compare(*here, scale=scale, names=one.names)
+                told = one.size is None or one.sizes is not None
+                how = {"scale": scale, "sizes": one.sizes, "entrywise": told}
+                yield self.compare(*here, names=one.names, **how)
 
     def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
         """Yield the Findings of a term being what each engine says."""
@@ -273,7 +277,11 @@ class Case(AtDoubles):
             here = self, engine, engine.key, ours, theirs, scale
             again = partial(_asked_again, method, state)
             names = names_of_term(self.at.scene, term)
-            yield trial.compared(*here, again, names=names, scale=scale)
+            # No sum over bodies has larger terms in the entry of two coordinates.
+            roots = np.sqrt(np.abs(np.diagonal(np.atleast_2d(np.asarray(ours)))))
+            sizes = np.outer(roots, roots) if term == "M" else None
+            own = partial(entry_sensitivity_of, self.at, quantity)
+            yield trial.compared(*here, again, names=names, scale=scale, sizes=sizes, own=own)
 
     def compare(
         self,
@@ -284,6 +292,9 @@ class Case(AtDoubles):
         *,
         names: Names,
         scale: Any = None,
+        sizes: Any = None,
+        own: Callable[[], Array] | None = None,
+        entrywise: bool = True,
         evidence: str = "property-tested",
         engine: type[Engine] | None = None,
     ) -> Finding:
@@ -296,6 +307,9 @@ class Case(AtDoubles):
             sensitivity: κ · scale of both computations together.
             names: names along each axis.
             scale: size of what is compared, by default the largest entry of `expected`.
+            sizes: of the terms of which each entry is a sum, where they are known.
+            own: gives κ · scale of each entry of `expected`, for an engine on trial.
+            entrywise: whether entries have sizes of their own, see `eomcheck.claims.entries`.
             evidence: level and what it rests on.
             engine: the engine that is compared with, if any.
         """
@@ -313,7 +327,19 @@ class Case(AtDoubles):
             if engine is not None and trial.is_on_trial(engine):
                 what = trial.said_on_trial(engine, found, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
-        return self.finding(subject, observed, allowed, verdict, evidence, detail, engine=engine)
+        outcome = subject, observed, allowed, verdict, evidence, detail
+        made = self.finding(*outcome, engine=engine)
+        entrywise = entrywise and (sizes is not None or bool(np.any(expected)))
+        if verdict == "failed" or not names or not entrywise:
+            return made  # a failure is named by its row; what vanishes has no size of its own
+        zero: Any = False
+        if engine is not None and trial.is_on_trial(engine):
+            # Of the scene itself, what should be 0 is so but for the rounding of its own terms.
+            zero = np.abs(expected) <= (0.0 if own is None else allowed_error(1.0) * own())
+        entries = _resolved(found, expected, allowed, names, sizes, zero)
+        hidden = entries.count_hidden if verdict == "passed" else 0
+        what = f"{hidden} of {found.size} entries not resolved"
+        return replace(made, entries=entries, detail=what if hidden else detail)
 
     def finding(self, subject: str, *outcome: Any, engine: type[Engine] | None = None) -> Finding:
         """Return a Finding about this state; `outcome` from `observed` on.
@@ -328,3 +354,25 @@ class Case(AtDoubles):
 
 def _asked_again(method: str, state: tuple[Array, Array, float], answers: Answers) -> Any:
     return answers.ask(method, *state)
+
+
+def _resolved(
+    found: Array, expected: Array, allowed: float, names: Names, sizes: Any, zero: Any
+) -> Entries:
+    """Return which entries of two sides are resolved.
+
+    Args:
+        found: ours.
+        expected: what it should be, same shape.
+        allowed: the error that is allowed in every entry.
+        names: names along each axis.
+        sizes: of the terms of which each entry is a sum, None where they are not known.
+        zero: which entries should be 0, and are so but for rounding: they have passed.
+    """
+    own = np.maximum(np.abs(found), np.abs(expected))
+    size = own if sizes is None else np.maximum(own, sizes)
+    there = (size > 0.0) & ~np.asarray(zero)
+    # What agrees in digits of its own is resolved, whatever the largest entry allows.
+    agree = (own > 0.0) & (np.abs(found - expected) <= INCONCLUSIVE * own)
+    known = agree | (allowed <= INCONCLUSIVE * size)
+    return entries_of(names, there & known, there & ~known)

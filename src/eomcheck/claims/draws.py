@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eomcheck.claims.finding import entry_name, looks_like
+from eomcheck.claims.entries import entry_name
+from eomcheck.claims.finding import looks_like
 from eomcheck.claims.point import Point
 from eomcheck.claims.registry import CLAIMS, Claim, NoRateError, Sides, Skipped
 from eomcheck.claims.speeds import embedding

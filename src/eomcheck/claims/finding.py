@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from eomcheck.claims.entries import Entries, entry_name
 from eomcheck.claims.repeat import python_of
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
@@ -84,6 +85,7 @@ class Finding:
         cause: for a failure of functions, the function that is wrong by all that failed and
             passed, or "M or bias" where that does not decide; "" otherwise.
         follows: id of the claim whose failure has the same cause and is reported first, or "".
+        entries: which entries of what was compared are resolved, None of a number.
     """
 
     claim: str
@@ -100,6 +102,7 @@ class Finding:
     engine: type[Engine] | None = None
     cause: str = ""
     follows: str = ""
+    entries: Entries | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     @property
     def ratio(self) -> float:
@@ -253,11 +256,3 @@ def looks_like(
 def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
     """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
     return entry_name(worst_of(error), names)
-
-
-def entry_name(index: tuple[int, ...], names: tuple[tuple[str, ...], ...]) -> str:
-    """Return the name of one entry: "row θ_3", "entry (x, θ_3)", or "value" without axes."""
-    named = [axis[i] for axis, i in zip(names, index, strict=True)]
-    if len(named) < 2:
-        return f"row {named[0]}" if named else "value"
-    return f"entry ({', '.join(named)})"

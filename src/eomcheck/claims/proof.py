@@ -10,18 +10,27 @@ from __future__ import annotations
 import math
 import random
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.draws import REDRAWS, Draws, Key, look_at
-from eomcheck.claims.finding import Finding, Proof
+from eomcheck.claims.entries import Left, listing
+from eomcheck.claims.finding import DECIDED, Finding, Proof
 from eomcheck.claims.point import Point
-from eomcheck.claims.registry import Skipped
+from eomcheck.claims.registry import Claim, Skipped
 from eomcheck.claims.shapes import check_shapes
-from eomcheck.errors import MOST_COUNTED, InputError, RefusedError, distinct, whole_number
+from eomcheck.errors import (
+    MOST_COUNTED,
+    EomcheckError,
+    InputError,
+    RefusedError,
+    distinct,
+    whole_number,
+)
 from eomcheck.evaluation import point as quantities
 from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.mechanics.scene import Scene
@@ -212,3 +221,69 @@ def failure_probability(
     bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
     chance = 2 * degree / (PRIMES[0] - 1) + bad_primes / PRIME_COUNT
     return min(1.0, choices * math.comb(draws, points) * chance**points)
+
+
+# ---- What rounding hides -------------------------------------------------------------------------
+
+MOST = 40
+"""Coordinates of a scene whose hidden entries are looked at in exact arithmetic: beyond, it takes
+longer than the states themselves."""
+
+
+def by_proof(
+    claim: Claim, left: Sequence[Left], known: dict[tuple, list[Finding]]
+) -> tuple[list[Finding], list[Left]]:
+    """Look at what rounding hides in all states in exact arithmetic, which hides nothing.
+
+    Engines say their numbers in doubles: where one is on trial they stay hidden.
+
+    Args:
+        claim: the claim.
+        left: what no state resolves of it.
+        known: findings by structure of a scene, at one point; structures are added to it.
+
+    Returns:
+        The identities that fail, one finding of all that is proved, and what remains.
+    """
+    failed: dict[tuple, tuple[Finding, list[str]]] = {}
+    proved: list[Finding] = []
+    names: list[str] = []
+    rest: list[Left] = []
+    for one in left:
+        scene = one.finding.scene
+        about: list[Finding] = []
+        if claim.proved and one.entry and one.finding.engine is None and scene.n <= MOST:
+            which = type(scene), scene.structure
+            if which not in known:
+                known[which] = _at_one_point(scene)
+            of_claim = [x for x in known[which] if x.claim == claim.id]
+            about = [x for x in of_claim if claim.against or x.subject == one.subject]
+        if not about or any(x.verdict not in DECIDED for x in about):
+            rest.append(one)
+            continue
+        wrong = [x for x in about if x.verdict == "failed"]
+        for x in wrong:
+            failed.setdefault((scene.structure, x.subject), (x, []))[1].append(one.name)
+        if not wrong:
+            proved += about
+            names.append(one.name)
+    found = [*failed.values(), *([(max(proved, key=_chance), names)] if proved else ())]
+    return [_beside(x, each, left[0].states) for x, each in found], rest
+
+
+def _chance(proved: Finding) -> float:
+    assert proved.proof is not None
+    return proved.proof.failure_probability
+
+
+def _beside(proof: Finding, names: Sequence[str], states: int) -> Finding:
+    """Return a Finding in exact arithmetic that says what doubles do not show."""
+    why = f"in exact arithmetic; {listing(names, states)}"
+    return proof.because(why) if proof.detail else replace(proof, detail=why)
+
+
+def _at_one_point(scene: Scene) -> list[Finding]:
+    try:
+        return prove(scene, points=1, seed=0)
+    except EomcheckError:
+        return []

@@ -12,8 +12,10 @@ import numpy as np
 from scipy.linalg import null_space, solve_triangular
 
 from eomcheck.claims.case import Case
+from eomcheck.claims.entries import LISTED
 from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
+from eomcheck.claims.strata import strata_of
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.rank import RANK
@@ -236,6 +238,9 @@ def coverage(drawn: list[Drawn]) -> Finding:
     example = (refused or drawn)[0]
     share = len(refused) / len(drawn)
     verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
+    never = _never_solved(drawn) if refused else []
+    if never and verdict == "passed":
+        verdict = "inconclusive"  # a share of all states hides a stratum without any
     by_key = Counter(key for one in refused for key in one.refused)
     named = "".join(f"; {key} refused {count}" for key, count in by_key.items())
     return Finding(
@@ -248,5 +253,20 @@ def coverage(drawn: list[Drawn]) -> Finding:
         verdict if len(drawn) >= ENOUGH else "inconclusive",
         f"property-tested: {counted(len(drawn), 'state')}",
         f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
-        + named,
+        + named
+        + "".join(f"; {one}" for one in never[:LISTED])
+        + (f" and {len(never) - LISTED} more" if len(never) > LISTED else ""),
     )
+
+
+def _never_solved(drawn: list[Drawn]) -> list[str]:
+    """Return which formulations refused every drawn state of a stratum."""
+    refused: dict[tuple[str, str], list[set[str]]] = {}
+    for one in drawn:
+        for stratum in strata_of(one.scene, one.state).items():
+            refused.setdefault(stratum, []).append(set(one.refused))
+    return [
+        f"{key} refused every state of {name} {way} ({len(each)})"
+        for (name, way), each in refused.items()
+        for key in sorted(set.intersection(*each))
+    ]

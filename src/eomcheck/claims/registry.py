@@ -39,6 +39,7 @@ class Sides(NamedTuple):
         sensitivity: κ · scale of both sides; None where it is to be measured on them. Of lanes
             both are those of each, and NaN stands for None.
         may_vanish: whether sides that are 0 are compared all the same.
+        sizes: of the terms that cancel in each entry, same shape; None where that is not known.
     """
 
     subject: str
@@ -48,6 +49,7 @@ class Sides(NamedTuple):
     size: Any = None
     sensitivity: Any = None
     may_vanish: bool = False
+    sizes: Any = None
 
 
 class Skipped(NamedTuple):
@@ -57,9 +59,19 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def vanishing(subject: str, found: Any, names: Names, size: Any, sensitivity: Any = None) -> Sides:
-    """Return the sides of found = 0, where `size` is that of the terms that cancel."""
-    return Sides(subject, found, np.zeros(np.shape(found), object), names, size, sensitivity)
+def vanishing(subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None) -> Sides:
+    """Return the sides of found = 0.
+
+    Args:
+        subject: what is compared.
+        found: what should vanish.
+        names: names along each axis.
+        terms: magnitudes of the terms that cancel, in each entry or the largest of all.
+        sensitivity: see `Sides`.
+    """
+    zero, each = np.zeros(np.shape(found), object), np.ndim(terms) > 0
+    sides = Sides(subject, found, zero, names, largest(terms) if each else terms, sensitivity)
+    return sides._replace(sizes=terms) if each else sides
 
 
 def measured_where(told: Any) -> Any:

@@ -20,6 +20,8 @@ from hypothesis.strategies import SearchStrategy
 from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.case import OFTEN, ONCE
+from eomcheck.claims.entries import listed, unresolved
+from eomcheck.claims.proof import by_proof
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.robot_file import of_file
 from eomcheck.claims.selection import Asked, Selection, asked_of, case_of
@@ -247,6 +249,11 @@ class Run:
 
     def finish(self, selection: Selection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
+        if self.minimal is None:  # a run that ends at a failure says nothing of all states
+            proofs: dict[tuple, list[Finding]] = {}
+            for claim, left in unresolved(self.findings).items():
+                exact, rest = by_proof(CLAIMS[claim], left, proofs)
+                self.findings += [*exact, *([listed(rest)] if rest else ())]
         if "coverage" in selection.claims and self.drawn:
             self.findings.append(coverage(self.drawn))
         if self.minimal is not None:

@@ -15,9 +15,9 @@ from eomcheck.claims.registry import (
     Skipped,
     check,
     claim,
+    magnitude,
     measured_where,
     numbered,
-    size,
     speed_names,
     vanishing,
 )
@@ -55,7 +55,7 @@ def null_space_embedding(at: Quantities, look: Look) -> Iterator[Sides | Skipped
         else:
             # Where w grows from row to row, so does what was rounded in it before.
             told = measured_where(look.exact or _has_digits(look, w, partition))
-            yield vanishing(subject, at.terms.a @ w, names, size(at.terms.a, w), told)
+            yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), told)
 
 
 def _has_digits(look: Look, w: Array, partition: Partition) -> Any:
@@ -70,7 +70,7 @@ def null_space_speeds(at: Quantities, look: Look) -> Iterator[Sides]:
     if at.terms.a is not None and look.has_speeds:
         a, W = at.terms.a, at.speeds.W
         names = (at.scene.constraint_names, speed_names(at))
-        yield vanishing("ml, kane", a @ W, names, size(a, W))
+        yield vanishing("ml, kane", a @ W, names, magnitude(a, W))
 
 
 @claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
@@ -135,7 +135,7 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
         names = (at.scene.coordinate_names,)
         yield Sides("rest", rest, expected, names, sensitivity=told, may_vanish=True)
     if a is not None:
-        names, terms = (at.scene.constraint_names,), size(a, rest) + size(gamma)
+        names, terms = (at.scene.constraint_names,), magnitude(a, rest) + magnitude(gamma)
         sides = vanishing("ml, kane", a @ rest + gamma, names, terms, told)
         # Rods that stay parallel leave nothing of gamma, and of rest.
         yield sides._replace(may_vanish=True)
@@ -147,8 +147,10 @@ def active_forces(at: Quantities, look: Look) -> Iterator[Sides]:
     if not look.has_speeds or at.terms.Q is None or at.bodies.force is None:
         return
     W, Q = at.speeds.W, at.terms.Q
-    projected, terms = (Q, size(Q)) if W is None else (W.T @ Q, size(W.T, Q))
-    yield Sides("kane", at.bodies.force, projected, (speed_names(at),), terms)
+    projected = Q if W is None else W.T @ Q
+    terms = magnitude(Q) if W is None else magnitude(W.T, Q)
+    sides = Sides("kane", at.bodies.force, projected, (speed_names(at),), largest(terms))
+    yield sides._replace(sizes=terms)
 
 
 def ml_system(e: Quantities) -> tuple[Array, Array]:
@@ -175,8 +177,9 @@ def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
         return
     force, remainder = at.bodies.force, kane_system(at)[1]
     found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
-    terms = size(remainder) + size(force)
-    yield Sides("kane ~ ml", found, expected, (speed_names(at),), terms)
+    terms = magnitude(remainder) + magnitude(force)
+    sides = Sides("kane ~ ml", found, expected, (speed_names(at),), largest(terms))
+    yield sides._replace(sizes=terms)
 
 
 @check(

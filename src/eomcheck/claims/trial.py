@@ -279,6 +279,8 @@ def compared(
     *,
     names: Sequence[tuple[str, ...]],
     scale: float | None = None,
+    sizes: Any = None,
+    own: Callable[[], Any] | None = None,
 ) -> Finding:
     """Return the Finding of an answer being the scene's own.
 
@@ -292,11 +294,14 @@ def compared(
         again: asks the same once more.
         names: names along each axis.
         scale: size of what is compared, by default the largest entry of what is expected.
+        sizes: of the terms of which each entry is a sum, where they are known.
+        own: gives κ · scale of each entry of the scene's.
     """
     kind, tried = type(engine), is_on_trial(type(engine))
     found, expected = (theirs, ours) if tried else (ours, theirs)
     here = subject, found, expected, sensitivity
-    how: dict[str, Any] = {"names": tuple(names), "scale": scale, "evidence": evidence_of(kind)}
+    how: dict[str, Any] = {"names": tuple(names), "scale": scale, "sizes": sizes}
+    how |= {"evidence": evidence_of(kind), "own": own}
     finding = case.compare(*here, **how, engine=kind)
     if finding.verdict == "failed" and tried:
         try:

@@ -23,6 +23,7 @@ from eomcheck.evaluation.tolerance import (
     largest_of_each,
 )
 from eomcheck.formulations import Formulation
+from eomcheck.numbers.contract import Array
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
 
 NOISY = 2.0**-12
@@ -61,6 +62,21 @@ def sensitivity_of(
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
     return float(amplified(size, np.array(changes), solved))
+
+
+def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) -> Array:
+    """Return how strongly rounding can change each entry of a quantity, of its shape.
+
+    The coordinates are perturbed too. Where a perturbed copy cannot be finished it is the size.
+    """
+    here = np.asarray(quantity(at))
+    with np.errstate(all="ignore"):
+        try:
+            copies = perturbed_copies(at, True)[:SAMPLES]
+            changes = [np.abs(np.asarray(_of(copy, quantity)) - here) for copy in copies]
+        except (RefusedError, np.linalg.LinAlgError):
+            return np.abs(here)
+        return np.abs(here) + np.max(changes, axis=0) / STEP
 
 
 def amplified(size: Any, changes: Any, solved: bool) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.entries import unresolved
 from eomcheck.claims.finding import DECIDED, Finding
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import Engine, version_of
@@ -92,7 +93,19 @@ def compare(
         _look(found, made, state, run.look_at(scene, state, selection))
         found.states += 1
         advance()
+    keys: dict[type[Engine] | None, str] = {type(engine): key for key, engine in made.items()}
+    for claim, left in unresolved(run.findings).items():
+        if len(found.skipped) == found.states and CLAIMS[claim].asks == "acceleration":
+            continue  # it is said that q̈ is not compared, and why
+        for one in left:
+            if (key := keys.get(one.finding.engine)) is not None:
+                found.hidden.setdefault((key, claim), []).append(one)
     return found
+
+
+def _worse(one: Finding, other: Finding) -> bool:
+    """Return whether a finding counts in place of another: failures first, then larger errors."""
+    return (one.verdict == "failed", one.ratio) > (other.verdict == "failed", other.ratio)
 
 
 def _told(refused: dict[str, str]) -> str:
@@ -126,7 +139,7 @@ def _look(
             continue
         found.decided[key] = found.decided.get(key, False) or one.verdict in DECIDED
         before = found.findings.get((key, one.claim))
-        if before is None or one.ratio > before.ratio:
+        if before is None or _worse(one, before):
             found.findings[key, one.claim] = one
     description = next(iter(made.values())).description
     bad = {key for (key, _), one in found.findings.items() if one.verdict == "failed"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from eomcheck.claims.entries import Left
 from eomcheck.claims.finding import Finding
 from eomcheck.lab.parting import Why
 from eomcheck.mechanics.scene import Scene
@@ -31,6 +32,7 @@ class Comparison:
         states: number of states looked at.
         skipped: why q̈ is not compared, once for each state in which it is not.
         own: failures of our two derivations being the same, in states where a library differs.
+        hidden: library and claim -> what no state resolves of it.
     """
 
     scene: Scene
@@ -47,6 +49,7 @@ class Comparison:
     states: int = 0
     skipped: list[str] = field(default_factory=list)
     own: list[Finding] = field(default_factory=list)
+    hidden: dict[tuple[str, str], list[Left]] = field(default_factory=dict)
 
     @property
     def failed(self) -> list[Finding]:
@@ -72,11 +75,21 @@ class Comparison:
         """Return whether a library differs, or does not answer everything."""
         return bool(self.of(library)) or any(key == library for key, _ in self.faults)
 
+    def undecided(self, library: str) -> list[str]:
+        """Return the claims about a library that are decided in no state."""
+        return [
+            claim
+            for (key, claim), left in self.hidden.items()
+            if key == library and any(not one.entry for one in left)
+        ]
+
     def verdict(self, library: str) -> str:
         """Return a word or two on a library."""
         if library in self.refused:
             return "not installed" if library in self.missing else "no answer"
         if not self.differs(library):
-            return "agrees" if self.decided.get(library, True) else "inconclusive"
+            if not self.decided.get(library, True):
+                return "inconclusive"
+            return "agrees where decided" if self.undecided(library) else "agrees"
         labels = [one.label for one in self.why[library]]
         return ", ".join(labels) if labels and all(labels) else "differs"

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import Finding, Verdict, diagnose, entry_name, judged, worst_entry
+from eomcheck.claims.entries import Entries, entries_of, entry_name, left_of, listing
+from eomcheck.claims.finding import Finding, Verdict, diagnose, judged, worst_entry
 from eomcheck.claims.registry import Names, Skipped
 from eomcheck.errors import InputError, named, some, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
@@ -42,9 +43,6 @@ LAST = "answers-repeat", "arguments-unchanged"
 
 WIDE = 3
 """Number of states outside the default ranges, beside those that are asked for."""
-
-LISTED = 8
-"""Number of entries that are listed by name where none of them is resolved."""
 
 
 def check_functions(
@@ -257,6 +255,14 @@ class Judged(NamedTuple):
     allowed: Array
     names: Names | None
 
+    @property
+    def entries(self) -> Entries:
+        """Which entries are resolved; what is the same in bits is not hidden."""
+        assert self.names is not None
+        resolved = (self.verdicts < RANKS.index("inconclusive")) & ~np.asarray(self.vanish, bool)
+        hidden = ~resolved & ~np.asarray(self.same, bool)
+        return entries_of(self.names, resolved, hidden)
+
 
 class Compared(NamedTuple):
     """A Finding at a state, with the verdict of each entry."""
@@ -327,15 +333,12 @@ def _same_shape(all_: list[Compared]) -> list[list[Compared]]:
 
 def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
     """Yield the entries that none of the comparisons, of one shape, resolves."""
-    verdicts = np.array([one.judged.verdicts for one in group])
-    same = np.array([one.judged.same for one in group])
-    vanish = np.array([one.judged.vanish for one in group])
-    resolved = (verdicts < RANKS.index("inconclusive")) & ~vanish
-    open_ = ~resolved.any(axis=0) & ~same.all(axis=0)
-    for index in zip(*np.nonzero(np.atleast_1d(open_)), strict=True):
-        where = tuple(int(i) for i in index) if open_.ndim else ()
-        names = group[0].judged.names
-        assert names is not None
+    names = group[0].judged.names
+    assert names is not None
+    left = set(left_of(one.judged.entries for one in group))
+    for where in np.ndindex(group[0].judged.verdicts.shape) if left else ():
+        if entry_name(where, names) not in left:
+            continue
         least = min(group, key=lambda one: one.judged.allowed[where])
         yield Hidden(
             f"{words(subject)}, {entry_name(where, names)}",
@@ -367,8 +370,6 @@ def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) ->
     """Return the one Finding of all entries of a claim that are resolved in no state."""
     first = min(hidden, key=lambda one: one.allowed)
     names = [one.name for one in hidden]
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    states = f"any of {first.states} states" if first.states > 1 else "this state"
     finding = Finding(
         claim.id,
         ", ".join(dict.fromkeys(one.subject for one in hidden)),
@@ -378,7 +379,7 @@ def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) ->
         first.allowed,
         "inconclusive",
         "property-tested",
-        f"not resolved in {states}: {'; '.join(names[:LISTED])}{more}",
+        listing(names, first.states),
     )
     return _with_jump(claim, finding, first.at)
 

@@ -9,6 +9,7 @@ from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
 from eomcheck.claims import CLAIMS, Finding, State
+from eomcheck.claims.entries import lists
 from eomcheck.claims.finding import Verdict
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
@@ -120,6 +121,22 @@ def _folded(shown: Finding) -> Result:
     return Result("failed", f"{why}\n{replace(shown, follows='')}")
 
 
+def without_hidden(results: dict[str, Result], hidden: Iterable[Finding]) -> dict[str, Result]:
+    """Return the results without a pass where something is resolved in no state.
+
+    Args:
+        results: of claims.
+        hidden: inconclusive Findings that hold for all states.
+    """
+    listed = {one.claim: str(one) for one in hidden}
+    return {
+        claim: Result("inconclusive", listed[claim])
+        if claim in listed and result.verdict == "passed"
+        else result
+        for claim, result in results.items()
+    }
+
+
 def _failed(shown: Finding, findings: list[Finding]) -> Result:
     failures = sum(one.verdict == "failed" for one in findings)
     count = f"failed in {failures} of {len(findings)} comparisons; " if len(findings) > 1 else ""
@@ -180,15 +197,17 @@ class SceneTrial:
         cases = self._cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.named else cases:
             run.look_at(scene, state, selection)
+        found = run.finish(selection)
         if self.engine is not None:
-            check_compared([self.engine], run.findings)
+            check_compared([self.engine], found)
         links = partial(no_larger, links=LINKS) if isinstance(self.scene, type) else states_of
 
         def smallest(failed: Finding) -> Finding:
             assert isinstance(failed.scene, Scene)
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        return results_of(self.claims, run.findings, known, smallest)
+        results = results_of(self.claims, found, known, smallest)
+        return without_hidden(results, (one for one in found if lists(one.detail)))
 
     def absent(self, claim: str) -> str:
         """Return why there is no result of a claim."""
@@ -228,12 +247,8 @@ class FunctionsTrial:
         """Return what each claim came to, as `Trial` says."""
         found = check(self.functions, states=examples, seed=seed, against=self.against)
         # A Finding holds for all states here: what none of them resolves is no pass.
-        hidden = {one.claim: str(one) for one in found if one.verdict == "inconclusive"}
-        results = results_of(self.claims, found, known)
-        for claim, text in hidden.items():
-            if results[claim].verdict == "passed":
-                results[claim] = Result("inconclusive", text)
-        return results
+        hidden = (one for one in found if one.verdict == "inconclusive")
+        return without_hidden(results_of(self.claims, found, known), hidden)
 
     def absent(self, claim: str) -> str:
         """Return why there is no result of a claim."""

@@ -233,6 +233,7 @@ def look_at(
     result.counts["enclosed"] += found.enclosed
     result.counts["not finite"] += len(found.unseen)
     result.counts.update({f"{name} in lanes": x for name, x in found.verdicts.items()})
+    result.counts.update({f"{how}{claim}": x for (how, claim), x in found.by_claim.items()})
     result.lost |= found.lost
     worst = found.worst
     suspects = sorted(found.suspects, key=lambda i: (-worst[i], i))

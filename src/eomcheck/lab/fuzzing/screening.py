@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.claims.finding import DECIDED as VERDICTS
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
 from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
@@ -31,6 +32,9 @@ ALONE = 32
 
 Key = tuple[str, str]
 """A claim, and the formulation that it is about there, "" if it is about none."""
+
+OPEN, DECIDED = "inconclusive: ", "decided: "
+"""Begin names of counts of subjects that a claim decides, and of others."""
 
 TRUTH = "true error"
 """In the place of a claim: error against an enclosure, over what is allowed."""
@@ -62,6 +66,7 @@ class Screened:
         heights: by claim and formulation, observed / allowed (L,).
         suspects: which cases are to be looked at again, and by which claims.
         verdicts: number of subjects by verdict.
+        by_claim: number of subjects `OPEN` or `DECIDED`, by claim.
         lost: claims that could not be looked at in lanes, and why.
         enclosed: number of states at which the truth was enclosed.
         unseen: cases whose terms are not all finite: lanes say nothing of them.
@@ -71,6 +76,7 @@ class Screened:
     heights: dict[Key, Array] = field(default_factory=dict)
     suspects: dict[int, set[str]] = field(default_factory=dict)
     verdicts: Counter[str] = field(default_factory=Counter)
+    by_claim: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
     enclosed: int = 0
     unseen: list[int] = field(default_factory=list)
@@ -131,7 +137,9 @@ def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) ->
             (FAILED, "failed"),
             (INCONCLUSIVE_, "inconclusive"),
         ):
-            found.verdicts[name] += int(np.count_nonzero(one.verdict == number))
+            count = int(np.count_nonzero(one.verdict == number))
+            found.verdicts[name] += count
+            found.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
         ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
         for key in named_in(one.subject, keys) or ("",):
             heights = found.height((one.claim, key))
@@ -157,6 +165,9 @@ def _look_alone(
             continue
         for one in checked(case, ids, sorted(keys)):
             found.verdicts[one.verdict] += 1
+            if one.verdict != "not looked at":
+                how = DECIDED if one.verdict in VERDICTS else OPEN
+                found.by_claim[how, one.claim] += 1
             if one.verdict == "failed":
                 found.suspects.setdefault(place, set()).add(one.claim)
             if one.verdict in ("passed", "failed"):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from eomcheck.claims.entries import listed
 from eomcheck.console import console
 from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS
@@ -76,6 +77,8 @@ def sentences(found: Comparison) -> Iterator[str]:
                 yield f"    It said: {said}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
+    for (key, claim), left in found.hidden.items():
+        yield f"{found.versions[key]}: {claim} is {listed(left).detail}"
     if found.own:
         worst = max(found.own, key=lambda one: one.ratio)
         yield f"The two derivations of eomcheck differ from each other: {worst.detail}"
@@ -126,6 +129,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
         "findings": [one.as_dict() for one in found.findings.values()],
         "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
         "said": found.said,
+        "hidden": [[*where, listed(left).detail] for where, left in found.hidden.items()],
         "skipped": found.skipped,
         "own": [one.as_dict() for one in found.own],
     }

@@ -50,6 +50,7 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
     if strata and (wide or len(runs) == 1):
         print_sheets([strata_sheet(strata)])
     print_unseen(claims)
+    print_unresolved(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
         console.print("\nThe smallest failing state found, to paste into Python:\n")
@@ -98,6 +99,13 @@ def print_failures(claims: Iterable[Judged]) -> None:
             row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
             more = f" (and {others} more of this claim)" if others else ""
             say(f"{row.claim} {row}{more}", "red")
+
+
+def print_unresolved(claims: Iterable[Judged]) -> None:
+    """Print the entries that no state resolves, which no table shows beside those that passed."""
+    for one in claims:
+        for row in one.unresolved:
+            say(f"inconclusive: {one.claim.id} on {row.scene}: {row.detail}")
 
 
 def print_unseen(claims: Iterable[Judged]) -> None:

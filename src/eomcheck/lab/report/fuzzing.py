@@ -13,6 +13,7 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import FAMILIES
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.replay import Replayed
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say
@@ -63,7 +64,13 @@ def summary_sheet(campaign: Campaign) -> Sheet:
     rows += [
         (name, str(x))
         for name, x in sorted(counts.items())
-        if x and name not in shown and not name.startswith((CROSSED, STOPPED))
+        if x and name not in shown and not name.startswith((CROSSED, STOPPED, OPEN, DECIDED))
+    ]
+    undecided = sorted(name.removeprefix(OPEN) for name in counts if name.startswith(OPEN))
+    rows += [
+        (f"{claim}: decided in no state", f"{counts[OPEN + claim]} inconclusive")
+        for claim in undecided
+        if counts[OPEN + claim] and not counts[DECIDED + claim]
     ]
     rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
     return Sheet(

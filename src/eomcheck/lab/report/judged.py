@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
+from eomcheck.claims.entries import lists
 from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.text import ranges
@@ -102,6 +103,11 @@ class Judged:
     def unseen(self) -> list[Kept]:
         """Those not looked at."""
         return [row for row in self.rows if row.verdict == "not looked at"]
+
+    @property
+    def unresolved(self) -> list[Kept]:
+        """Those that list entries which no state resolves."""
+        return [row for row in self.rows if row.verdict == "inconclusive" and lists(row.detail)]
 
     @property
     def links(self) -> str:

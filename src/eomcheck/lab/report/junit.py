@@ -60,11 +60,12 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
         failure = ElementTree.SubElement(case, "failure", message=_clean(str(row)))
         failure.text = _clean(row.python)
     out = ElementTree.SubElement(case, "system-out")
-    out.text = _clean(
+    said = (
         f"{judged.claim.statement} {judged.claim.equations}: "
         f"{counted(len(judged.rows), 'finding')}{judged.undecided}, "
         f"largest error {judged.text} of the error allowed"
     )
+    out.text = _clean("\n".join([said, *(row.detail for row in judged.unresolved)]))
 
 
 def _why_open(judged: Judged) -> str:

@@ -142,6 +142,10 @@ class Overview:
         checked = [judged for judged in self.claims if judged.kind == "passed"]
         if len(checked) < len(self.claims):
             return f"{len(checked)} {of} hold; on the others nothing could be checked."
+        hidden = [judged.claim.id for judged in self.claims if judged.unresolved]
+        if hidden:
+            entries = f"entries of {', '.join(hidden)} are resolved in no state"
+            return f"All {counted(len(checked), 'claim')} hold where resolved; {entries}."
         return f"All {counted(len(checked), 'claim')} hold."
 
     @property

@@ -1,0 +1,283 @@
+"""Entries that rounding of larger ones hides: counted, and named where no state resolves them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.claims.test_every_claim_fails import MOVING, SNAKE
+
+import eomcheck
+from eomcheck.claims import CLAIMS, Case, Finding
+from eomcheck.claims.entries import Left, entries_of, left_of, listed, lists, unresolved
+from eomcheck.claims.proof import by_proof
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
+from eomcheck.engines import ENGINES
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.lab.report.findings import print_runs
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import Jacobians
+from eomcheck.numbers.generic import generic
+from eomcheck.testing.trials import SceneTrial
+
+NAMES = (("a", "b", "c", "d"),)
+
+
+def springs(sign: int) -> Any:
+    """Return two bodies on a line, one on a spring of 1e15 N/m, the other on one of 1 N/m.
+
+    Args:
+        sign: of the force of the weak one, 1 where it is right.
+    """
+
+    @generic
+    def jacobians(parameters, prepared, q, v):
+        J = np.zeros((2, 1, 2), v.dtype)
+        J[0, 0, 0] = J[1, 0, 1] = 1 + 0 * v[0]
+        zero = np.zeros((2, 1), v.dtype)
+        return Jacobians(J, np.zeros((2, 1, 2), v.dtype), zero, zero)
+
+    @generic
+    def velocities(parameters, prepared, q, v):
+        return v.reshape(2, 1), np.zeros((2, 1), v.dtype)
+
+    @generic
+    def forces(parameters, prepared, q, v):
+        return np.array([-(10**15) * q[0], -sign * q[1]], q.dtype)
+
+    @generic
+    def potential(parameters, prepared, q):
+        return (10**15 * q[0] * q[0] + q[1] * q[1]) / 2
+
+    written = {"jacobians": jacobians, "velocities": velocities}
+    written |= {"forces": forces, "potential": potential}
+
+    class Springs(Parametric, functions=written):
+        """Two bodies on springs."""
+
+        mass: Any = parameter("m", "kg", "> 0", (1.0, 2.0), (2,), default=(1.0, 1.0))
+        inertia: Any = parameter("central", "kg m²", ">= 0", (1.0, 2.0), (2,), default=(1.0, 1.0))
+        key, conserves_energy = "springs", True
+        named_coordinates = ("stiff", "weak")
+
+        def initial_state(self):
+            return np.array([0.3, 0.7]), np.array([0.5, -0.4])
+
+    return Springs()
+
+
+CLAIM = {"claims": ["generalized-forces"]}
+
+
+def of_verdict(verdict: str, found: list[Finding]) -> list[Finding]:
+    return [one for one in found if one.verdict == verdict]
+
+
+def test_a_wrong_row_that_a_larger_one_hides_in_every_state_fails_in_exact_arithmetic():
+    found = eomcheck.validate(springs(-1), examples=3, **CLAIM)
+    (failed,) = of_verdict("failed", found)
+    said = "not resolved in any of 4 states: casadi, row weak"
+    assert failed.detail == f"generalized forces, row weak: sign; in exact arithmetic; {said}"
+    assert not of_verdict("inconclusive", found)
+
+
+def test_a_wrong_row_that_a_larger_one_hides_is_named_where_there_is_no_proof(monkeypatch):
+    monkeypatch.setattr("eomcheck.claims.proof.MOST", 1)  # coordinates: the scene has two
+    found = eomcheck.validate(springs(-1), examples=3, **CLAIM)
+    (left,) = of_verdict("inconclusive", found)
+    assert not of_verdict("failed", found)
+    assert (left.claim, left.subject) == ("generalized-forces", "casadi")
+    assert left.detail == "not resolved in any of 4 states: casadi, row weak"
+
+
+def test_a_test_of_a_scene_with_an_entry_that_no_state_resolves_does_not_pass(monkeypatch):
+    trial = SceneTrial("springs", springs(-1), None)
+    assert trial.results(2, 0)["generalized-forces"].verdict == "failed"
+    monkeypatch.setattr("eomcheck.claims.proof.MOST", 1)
+    result = trial.results(2, 0)["generalized-forces"]
+    assert result.verdict == "inconclusive"
+    assert "not resolved in any of 3 states: casadi, row weak" in result.text
+
+
+def test_what_no_state_resolves_is_printed_below_the_tables(capsys):
+    run = Run(findings=[of_flags(ALL, NONE)], ends=[1])
+    run.findings += [listed([Left("casadi", "row x", run.findings[0], 3)])]
+    print_runs({"snake": run}, Selection.of(engines=[], claims=["bias"], scenes=[SNAKE]))
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "inconclusive: bias on snake: not resolved in any of 3 states: casadi" in printed
+    assert "1 finding passed, 1 inconclusive, 0 failed." in printed
+
+
+def test_a_small_row_that_agrees_in_digits_of_its_own_is_resolved():
+    found = eomcheck.validate(springs(1), examples=3, **CLAIM)
+    assert {(one.verdict, one.detail) for one in found} == {("passed", "")}
+
+
+def test_a_finding_says_how_many_of_its_entries_are_hidden():
+    scene = springs(-1)
+    found = eomcheck.check(scene, *scene.initial_state(), **CLAIM)
+    (one,) = [f for f in found if f.subject == "casadi"]
+    assert one.verdict == "passed"
+    assert one.detail == "1 of 2 entries not resolved"
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "sizes", "resolved", "hidden"),
+    [
+        ([1.0, 1e-8, 1e-15, 0.0], [1.0, 1e-8, -1e-15, 0.0], None, "1100", "0010"),
+        ([1.0, 1e-12, 1e-12, 1e-15], [1.0, 1.0009e-12, 1.0012e-12, 0.0], None, "1100", "0011"),
+        # A thousand times what is allowed, 7.1e-15.
+        ([1.0, 7.0e-12, 7.2e-12, 1.0], [1.0, 7.00705e-12, 7.20705e-12, 1.0], None, "1011", "0100"),
+        ([0.0, 0.0, 0.0, 1e-16], [0.0] * 4, [1.0, 1e-12, 0.0, 1.0], "1001", "0100"),
+        ([1.0, 1e-16, 1.0, 1.0], [1.0, 0.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0], "1111", "0000"),
+    ],
+    ids=["sign", "digits", "size", "cancel", "sum"],
+)
+def test_entries_are_hidden_where_any_error_of_theirs_would_pass(
+    found: list[float], expected: list[float], sizes: Any, resolved: str, hidden: str
+):
+    """Rows are resolved by what is allowed, by digits of their own, or by their terms."""
+    case = Case(Evaluation(SNAKE, *MOVING), (), ())
+    case.claim = CLAIMS["equations-residual"]
+    how = {"names": NAMES, "scale": 1.0, "sizes": sizes}
+    one = case.compare("x", np.array(found), np.array(expected), 1.0, **how)
+    assert one.verdict == "passed" and one.entries is not None
+    flags = [np.unpackbits(np.frombuffer(x, np.uint8))[:4] for x in one.entries[1:]]
+    assert ["".join(map(str, x)) for x in flags] == [resolved, hidden]
+
+
+def test_an_entry_of_an_engine_on_trial_that_should_be_0_is_so_but_for_rounding():
+    """Where it should be anything else it is hidden."""
+
+    class Tried(ENGINES["casadi"]):
+        key = "tried"
+
+    case = Case(Evaluation(SNAKE, *MOVING), (), ())
+    case.claim = CLAIMS["bias"]
+    found, expected = np.array([1.0, 1e-16, 2e-16, 0.0]), np.array([1.0, 0.0, 1e-16, 1e-17])
+    for engine, hidden in ((Tried, "0011"), (ENGINES["casadi"], "0111")):
+        one = case.compare("x", found, expected, 1.0, names=NAMES, scale=1.0, engine=engine)
+        assert one.verdict == "passed" and one.entries is not None
+        flags = np.unpackbits(np.frombuffer(one.entries.hidden, np.uint8))[:4]
+        assert "".join(map(str, flags)) == hidden
+    terms = np.array([1.0, 1.0, 0.01, 1.0])  # 1e-16 is more than rounding of a hundredth
+    how = {"names": NAMES, "scale": 1.0, "engine": Tried, "own": lambda: terms}
+    one = case.compare("x", found, expected, 1.0, **how)
+    assert one.entries is not None and one.entries.hides("row c")
+    assert one.entries.count_hidden == 1
+
+
+def test_what_vanishes_without_known_terms_has_no_entries():
+    case = Case(Evaluation(SNAKE, *MOVING), (), ())
+    case.claim = CLAIMS["equations-residual"]
+    zeros, ones = (np.zeros(4),) * 2, (np.ones(4),) * 2
+    assert case.compare("au", *zeros, 1.0, names=NAMES, scale=1.0).entries is None
+    assert case.compare("au", *ones, 1.0, names=NAMES, entrywise=False).entries is None
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        *("equations-residual", "constraint-acceleration", "null-space-embedding"),
+        *("null-space-speeds", "active-forces", "kane-ml-force", "equivalence", "mass-matrix"),
+    ],
+)
+def test_terms_that_cancel_have_the_sizes_of_their_rows(claim: str):
+    found = eomcheck.check(SNAKE, *MOVING[:2], claims=[claim])
+    assert {f.entries is not None for f in found if f.verdict == "passed"} == {True}
+    assert not any(f.entries.count_hidden for f in found if f.entries)
+
+
+# ---- Over all states -----------------------------------------------------------------------------
+
+
+def of_flags(resolved: list[int], hidden: list[int], names: Any = NAMES, **changed: Any) -> Finding:
+    entries = entries_of(names, np.array(resolved, bool), np.array(hidden, bool))
+    made = Finding("bias", "B", SNAKE, MOVING, 0.0, 1e-14, "passed", "made up", entries=entries)
+    return replace(made, **changed)
+
+
+NONE, ALL = [0] * 4, [1] * 4
+
+
+@pytest.mark.parametrize(
+    ("findings", "said"),
+    [
+        ([of_flags([1, 0, 1, 0], [0, 1, 0, 0])], "B, row b"),
+        ([of_flags([1, 0, 0, 0], [0, 1, 0, 0]), of_flags([0, 1, 0, 0], [1, 0, 0, 0])], ""),
+        ([of_flags([1, 0, 0, 0], [0, 1, 0, 1]), of_flags([1, 0, 0, 1], [0, 1, 0, 0])], "B, row b"),
+        ([of_flags([1, 1, 1, 0], NONE)], ""),  # 0 = 0 has passed
+        ([of_flags([1, 0, 0, 0], NONE, verdict="inconclusive")], "B"),
+        ([of_flags([1, 0, 0, 0], NONE, verdict="inconclusive"), of_flags(ALL, NONE)], ""),
+        ([of_flags(NONE, NONE, verdict="not looked at")], ""),
+        ([of_flags([1, 0], [0, 1], (("a", "b"),)), of_flags([0, 1], [0, 0], (("a", "b"),))], ""),
+        ([of_flags([1, 0], [0, 1], (("a", "b"),)), of_flags([0, 1, 1, 1], NONE)], ""),
+        (
+            [of_flags(ALL, NONE), of_flags(NONE, ALL, subject="b")],
+            "b, row a; b, row b; b, row c; b, row d",
+        ),
+    ],
+    ids=[
+        "hidden",
+        "in turn",
+        "in one",
+        "zero",
+        "open",
+        "decided",
+        "unseen",
+        "same",
+        "other size",
+        "other subject",
+    ],
+)
+def test_what_no_state_resolves_is_left(findings: list[Finding], said: str):
+    left = unresolved(findings)
+    details = [listed(each).detail for each in left.values()]
+    states = sum(one.subject == findings[-1].subject for one in findings)
+    where = f"any of {states} states" if states > 1 else "this state"
+    assert details == ([f"not resolved in {where}: {said}"] if said else [])
+    assert all(lists(one) for one in details)
+
+
+def test_of_many_entries_some_are_named_and_all_are_counted():
+    names = (tuple("abcdefgh"), tuple("xy"))
+    flags = np.zeros(16, bool)
+    flags[3:13] = True
+    one = of_flags(np.zeros(16, bool).tolist(), flags.tolist(), names)
+    assert one.entries is not None and left_of([one.entries])[0] == "entry (b, y)"
+    assert one.entries.hides("entry (g, x)") and not one.entries.hides("entry (g, y)")
+    (found,) = [listed(each) for each in unresolved([one]).values()]
+    assert found.verdict == "inconclusive" and found.subject == "B"
+    assert found.detail.endswith("B, entry (e, y); B, entry (f, x) and 2 more")
+
+
+def test_the_entries_of_an_engine_on_trial_stay_hidden():
+    """Its numbers are doubles: no proof of the scene is one of them."""
+    left = Left("casadi", "row x", of_flags(ALL, NONE), 3)
+    tried = left._replace(finding=replace(left.finding, engine=ENGINES["casadi"]))
+    found, rest = by_proof(CLAIMS["bias"], [left, tried], {})
+    assert rest == [tried]
+    said = "in exact arithmetic; not resolved in any of 3 states: casadi, row x"
+    assert [(one.verdict, one.detail) for one in found] == [("passed", said)]
+    whole = left._replace(entry="")
+    assert by_proof(CLAIMS["bias"], [whole], {}) == ([], [whole])
+    other = left._replace(subject="au ~ nothing")
+    assert by_proof(CLAIMS["equivalence"], [other], {}) == ([], [other])
+    assert by_proof(CLAIMS["machine-code"], [left], {}) == ([], [left])
+    skipped = of_flags(ALL, NONE, subject="B", verdict="not looked at")
+    known = {(type(SNAKE), SNAKE.structure): [skipped]}
+    assert by_proof(CLAIMS["bias"], [left], known) == ([], [left])
+
+
+def test_a_run_that_ends_at_a_failure_lists_no_entries():
+    """Few states were looked at: that none of them resolves an entry says nothing."""
+    run = Run()
+    run.findings = [of_flags([1, 0, 1, 0], [0, 1, 0, 0])]
+    selection = Selection.of(claims=["bias"], scenes=[SNAKE])
+    run.minimal = replace(run.findings[0], verdict="failed")
+    assert len(run.finish(selection)) == 2
+    run.minimal, run.findings = None, run.findings[:1]
+    assert len(run.finish(selection)) == 2 and run.findings[1].proof is not None
