@@ -187,5 +187,12 @@ def _found(
                 detail += f", after a pose where a_1 is singular, before t = {shown.crossed:.4g} s"
     x, most = float(observed[worst]), float(allowed[worst])
     named = claim, shown.key, scene, State(state.q, state.v, 0.0), x, most, verdict
-    more = shown.t_end, shown.crossed, shown.ended, shown.reached
-    return MotionFinding(*named, "compared: all formulations", detail, None, None, None, *more)
+    return MotionFinding(
+        *named,
+        "compared: all formulations",
+        detail,
+        t_end=shown.t_end,
+        crossed=shown.crossed,
+        ended=shown.ended,
+        reached=shown.reached,
+    )
