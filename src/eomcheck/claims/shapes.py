@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
-from numbers import Number
+from numbers import Number, Real
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ def _compare_shapes(scene: Scene) -> None:
             array: np.ndarray = np.asarray(found, dtype=None)
             if array.shape != shape:
                 raise InputError(f"{whose} has shape {array.shape}, expected {shape}")
-            if array.dtype.kind not in "fiub":
+            if not (array.dtype.kind in "fiub" or all(isinstance(x, Real) for x in array.flat)):
                 raise InputError(f"{whose} is an array of {array.dtype}, expected real numbers")
 
 
