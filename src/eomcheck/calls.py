@@ -10,12 +10,11 @@ Whatever calls such code does it through `call`, whose contract has five rules:
    it knows which call a process died in, and how long a call has been running.
 3. A call that runs longer than `patience` seconds (`FIRST` times as long if it is the first of its
    name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s". A
-   process that cannot be interrupted is killed.
-   Off the main thread, and so in a dask worker, only Python code can be interrupted.
+   process that cannot be interrupted is killed. Off the main thread, and so in a dask worker, only
+   Python code can be interrupted.
 4. A function in which a process died or gave no answer is not called again: from the call on that
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding.
-
 5. The floating-point rounding mode, and whether subnormal numbers are flushed to zero, are restored
    after each call. A call that changed them comes out as a `CallError`, but for imports, of which
    libraries compiled with -ffast-math do so.

@@ -96,7 +96,7 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
 
 
 def case_of(asked: Asked, state: State, selection: Selection, asked_again: int = OFTEN) -> Case:
-    """Return what claims look at in a state of a scene whose engines are made.
+    """Case of a state, for the claims about a scene whose engines are made.
 
     Args:
         asked: the scene and its engines.

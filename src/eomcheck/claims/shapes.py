@@ -26,9 +26,10 @@ Returned = tuple[str, str, Any, Shape]
 """Name of the function, of what it returns, that itself, and the shape it should have."""
 
 ARRAYS: Any = (np.ndarray, Number)
+"""Types of arrays and numbers that functions may return."""
 
 NEEDED = frozenset({"V", "ω", "M", "T", "u", "r", "Φ"})
-"""What no scene leaves out; c may be None where there are no constraints."""
+"""Symbols that every scene gives; c may be None where there are no constraints."""
 
 _looked_at: set[tuple[type[Scene], str]] = set()
 
@@ -71,7 +72,7 @@ def _compare_shapes(scene: Scene) -> None:
             if not isinstance(found, ARRAYS):
                 kind = "None" if found is None else f"a {type(found).__name__}"
                 raise InputError(f"{whose} is {kind}, expected an array of shape {shape}")
-            array: np.ndarray = np.asarray(found, dtype=None)
+            array: np.ndarray = np.asarray(found)
             if array.shape != shape:
                 raise InputError(f"{whose} has shape {array.shape}, expected {shape}")
             if not (array.dtype.kind in "fiub" or all(isinstance(x, Real) for x in array.flat)):
@@ -80,7 +81,7 @@ def _compare_shapes(scene: Scene) -> None:
 
 def _check_shared(scene: Scene, part: Any) -> None:
     """Raise InputError if a part of what speeds and bodies share cannot be looked into."""
-    if not isinstance(part, np.ndarray | Number):
+    if not isinstance(part, ARRAYS):
         raise InputError(
             f"{type(scene).__name__}.kinematics: a {type(part).__name__}, expected an array, a "
             "number, or a NamedTuple of these"

@@ -18,7 +18,7 @@ TERMS = "M", "bias", "gravity"
 
 
 def scale_of(entry: float, summed: float) -> float:
-    """Return what differences are relative to: the largest entry, or the terms that cancelled.
+    """Scale of relative differences: the largest entry, or the terms that cancelled.
 
     Args:
         entry: the largest entry.

@@ -57,7 +57,7 @@ def summed_at(at: Evaluation) -> dict[str, float]:
 def theirs_at(
     found: Comparison, key: str, engine: FileEngine, at: Evaluation, names: Iterable[str]
 ) -> dict[str, Array]:
-    """Return what a library says of quantities, and keep what it does instead of an answer."""
+    """Answers of a library by quantity; its faults are kept in `found`."""
     answers, (q, v, t), zero = Answers(engine), (at.q, at.v, at.t), np.zeros(at.scene.n)
     arguments = {
         "M": (q, t),

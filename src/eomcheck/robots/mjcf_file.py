@@ -9,7 +9,7 @@ from typing import Any
 
 from eomcheck.calls import call, foreign
 from eomcheck.errors import InputError, message_of, required
-from eomcheck.mechanics.described.frames import check_count
+from eomcheck.mechanics.described.frames import check_coordinates
 from eomcheck.robots.urdf_robot import MOST
 from eomcheck.robots.urdf_xml import Element, Format, Unreadable, decimal, number, root_of
 
@@ -60,7 +60,7 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
     for root in _roots(path):
         _check(root, path)
         joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
-    _check_count(path, joints)  # at least a coordinate each
+    _check_coordinates(path, joints)  # at least a coordinate each
     foreign()
     library = required("mujoco", "mujoco")
     try:
@@ -71,10 +71,10 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
         raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
 
 
-def _check_count(path: Path, coordinates: int) -> None:
+def _check_coordinates(path: Path, coordinates: int) -> None:
     """Check the number of coordinates before MuJoCo takes minutes over a large file."""
     try:
-        check_count(coordinates)
+        check_coordinates(coordinates)
     except InputError as error:
         raise Unreadable(f"{str(path)!r}: {error}") from None
 
@@ -83,7 +83,7 @@ def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
     spec = _read(library, path)
     kinds = library.mjtJoint
     several = {kinds.mjJNT_FREE: 6, kinds.mjJNT_BALL: 3}
-    _check_count(path, sum(several.get(joint.type, 1) for joint in spec.joints))
+    _check_coordinates(path, sum(several.get(joint.type, 1) for joint in spec.joints))
     out = _strip(library, spec, str(path))
     return spec.compile(), out
 

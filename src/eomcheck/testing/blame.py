@@ -209,7 +209,7 @@ class Degrees(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What the residual of motion looks like, "" where it is of several kinds."""
+        """Dependence of the residual of motion on v, "" where it is of several kinds."""
         kinds = {
             (True, False, False): "constant in v: a force",
             (False, True, False): "odd in v: damping",

@@ -76,7 +76,7 @@ def wrong_terms(failed: Finding, at: Point) -> str:
 
 
 def _sides(claim: str, at: Point) -> tuple[OfV, OfV] | None:
-    """Return what a claim compares as functions of v; None where that is not quadratic in v."""
+    """Both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
     given: OfV = lambda v: at.moved(v).B()  # noqa: E731
@@ -124,7 +124,7 @@ def _terms(found: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
 
 
 def _text(one: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
-    """Return what is wrong with a term; one that stands in the place of another is told with it."""
+    """Fault of a term in words, with the term that it stands in the place of."""
     got, expected, near = one.got, one.expected, one.allowed
     beside = [x for x in wrong if x.row == one.row and x is not one]
     for x, y in ((one, other) for other in beside):

@@ -106,7 +106,7 @@ class Judged:
 
     @property
     def unresolved(self) -> list[Kept]:
-        """Those that list entries which no state resolves."""
+        """Findings that list entries which no state resolves."""
         return [row for row in self.rows if row.verdict == "inconclusive" and lists(row.detail)]
 
     @property

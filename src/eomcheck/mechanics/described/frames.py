@@ -25,7 +25,7 @@ MOST = 200
 """Coordinates that a description may have: identities of more are not proved in reasonable time."""
 
 
-def check_count(coordinates: int) -> None:
+def check_coordinates(coordinates: int) -> None:
     """Check that a description has no more coordinates than `MOST`.
 
     Raises:
@@ -105,7 +105,7 @@ class Frames:
                 raise InputError(said)
             if joint.follows is None:
                 found += [joint.name + part for part in COORDINATES[joint.kind]]
-        check_count(len(found))
+        check_coordinates(len(found))
         for name in found:
             if found.count(name) > 1:
                 raise InputError(f"two coordinates have the name {name!r}")
