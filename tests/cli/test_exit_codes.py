@@ -200,10 +200,14 @@ def test_refusals_and_redundant_constraints_are_1(command, count, code, monkeypa
         ({"faults": {("mujoco", "M"): "raises"}}, 1),
         ({"findings": {("mujoco", "bias"): finding("failed")}}, 1),
         ({"findings": {("mujoco", "bias"): finding("inconclusive")}}, 0),
+        ({"decided": {"mujoco": False}}, 2),
+        ({"decided": {}}, 2),
+        ({"decided": {}, "faults": {("mujoco", "M"): "raises"}}, 1),
     ],
 )
 def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatch):
     made = Comparison(SLEIGH, {"mujoco": "MuJoCo 3"}, why={"mujoco": []}, said={"mujoco": []})
+    made.decided = {"mujoco": True}
     for name, value in change.items():
         setattr(made, name, value)
     made.apart = {"M": np.zeros((2, 2))}

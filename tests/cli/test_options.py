@@ -128,7 +128,9 @@ STUBS: dict[str, dict[str, Any]] = {
     "acceleration": {"eomcheck.lab.report.accelerations.print_accelerations": 0},
     "constraints": {"eomcheck.lab.report.constraints.print_constraints": 0},
     "compare": {
-        "eomcheck.lab.comparing.compare": SimpleNamespace(agree=True, unanswered=[]),
+        "eomcheck.lab.comparing.compare": SimpleNamespace(
+            disagree=False, unanswered=[], check_decided=lambda: None
+        ),
         "eomcheck.lab.report.comparison.print_comparison": None,
         "eomcheck.lab.report.comparison.write_comparison": None,
     },

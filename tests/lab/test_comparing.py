@@ -13,6 +13,7 @@ from tests.robots import LINK, arm, body, joint
 from typer.testing import CliRunner
 
 from eomcheck.claims.finding import Finding
+from eomcheck.claims.run import Run
 from eomcheck.claims.trial import weight_size
 from eomcheck.cli import app
 from eomcheck.engines import Answers, VelocityMap
@@ -377,6 +378,7 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     printed = " ".join(capsys.readouterr().out.split())
     assert "engine-acceleration is not resolved in any of 2 states: gw ~ pinocchio" in printed
     assert "q̈ of pinocchio: inconclusive in 2 of 2 states" in printed
+    assert "all that answered agree to rounding where decided" in printed
     found.decided["pinocchio"] = False
     assert found.verdict("pinocchio") == "inconclusive"
 
@@ -388,6 +390,29 @@ def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
     )
     assert _worse(failed, inconclusive) and not _worse(inconclusive, failed)
     assert _worse(replace(failed, observed=2.0), failed) and not _worse(failed, failed)
+
+
+@pytest.mark.parametrize("verdict", ["inconclusive", "not looked at"])
+def test_nothing_decided_about_any_library_is_never_agreement(
+    monkeypatch, tmp_path, capsys, verdict
+):
+    right = Run.look_at
+
+    def undecided(self, *how):
+        return [replace(one, verdict=verdict) for one in right(self, *how)]
+
+    monkeypatch.setattr(Run, "look_at", undecided)
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+    found = compare(scene, ["pinocchio"], states=2)
+    assert (found.agree, found.disagree, found.open) == (False, False, ["pinocchio"])
+    where = {"inconclusive": "inconclusive", "not looked at": "nothing compared"}[verdict]
+    assert found.verdict("pinocchio") == where
+    print_comparison(found)
+    assert "agree to rounding" not in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"^arm: nothing was decided about pinocchio$"):
+        found.check_decided()
+    write_comparison(found, tmp_path / "out.json")
+    assert json.loads((tmp_path / "out.json").read_text())["decided"] == {"pinocchio": False}
 
 
 # ---- What a library does instead of an answer ----------------------------------------------------

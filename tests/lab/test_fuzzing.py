@@ -10,7 +10,7 @@ import pytest
 from tests.unmended import unmended
 
 from eomcheck import strategies
-from eomcheck.claims import CLAIMS, Case
+from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.strata import strata_of as measured_strata
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
@@ -30,7 +30,7 @@ from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
 from eomcheck.lab.fuzzing.smaller import shrunk
 from eomcheck.lab.fuzzing.strata import Stratum, strata_of
-from eomcheck.lab.fuzzing.work import Round
+from eomcheck.lab.fuzzing.work import Result, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake_terms
@@ -170,6 +170,38 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
     assert second.states == whole.states and second.counts == whole.counts
     assert populations(second) == populations(whole)
     assert second.by_stratum == whole.by_stratum
+
+
+def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_at(
+    tmp_path: Path, monkeypatch
+):
+    fault = judging.Fault(judging.SCENE, "by hand")
+    kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
+    monkeypatch.setattr(Plan, "find", kept)
+    scene = Snake.paper()
+    of = scene, State(*scene.initial_state(), 0.0), 1.0, 0.5, "failed", "compared: x"
+    failed = [Finding("equivalence", "kane", *of), Finding("equivalence", "au ~ kane", *of)]
+
+    def result(number: int, why: dict[str, str]) -> Result:
+        counts = Counter({"states": 1})
+        return Result(number, STRATUM, {}, counts, [failed[0], *failed], why)
+
+    with Records(tmp_path / "r.db") as records:
+        first = Campaign(plan(), "snake", (STRATUM,), records)
+        for number, why in enumerate(({"motion": "no lanes"}, {}, {"bias": "a loop"})):
+            first._take(result(number, why), lambda: True)
+    with Records(tmp_path / "r.db") as records:
+        second = Campaign(plan(), "snake", (STRATUM,), records)
+    assert second.lost == first.lost == {"motion": "no lanes", "bias": "a loop"}
+    assert (
+        second.failures
+        == first.failures
+        == {
+            ("equivalence", "kane"): 6,
+            ("equivalence", "au kane"): 3,
+        }
+    )
+    assert second.resumed == 3 and second.finds == first.finds
 
 
 @pytest.mark.night

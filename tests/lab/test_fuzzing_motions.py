@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from eomcheck import velocity
+from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import growth, judging, motions
+from eomcheck.lab.fuzzing import growth, judging, motion_starts, motions
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import ORDINARY
 from eomcheck.lab.fuzzing.file import read_finds, write_finds
@@ -73,6 +74,38 @@ def test_motions_begin_at_0_and_keep_the_constraints_there():
         assert state.t == 0.0
         a, b = scene_constraints(scene, state)
         assert np.abs(a @ state.v + b).max() < 1e-10
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_families_of_motions_that_cannot_begin_are_not_counted(monkeypatch, shared: bool):
+    kind = SCENES["turntable-ball"]
+    scene = kind.example()
+    scenes = [scene if shared else kind.example() for _ in range(4)]
+    q = np.arange(4.0)[:, None] + np.zeros(scene.n)
+    cases = [(one, State(x, x, 0.5)) for one, x in zip(scenes, q, strict=True)]
+    families = ["a", "b", "c", "d"]
+
+    def closed(scene, x, t):
+        if x[0] == 1.0:
+            raise EomcheckError("open")
+        return x
+
+    def some(scenes, states, velocities):
+        return [(scenes[i], states[i]) for i in (0, 2)], [0, 2]
+
+    monkeypatch.setattr(motion_starts, "drawn", lambda *_: (cases, families))
+    monkeypatch.setattr(motion_starts, "closed_position", closed)
+    monkeypatch.setattr(motion_starts, "consistent", some)
+    begun, of = started(kind, Stratum(None, ()), families, 4, np.random.default_rng(0))
+    assert [state.q[0] for _, state in begun] == [0.0, 3.0]
+    assert of == ["a", "d"]
+
+
+def test_motions_of_scenes_without_time_all_begin(monkeypatch):
+    cases = [(TURNING, State(np.zeros(3), np.zeros(3), 0.5))] * 2
+    monkeypatch.setattr(motion_starts, "drawn", lambda *_: (cases, ["a", "b"]))
+    begun, of = started(Sleigh, Stratum(None, ()), (), 2, np.random.default_rng(0))
+    assert ([state.t for _, state in begun], of) == ([0.0, 0.0], ["a", "b"])
 
 
 def scene_constraints(scene, state):

@@ -116,6 +116,13 @@ def test_engines_tell_the_largest_difference_their_failures_and_what_is_soft():
     assert second.startswith("`inconclusive`")
 
 
+def test_an_engine_that_fails_where_nothing_has_a_size_is_no_dash():
+    one = Compared("casadi", "CasADi 3", "sleigh", "bias", 4, 2, None, 2.0, False)
+    found = record_of_rows("engines", {}, [one, replace(one, claim="mass-matrix", failed=0)])
+    (engine,), (scene,) = tables("engines", found)
+    assert engine[3:6] == ("2", "-", "FAIL") and scene[2:4] == ("-", "FAIL")
+
+
 def test_robots_tell_counts_times_and_each_library_in_its_column():
     counts = {"coordinates": 3, "passed": 40, "failed": 1, "proved": 12, "disproved": 2}
     apart = dict.fromkeys(QUANTITIES, 2e-9) | {"M": 3e-4}
@@ -283,3 +290,85 @@ def test_operations_tell_counts_systems_springs_and_savings():
     assert solved[:4] == ("au", "A", "2r", "1")
     assert solved[4] == "n + r: differs at N = 2, 3, 4, 5, 6, 7, 8"
     assert saved == [("kane", "1 200", "1 500", "300", "2", "3")]
+
+
+def paper_state(key: str, links: int, multipliers: int, **orders: int) -> Record:
+    settings = {"cell": "equations", "links": links, "formulation": key, "across": 0}
+    counts = {"n": links + 2, "r": links, "degrees of freedom": 2, "multipliers": multipliers}
+    counts |= {f"order of {name}": order for name, order in orders.items()}
+    counts["final system"] = 3 * links
+    return Record("paper", settings, counts=counts, errors={"bound": 1e-9}, series={"vdot": [1.0]})
+
+
+def paper_motion(
+    key: str, links: int, cpu: float | None, tolerance: float = 1e-3, error: float = 1.0
+) -> Record:
+    settings = {"cell": "motion", "links": links, "formulation": key}
+    settings |= {"integrator": "RK45", "tolerance": tolerance}
+    if cpu is None:
+        return Record("paper", settings, "failed", "a_1 is singular", counts={"state": 4})
+    series: dict[str, list] = {
+        "times": [0.0, 0.21, 0.38, 0.6, 0.83, 1.0],
+        "constraint": [0.0, 1e-9 * error, 3e-9 * error, 2e-9 * error, 0.0, 0.0],
+        "energy": [0.0, 1e-7, -4e-7 * error, 2e-7, 0.0, 0.0],
+        "q": [[i + k / 10 for k in range(9)] for i in range(6)],
+    }
+    errors = {"constraint": error * links * 1e-8, "energy": error * links * tolerance}
+    errors["constraint allowed"] = 1e-12
+    counts = {"state": links}
+    return Record("paper", settings, cpu_seconds=cpu, counts=counts, errors=errors, series=series)
+
+
+def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
+    found = (
+        *(paper_state("au", n, n, A=2 * n + 2) for n in (7, 20, 40)),
+        *(paper_state("kane", n, 0, M=2, W=n) for n in (7, 20, 40)),
+        *(paper_motion("au", n, 2e-5 * n**2, x) for x in (1e-3, 1e-9) for n in (7, 20, 40)),
+        *(paper_motion("kane", n, 5e-5 * n, error=0.1) for n in (7, 20, 40)),
+        *(paper_motion("kane", n, cpu, 1e-9) for n, cpu in ((7, None), (20, 1e-3), (40, 8e-3))),
+    )
+    sheets = list(study_of("paper").sheets(found))
+    systems, poses, robot, constraint, energy, times, claims = tables("paper", *found)
+    assert sheets[0].columns[3] == "last one at N = 40"
+    assert systems == [
+        ("au", "n + r", "A: n + r", "120", "acceleration level", "yes", "yes"),
+        ("kane", "n - r", "M: n - r, then W: r", "120", "velocity level", "no", "no"),
+    ]
+    at = ("0", "0.2", "0.4", "0.6", "0.8")
+    assert poses == [(t, *(f"{i}.{k}00000" for k in range(9))) for i, t in enumerate(at)]
+    assert [head.split()[0] for head in sheets[1].columns][1:4] == ["x", "y", "θ_1"]
+    first, second = "RK45 1e-03", "RK45 1e-09"
+    assert robot == [
+        (first, "au", "3.00e-09", "7.00e-08", "4.00e-07", "7.00e-03"),
+        (first, "kane", "3.00e-10", "7.00e-09", "2.00e-07", "7.00e-04"),
+        (second, "au", "3.00e-09", "7.00e-08", "4.00e-07", "7.00e-09"),
+    ]
+    assert all(sheets[k].columns == ("solver", "N", "au", "kane") for k in (3, 4, 5))
+    assert constraint == [
+        (first, "7", "7.0e-08", "7.0e-09"),
+        (first, "20", "2.0e-07", "2.0e-08"),
+        (first, "40", "4.0e-07", "4.0e-08"),
+        (second, "7", "7.0e-08", "-"),
+        (second, "20", "2.0e-07", "2.0e-07"),
+        (second, "40", "4.0e-07", "4.0e-07"),
+    ]
+    assert [row[2:] for row in energy] == [
+        *[("7.0e-03", "7.0e-04"), ("2.0e-02", "2.0e-03"), ("4.0e-02", "4.0e-03")],
+        *[("7.0e-09", "-"), ("2.0e-08", "2.0e-08"), ("4.0e-08", "4.0e-08")],
+    ]
+    assert times == [
+        (first, "7", "980 µs (2.8)", "350 µs"),
+        (first, "20", "8 ms (8.0)", "1 ms"),
+        (first, "40", "32 ms (16.0)", "2 ms"),
+        (second, "7", "980 µs", "-"),
+        (second, "20", "8 ms (8.0)", "1 ms"),
+        (second, "40", "32 ms (4.0)", "8 ms"),
+        (first, "N^p", "2.00", "1.00"),
+        (second, "N^p", "2.00", "3.00"),
+    ]
+    (freedom,) = [row for row in claims if row[0] == "Sec. 10"]
+    assert freedom[1:] == (
+        "The snake has two degrees of freedom, whatever N.",
+        *("n - rank(a) is 2 at 3 values of N.", "holds", "a has full rank N."),
+    )
+    assert said("paper", *found)[-1] == "failed: kane, 7 links, RK45 1e-09: a_1 is singular"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +24,7 @@ from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
 from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.overview import Overview
+from eomcheck.lab.report.page import write_page
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.report.units import units
 from eomcheck.lab.show.sheet import Sheet
@@ -128,6 +130,10 @@ def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
     assert (tested["inconclusive"], tested["ratio"]) == ("1", "75%")
     assert (tested["observed"], tested["allowed"]) == ("0.75", "1")
     assert tested["where"] == "im ~ kane, state 2"
+    assert (tested["not looked at"], rows[2]["not looked at"]) == ("", "1")
+    assert rows[2]["inconclusive"] == ""
+    seen = table(evidence_sheet(Judged(tuple(some[:2]))))
+    assert "not looked at" not in seen[0]
 
 
 def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
@@ -208,6 +214,16 @@ def run_of(scene: str, status: str, *rows: Kept) -> Record:
     return Record(RUNS, {"scene": scene}, status, series=series, counts={"states": 4})
 
 
+def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: Path):
+    made = Overview([run_of("snake", "done")])
+    made.rows = [kept(), *[kept(verdict="inconclusive")] * 2, kept(verdict="not looked at")]
+    write_page(made, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (
+        "<li>property-tested: 4 findings at 1 states, 2 inconclusive, 1 not looked at</li>" in page
+    )
+
+
 @pytest.mark.parametrize("statuses", [("done", "failed"), ("failed", "done")])
 def test_one_run_that_did_not_end_is_no_passed_report(statuses):
     made = Overview([run_of(x, y) for x, y in zip(("sleigh", "snake"), statuses, strict=True)])
@@ -219,6 +235,10 @@ def test_one_run_that_did_not_end_is_no_passed_report(statuses):
     assert (made.verdict, made.open, made.states) == ("passed", 1, 8)
     assert made.headline == "All 1 claim hold."
     assert made.basis == "2 findings, 8 states, on snake; 1 inconclusive."
+    made.rows.append(kept(verdict="not looked at"))
+    assert made.basis == "3 findings, 8 states, on snake; 1 inconclusive, 1 not looked at."
+    made.rows = [kept()]
+    assert made.basis == "1 finding, 8 states, on snake."
 
 
 def test_a_report_fails_by_one_failure_and_says_how_many_claims_were_checked():
@@ -358,6 +378,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     }
     made.why = {"one": [], "two": []}
     made.said = {"one": [], "two": []}
+    made.decided = {"one": True, "two": True}
     made.faults = {("two", "bias"): "raises"}
     sheet = comparison.library_sheet(made)
     assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
@@ -381,6 +402,45 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     assert (made.agree, made.unanswered) == (False, ["three"])
     made.faults = {}
     assert made.agree
+
+
+@pytest.mark.parametrize(
+    ("decided", "skipped", "verdicts", "said"),
+    [
+        (
+            {"one": True, "two": True},
+            1,
+            ["agrees", "agrees"],
+            "all that answered agree to rounding",
+        ),
+        (
+            {"one": True, "two": False},
+            2,
+            ["agrees", "inconclusive"],
+            "all others agree to rounding, two undecided, without q̈",
+        ),
+        (
+            {"two": True},
+            0,
+            ["nothing compared", "agrees"],
+            "all others agree to rounding, one undecided",
+        ),
+        ({"one": False}, 0, ["inconclusive", "nothing compared"], ""),
+    ],
+)
+def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
+    capsys, decided, skipped, verdicts, said
+):
+    made = Comparison(SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, states=2, decided=decided)
+    made.skipped = ["singular"] * skipped
+    sheet = comparison.library_sheet(made)
+    assert [str(row[-1]) for row in sheet.rows] == verdicts
+    looks = ["passed" if word == "agrees" else "open" for word in verdicts]
+    assert [getattr(row[-1], "kind", "") for row in sheet.rows] == looks
+    comparison.print_comparison(made)
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == said if said else "agree to" not in last
+    assert made.open == [key for key in made.versions if not decided.get(key)]
 
 
 # ---- Motions -------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import pytest
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.layout import FAILURE_TIME
@@ -151,6 +152,33 @@ def test_the_worst_state_looked_at_is_kept_wherever_it_is():
     }
 
 
+@pytest.mark.parametrize(
+    ("states", "ulps"),
+    [
+        ([(2.0, 1.0), (1.0, 3.0)], 3.0),
+        ([(2.0, 1.0), (0.0, 0.0)], 0.5),
+        ([(2.0, 1.0), (np.inf, np.inf)], np.inf),
+        ([(np.inf, 1.0), (2.0, 1.0)], np.inf),
+        ([(2.0, 1.0), (2.0, np.nan)], np.inf),
+        ([(2.0, np.inf), (2.0, 1.0)], np.inf),
+        ([(0.0, np.inf)], np.inf),
+        ([], np.inf),
+    ],
+)
+def test_a_rate_error_that_cannot_be_measured_at_one_state_is_infinite(monkeypatch, states, ulps):
+    monkeypatch.setattr(trajectory, "acceleration_sensitivity", lambda at, f: at.sensitivity)
+    course: Any = object.__new__(trajectory._Course)
+    course.formulation = None
+    course._looked = {
+        name: SimpleNamespace(
+            sensitivity=sensitivity,
+            acceleration=lambda f, x=vdot: SimpleNamespace(vdot=np.array([x])),
+        )
+        for name, (vdot, sensitivity) in zip(("first", "last"), states, strict=False)
+    }
+    assert course.rate_error() == allowed_error(ulps)
+
+
 # ---- Pieces and poses ----------------------------------------------------------------------------
 
 
@@ -212,6 +240,21 @@ def test_a_law_of_growth_needs_four_errors():
 def test_energy_drifts_by_the_largest_change_at_any_step():
     assert reference._drift([2.0, 5.0, 1.0, 2.0]) == 1.5
     assert reference._drift([0.0, -0.25, 0.125]) == 0.25
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_energy_that_is_no_number_is_no_small_drift(place: int):
+    energies = [2.0, 5.0, 1.0]
+    energies[place] = np.nan
+    assert reference._drift(energies) == np.inf
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_constraint_that_is_no_number_is_no_small_violation(place: int):
+    c = [flint.arb("nan" if k == place else 1) for k in range(3)]
+    scene: Any = SimpleNamespace(constraint=lambda *here: c)
+    at: Any = SimpleNamespace(parameters=None, prepared=None, q=None, v=[flint.arb(2)])
+    assert reference._violation(scene, at) == np.inf
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])

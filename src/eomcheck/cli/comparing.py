@@ -43,7 +43,8 @@ def compare(
 ) -> None:
     """Compare how libraries read one file, by M, bias, forces and accelerations.
 
-    Exit code 1 if some differ by more than rounding, or one that is installed gives no answer.
+    Exit code 1 if some differ by more than rounding, or one that is installed gives no answer; 2 if
+    nothing was decided about any.
     """
     foreign()
     check_count(states=states)
@@ -66,5 +67,6 @@ def compare(
     print_comparison(found, pairs)
     if json is not None:
         print(f"written: {json}")
-    if not found.agree or found.unanswered:
+    if found.disagree or found.unanswered:
         raise typer.Exit(1)
+    found.check_decided()

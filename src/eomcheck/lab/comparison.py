@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from eomcheck.claims.entries import Left
 from eomcheck.claims.finding import Finding
+from eomcheck.errors import InputError
 from eomcheck.lab.parting import Why
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.contract import Array
@@ -27,7 +28,8 @@ class Comparison:
         faults: library and quantity -> what it did instead of an answer, the first time.
         why: library -> what explains its differences, as far as that is known.
         said: library -> what it wrote while it read the file.
-        decided: library -> whether any of its findings is more than inconclusive.
+        decided: library -> whether any of its findings is more than inconclusive; none of one
+            of which nothing was compared.
         unsure: library and method -> in how many states rounding explains any difference.
         states: number of states looked at.
         skipped: why q̈ is not compared, once for each state in which it is not.
@@ -57,9 +59,25 @@ class Comparison:
         return [one for one in self.findings.values() if one.verdict == "failed"]
 
     @property
+    def disagree(self) -> bool:
+        """Whether some that read the file differ, or do not answer everything."""
+        return bool(self.failed or self.faults or self.own)
+
+    @property
     def agree(self) -> bool:
-        """Whether all that read the file answer everything, and the same."""
-        return not (self.failed or self.faults or self.own)
+        """Whether something was compared and decided, and nothing differs."""
+        return not self.disagree and any(self.decided.values())
+
+    @property
+    def open(self) -> list[str]:
+        """The keys of libraries that read the file and of which nothing is decided."""
+        return [key for key in self.versions if not self.decided.get(key)]
+
+    def check_decided(self) -> None:
+        """Raise InputError if nothing differs and nothing is decided: that is no pass."""
+        if not (self.disagree or self.agree):
+            libraries = ", ".join(self.versions)
+            raise InputError(f"{self.scene.name}: nothing was decided about {libraries}")
 
     @property
     def unanswered(self) -> list[str]:
@@ -88,8 +106,8 @@ class Comparison:
         if library in self.refused:
             return "not installed" if library in self.missing else "no answer"
         if not self.differs(library):
-            if not self.decided.get(library, True):
-                return "inconclusive"
+            if library in self.open:
+                return "inconclusive" if library in self.decided else "nothing compared"
             return "agrees where decided" if self.undecided(library) else "agrees"
         labels = [one.label for one in self.why[library]]
         return ", ".join(labels) if labels and all(labels) else "differs"

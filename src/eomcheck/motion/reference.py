@@ -8,6 +8,7 @@ with Lagrange's terms and the augmented formulation, by extrapolation in numbers
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import pairwise
@@ -19,6 +20,7 @@ import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.motion.extrapolation import Extrapolation, GaveUpError
@@ -47,9 +49,10 @@ def _checked(scene: Scene, q0, times) -> tuple[Array, list[float]]:
 
 
 def _drift(energies: Sequence[Any]) -> float:
-    """Return the largest |E - E_0| over |E_0|, or over 1 J where E_0 is 0."""
+    """Return the largest |E - E_0| over |E_0|, or over 1 J where E_0 is 0; ∞ if not finite."""
     scale = abs(float(energies[0])) or 1.0
-    return max(abs(float(energy - energies[0])) for energy in energies) / scale
+    worst = largest([float(energy - energies[0]) for energy in energies])
+    return worst / scale if math.isfinite(worst) else worst
 
 
 # ---- The first: Kane's formulation, Taylor series in quad precision ------------------------------
@@ -287,12 +290,13 @@ def extended_reference(
 
 
 def _violation(scene: Scene, at: Quantities) -> float:
-    """Return the largest |c| / (1 + |v|) over the constraints."""
+    """Return the largest |c| / (1 + |v|) over the constraints; ∞ if not finite."""
     c = scene.constraint(at.parameters, at.prepared, at.q, at.v)
     if c is None:
         return 0.0
     size = 1.0 + max(abs(float(x.mid())) for x in at.v)
-    return max(abs(float(ball(x).mid())) for x in c) / size
+    worst = largest([float(ball(x).mid()) for x in c])
+    return worst / size if math.isfinite(worst) else worst
 
 
 def _arb(x: Fraction) -> flint.arb:

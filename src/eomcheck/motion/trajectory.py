@@ -188,8 +188,11 @@ class _Course:
         for at in {id(at): at for at in self._looked.values()}.values():
             size = largest(at.acceleration(self.formulation).vdot)
             bound = allowed_error(acceleration_sensitivity(at, self.formulation))
+            # `max` would take NaN, ∞ / ∞, for small.
+            if not math.isfinite(bound + size):
+                return math.inf
             worst = max(worst, bound / size if size > 0 else 0.0)
-        return worst
+        return worst if self._looked else math.inf
 
 
 def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:

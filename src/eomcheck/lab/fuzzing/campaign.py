@@ -177,7 +177,7 @@ class Campaign:
 
         When the time is up it is kept as it is: of a wrong scene everything fails.
         """
-        key = failed.claim, " ".join(cause_of(failed))
+        key = _kind_of(failed)
         self.failures[key] += 1
         if self.failures[key] > MOST_SHRUNK:
             return None
@@ -213,6 +213,7 @@ class Campaign:
             f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()
         }
         of = of | {"round": result.number}
+        failures = Counter(map(_kind_of, result.failed))
         record = Record(
             STUDY,
             of,
@@ -220,6 +221,10 @@ class Campaign:
             cpu_seconds=result.cpu_seconds,
             counts=dict(result.counts),
             errors=heights,
+            series={
+                "failures": [[*key, count] for key, count in failures.items()],
+                "lost": [[*one] for one in result.lost.items()],
+            },
         )
         records.add(record)
 
@@ -231,6 +236,9 @@ class Campaign:
             counts = Counter(record.counts)
             times = record.seconds or 0.0, record.cpu_seconds or 0.0
             self._add(record.settings["stratum"], counts, *times)
+            for claim, cause, count in record.series.get("failures", ()):
+                self.failures[claim, cause] += count
+            self.lost |= dict(record.series.get("lost", ()))
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:
@@ -242,6 +250,11 @@ class Campaign:
             find = Find(**record.series["find"][0])
             self.finds[find.key] = find
         self.resumed = self.states
+
+
+def _kind_of(failed: Finding) -> tuple[str, str]:
+    """Claim and cause of a failure, by which failures are counted."""
+    return failed.claim, " ".join(cause_of(failed))
 
 
 def _plain(state: State) -> tuple[list[float], list[float], float]:

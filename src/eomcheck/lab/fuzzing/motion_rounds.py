@@ -86,7 +86,7 @@ class MotionPlan(NamedTuple):
             self._look(result, cases, random)
             # Random scenes of one stratum are of several structures, which do not go together.
             if self.climbing and population and isinstance(given.stratum, Stratum):
-                higher = at_start(climbed(population, self.batch, random))
+                higher, _ = at_start(climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)
         return result

@@ -31,20 +31,25 @@ def started(
     else:
         scene = structure_drawn(kind, stratum, random)()
         cases, of = drawn_of(lambda _: scene, families, count, random)
-    begun = at_start(cases)
-    kept = {id(scene) for scene, _ in begun}
-    return begun, [f for (scene, _), f in zip(cases, of, strict=True) if id(scene) in kept]
+    begun, places = at_start(cases)
+    return begun, [of[place] for place in places]
 
 
-def at_start(cases: Sequence[Case]) -> list[Case]:
-    """Return cases at t = 0, closed and consistent there; those that cannot be are left out."""
+def at_start(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
+    """Cases at t = 0, closed and consistent there, and which they are of those given.
+
+    Those that cannot be are left out.
+    """
     if not cases or not cases[0][0].depends_on_time:
-        return [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
-    scenes, states, wished = [], [], []
-    for scene, state in cases:
+        begun = [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
+        return begun, [*range(len(cases))]
+    scenes, states, wished, closed = [], [], [], []
+    for i, (scene, state) in enumerate(cases):
         with suppress(EomcheckError):
             q = closed_position(scene, state.q, 0.0)
             scenes.append(scene)
             states.append(State(q, np.zeros(scene.n), 0.0))
             wished.append(state.v)
-    return consistent(scenes, states, lambda _: np.array(wished))[0]
+            closed.append(i)
+    begun, places = consistent(scenes, states, lambda _: np.array(wished))
+    return begun, [closed[place] for place in places]

@@ -31,7 +31,8 @@ def library_sheet(found: Comparison) -> Sheet:
     """Return the table of libraries: how far from us they are, where, and why."""
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
-        verdict = Cell(found.verdict(key), "failed" if found.differs(key) else "passed")
+        good = "open" if key in found.open else "passed"
+        verdict = Cell(found.verdict(key), "failed" if found.differs(key) else good)
         apart = [
             Cell("fault", "failed") if (key, name) in found.faults else _cell(table[0, i + 1])
             for name, table in found.apart.items()
@@ -108,8 +109,11 @@ def print_comparison(found: Comparison, pairs: bool = False) -> None:
     for said in sentences(found):
         say(said)
     if found.agree:
-        without = "" if len(found.skipped) < found.states else ", without q̈"
-        console.print(f"all that answered agree to rounding{without}")
+        said = [f"{', '.join(found.open)} undecided"] if found.open else []
+        said += ["without q̈"] if len(found.skipped) >= found.states else []
+        who = "all others" if found.open else "all that answered"
+        where = " where decided" if any(map(found.undecided, found.versions)) else ""
+        console.print(", ".join([f"{who} agree to rounding{where}", *said]))
 
 
 def write_comparison(found: Comparison, path: Path) -> None:
@@ -125,6 +129,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
             name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
             for name, table in found.apart.items()
         },
+        "decided": {key: key not in found.open for key in found.versions},
         "faults": [[*where, what] for where, what in found.faults.items()],
         "findings": [one.as_dict() for one in found.findings.values()],
         "why": {key: [one.sentence for one in why] for key, why in found.why.items()},

@@ -13,20 +13,22 @@ def evidence_sheet(judged: Judged) -> Sheet:
     """Return what a claim rests on: scenes × levels of evidence."""
     found = judged.by(lambda row: (row.scene, row.level))
     levels = dict.fromkeys((*LEVELS, *judged.levels))
-    columns = ["scene", "evidence", "N", "states", "findings", "inconclusive"]
+    columns = ["scene", "evidence", "N", "states", "findings", "inconclusive", "not looked at"]
     rows = [
         [scene, level, *_evidence(found[scene, level])]
         for scene in judged.scenes
         for level in levels
         if (scene, level) in found
     ]
-    return Sheet("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
+    sheet = Sheet("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
+    return sheet if judged.unseen else sheet.without("not looked at")
 
 
 def _evidence(one: Judged) -> list[str]:
     worst, sure = one.worst, one.failure_probability
     assert worst is not None
-    cells = [one.links, str(one.states or "all"), str(len(one.rows)), str(one.open or "")]
+    cells = [one.links, str(one.states or "all"), str(len(one.rows))]
+    cells += [str(count or "") for count in (one.inconclusive, len(one.unseen))]
     if sure is not None:
         told = (
             f"{counted(len(one.rows), 'identity')}, wrong with a probability below {number(sure)}"

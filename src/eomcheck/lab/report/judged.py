@@ -93,10 +93,14 @@ class Judged:
         return sum(row.verdict not in DECIDED for row in self.rows)
 
     @property
+    def inconclusive(self) -> int:
+        """Number of inconclusive Findings."""
+        return self.open - len(self.unseen)
+
+    @property
     def undecided(self) -> str:
         """Those of which nothing was decided: ", 3 inconclusive, 1 not looked at", or ""."""
-        unseen = len(self.unseen)
-        counts = {"inconclusive": self.open - unseen, "not looked at": unseen}
+        counts = {"inconclusive": self.inconclusive, "not looked at": len(self.unseen)}
         return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 
     @property

@@ -111,6 +111,11 @@ class Overview:
         """Number of Findings that say nothing."""
         return Judged(tuple(self.rows)).open
 
+    @property
+    def undecided(self) -> str:
+        """Those of which nothing was decided: "3 inconclusive, 1 not looked at", or ""."""
+        return Judged(tuple(self.rows)).undecided.removeprefix(", ")
+
     @cached_property
     def failed(self) -> list[Judged]:
         """The claims that fail somewhere."""
@@ -157,7 +162,7 @@ class Overview:
         if self.structures:
             parts.append(f"{counted(self.structures, 'structure')} proved")
         said = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
-        return f"{said}; {self.open} inconclusive." if self.open else f"{said}."
+        return f"{said}; {self.undecided}." if self.undecided else f"{said}."
 
     @property
     def engines(self) -> list[str]:

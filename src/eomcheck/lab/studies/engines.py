@@ -191,10 +191,11 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
 
 def _cell(rows: Sequence[Compared]) -> Cell:
     known = [one.relative for one in rows if one.relative is not None]
+    if any(one.failed for one in rows):
+        # What fails where it is too small to be relative to has no number.
+        return Cell(f"{max(known):.0e} FAIL" if known else "FAIL", "failed")
     if not known:
         return Cell("-", "none")
-    if any(one.failed for one in rows):
-        return Cell(f"{max(known):.0e} FAIL", "failed")
     of_kinds: dict[str, list[float]] = {"": [], " inconclusive": [], " soft": []}
     for one in rows:
         if one.relative is not None:
