@@ -322,7 +322,7 @@ def paper_motion(
 def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
     found = (
         *(paper_state("au", n, n, A=2 * n + 2) for n in (7, 20, 40)),
-        *(paper_state("kane", n, 0, M=2, W=n) for n in (7, 20, 40)),
+        *(paper_state("kane", n, 3, M=2, W=n) for n in (7, 20, 40)),
         *(paper_motion("au", n, 2e-5 * n**2, x) for x in (1e-3, 1e-9) for n in (7, 20, 40)),
         *(paper_motion("kane", n, 5e-5 * n, error=0.1) for n in (7, 20, 40)),
         *(paper_motion("kane", n, cpu, 1e-9) for n, cpu in ((7, None), (20, 1e-3), (40, 8e-3))),
@@ -332,7 +332,7 @@ def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
     assert sheets[0].columns[3] == "last one at N = 40"
     assert systems == [
         ("au", "n + r", "A: n + r", "120", "acceleration level", "yes", "yes"),
-        ("kane", "n - r", "M: n - r, then W: r", "120", "velocity level", "no", "no"),
+        ("kane", "n - r", "M: n - r, then W: r", "120", "velocity level", "no", "yes"),
     ]
     at = ("0", "0.2", "0.4", "0.6", "0.8")
     assert poses == [(t, *(f"{i}.{k}00000" for k in range(9))) for i, t in enumerate(at)]
