@@ -51,6 +51,18 @@ def test_a_robot_agrees_with_what_pinocchio_reads_to_1e_13(name: str, floating: 
             assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("turn", ["0 1.5708 0", "0 1.5708 1.5708", "0 -1.57 1.5708"])
+def test_rounding_of_a_fixed_turn_is_no_error_where_a_joint_hangs_straight(tmp_path, turn: str):
+    path = tmp_path / "turned.urdf"
+    text = body("root") + body("link")
+    text += '<joint name="j" type="continuous"><parent link="root"/><child link="link"/>'
+    text += f'<origin rpy="{turn}"/><axis xyz="0 0 1"/></joint>'
+    path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
+    scene, claims = from_urdf(path), ["true-error"]
+    found = eomcheck.check(scene, [0.0], [0.0], consistent=False, claims=claims)
+    assert {one.verdict for one in found} == {"passed"}, found
+
+
 @every_robot
 def test_all_identities_of_a_robot_are_proved(name: str, floating: bool):
     findings = prove(robot(name, floating), points=1, seed=0)

@@ -6,6 +6,7 @@ import copyreg
 from abc import ABCMeta
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -34,6 +35,7 @@ from eomcheck.mechanics.scene import Scene, nothing_moving
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.numbers.generic import generic
 
 SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
@@ -125,7 +127,7 @@ class Mechanism(Parametric, metaclass=_Kind):
             value = getattr(self, name, None)
             given[name] = None if value is None else arithmetic.numbers(value)
         if given["orientation"] is not None:
-            found["rotation"] = rotations(given["orientation"])
+            found["rotation"] = _rotations_in(arithmetic, given["orientation"])
         parts = given["moments"], given["products"], given["armature"]
         found["inertia"] = inertias(*parts, self.plan.e)
         if self.plan.rotors:
@@ -239,6 +241,18 @@ def dissipation_of(plan: Plan) -> Callable | None:
         return plus(R, taken(plan, parameters, prepared, q, v))
 
     return dissipation
+
+
+def _rotations_in(arithmetic: Arithmetic, orientation: Array) -> Array:
+    """Rotations (k, 3, 3) of quaternions (k, 4), of which doubles are rounded once, at the end.
+
+    A perturbed sample changes each entry by a share of itself. Where squares cancel, as for a
+    quarter turn, rounding them would leave an error larger than the entry.
+    """
+    if arithmetic is not FLOAT64:
+        return rotations(orientation)
+    exact = np.array([Fraction(x) for x in orientation.ravel()], object).reshape(orientation.shape)
+    return np.asarray(rotations(exact), np.float64)
 
 
 def _no_constraints(parameters, prepared, q):
