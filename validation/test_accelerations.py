@@ -23,11 +23,13 @@ from validation.harness import holds
         "invariance",
     ],
 )
+@pytest.mark.sampled(2)
 def test_every_acceleration_is_the_one(claim: str, links, few):
     holds(claim, links, few)
 
 
 @pytest.mark.parametrize("claim", ["equivalence", "true-error"])
+@pytest.mark.sampled(2)
 def test_it_is_with_wheels_at_any_angle_and_links_in_any_direction(claim: str, links, examples):
     def states(scene):
         return strategies.states(scene, angle=math.pi)

@@ -117,6 +117,7 @@ def test_banded_keeps_12_digits_in_machine_code_or_not(family: str, links: int):
         assert isinstance(found[way], str) or found[way] < 1e-12
 
 
+@pytest.mark.night
 def test_pattern_is_refused_where_its_constraints_are_dependent_in_doubles():
     """A motion about link 180 dies away on both sides: the longer the snake, the less holds it."""
     refused: dict[int, tuple[bool, ...]] = {}
@@ -208,7 +209,7 @@ def moved(name: str, tolerance: float, with_v: bool, project: bool) -> tuple[flo
     return error, max(sideways), found.nfev
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.night
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_quasi_velocities_need_no_projection(name: str, tolerance: float):

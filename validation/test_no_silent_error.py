@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -542,6 +543,7 @@ def overflowing_in_registers() -> tuple[Snake, State]:
     return scene, State(np.array(q), np.array(v))
 
 
+@pytest.mark.night
 def test_no_hostile_state_of_a_scene_that_is_right_fails_a_check(links, examples):
     low, high = links
 

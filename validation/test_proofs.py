@@ -6,7 +6,7 @@ import eomcheck
 from eomcheck.scenes import Snake
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("links", [*range(1, 13), 20, 50, 100])
 def test_every_identity_is_proved_with_4_points(links: int):
     findings = eomcheck.prove(Snake, links, points=4, seed=links)

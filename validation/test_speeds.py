@@ -18,5 +18,6 @@ from validation.harness import holds
         "kane-n-matrix",
     ],
 )
+@pytest.mark.sampled(2)
 def test_generalized_speeds_and_what_is_made_with_them(claim: str, links, examples):
     holds(claim, links, examples)

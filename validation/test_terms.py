@@ -27,6 +27,7 @@ CLOSED = [kind for kind in SCENES.values() if kind.position_residual is not None
         "moved-energy",
     ],
 )
+@pytest.mark.sampled(2)
 def test_terms_are_what_defines_them(claim: str, links, examples):
     holds(claim, links, examples)
 

@@ -47,6 +47,7 @@ def test_the_end_state_is_that_of_the_reference_to_1e_8(key: str, name: str):
 
 @pytest.mark.parametrize("key", ["kane", "au"])
 @pytest.mark.parametrize("integrator", [k for k, i in INTEGRATORS.items() if i.order])
+@pytest.mark.sampled(2)
 def test_errors_fall_with_at_least_the_nominal_order(integrator: str, key: str):
     order = INTEGRATORS[integrator].order
     assert order is not None

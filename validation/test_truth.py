@@ -14,6 +14,7 @@ def test_the_true_acceleration_is_one_and_doubles_are_near_it(claim: str, links,
     holds(claim, links, examples)
 
 
+@pytest.mark.night
 def test_enclosures_of_all_formulations_overlap_at_states_of_up_to_30_links(sized):
     states = sized(200, 40)
     formulations = list(eomcheck.FORMULATIONS)

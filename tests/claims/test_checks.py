@@ -121,6 +121,7 @@ def test_validate_covers_the_initial_state_and_the_drawn_ones():
     assert coverage.verdict == "inconclusive", "4 states say nothing about 5 %"
 
 
+@pytest.mark.night
 def test_a_justified_refusal_of_the_initial_state_is_no_failure():
     stretched = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
     findings = eomcheck.validate(stretched, examples=25, engines=[])

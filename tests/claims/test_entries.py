@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.claims.test_every_claim_fails import MOVING, SNAKE
+from tests.claims.wrong import with_entry
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding
@@ -21,6 +22,7 @@ from eomcheck.lab.report.findings import print_runs
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians
 from eomcheck.numbers.generic import generic
+from eomcheck.scenes import SCENES
 from eomcheck.testing.trials import SceneTrial
 
 NAMES = (("a", "b", "c", "d"),)
@@ -281,3 +283,32 @@ def test_a_run_that_ends_at_a_failure_lists_no_entries():
     assert len(run.finish(selection)) == 2
     run.minimal, run.findings = None, run.findings[:1]
     assert len(run.finish(selection)) == 2 and run.findings[1].proof is not None
+
+
+CHAIN = {"length": [1.0, 1.0], "inertia": [0.1, 0.1]}
+WHEELS = {"mass": [1.0, 1.0], "stiffness": None, "wheel_angle": [0.1, -0.2]}
+LARGE: dict[tuple[str, tuple[int, ...]], Any] = {
+    ("M", (1, 1)): lambda x: ("chain-pendulum", CHAIN | {"mass": [x, 1.0]}),
+    ("Q", (1,)): lambda x: ("chain-pendulum", CHAIN | {"mass": [x, 1.0]}),
+    ("B", (1,)): lambda x: ("chain-pendulum", CHAIN | {"mass": [x, 1.0]}),
+    ("M", (3, 3)): lambda x: ("snake", WHEELS | {"length": [1.0, 1.0], "inertia": [x, 1.0]}),
+    ("a", (1, 3)): lambda x: ("snake", WHEELS | {"length": [x, 1.0], "inertia": [1.0, 1.0]}),
+    ("gamma", (1,)): lambda x: ("snake", WHEELS | {"length": [x, 1.0], "inertia": [1.0, 1.0]}),
+}
+"""Entry of a term -> a scene in which entries beside it are so many times larger."""
+
+
+@pytest.mark.night
+@pytest.mark.parametrize("ratio", [1e8, 1e15])
+@pytest.mark.parametrize(("term", "entry"), LARGE)
+def test_a_wrong_sign_beside_entries_that_are_far_larger_fails(term, entry, ratio: float):
+    key, parameters = LARGE[term, entry](ratio)
+    kind = SCENES[key]
+
+    def terms(*arguments):
+        right = kind.terms(*arguments)
+        wrong = with_entry(getattr(right, term), entry, lambda x: -x)
+        return right._replace(**{term: wrong})
+
+    scene = type("Wrong", (kind,), {"terms": staticmethod(terms)})(**parameters)
+    assert of_verdict("failed", eomcheck.validate(scene, examples=5))

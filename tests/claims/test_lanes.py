@@ -74,6 +74,7 @@ def differences(cases: Sequence[tuple[Scene, State]]) -> list[tuple]:
     return [(key, x, y) for key, x, y in found if x[0] != y[0]]
 
 
+@pytest.mark.night
 def test_on_ordinary_snakes_lanes_judge_as_the_single_path_but_for_invariance_looked_at_again(
     sized,
 ):

@@ -136,7 +136,7 @@ def formulation_in(module: ModuleType, key: str) -> dict:
     return FORMULATIONS | {found[0].key: found[0]}
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")

@@ -246,7 +246,7 @@ def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> Non
         assert {np.sign(x) for x in (low, high) if x} <= set(np.sign(entry)), name
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_many_scenes_of_every_kind_are_varied(kind, many):
     scenes = drawn(strategies.scenes(kind, 3, 3), many)
@@ -272,6 +272,7 @@ def test_many_snakes_have_every_number_of_links(many):
     assert {snake.links for snake in drawn(strategies.snakes(1, 8), many)} == set(range(1, 9))
 
 
+@pytest.mark.night
 def test_a_thousand_states_are_varied_and_seldom_at_rest():
     states = drawn(strategies.states(Snake.coil(3)), 1000)
     q, v = (np.array([getattr(state, name) for state in states]) for name in ("q", "v"))

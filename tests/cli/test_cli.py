@@ -294,6 +294,7 @@ def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys,
     ],
     ids=["Ctrl-C", "killed", "other sources"],
 )
+@pytest.mark.sampled(3)
 def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_done(
     monkeypatch, capsys, tmp_path, ended, code
 ):

@@ -67,7 +67,7 @@ def width(request, monkeypatch) -> Iterator[int]:
     console.width = before
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_command_prints_fits_and_nothing_of_it_is_cut(command, width, monkeypatch, capsys):
     assert run(*COMMANDS[command].split(), monkeypatch=monkeypatch) in (0, 1)
@@ -121,7 +121,7 @@ def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
     check_fits(capsys.readouterr().out, width)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("of", HELP, ids=" ".join)
 def test_help_fits_and_says_whole_sentences(of, width, monkeypatch, capsys):
     assert run(*of, "--help", monkeypatch=monkeypatch) == 0

@@ -81,6 +81,7 @@ def mapped(n: int) -> type[Engine]:
 
 
 @pytest.mark.parametrize("key", ["sleigh", "snake", "chain-pendulum", "rolling-disk", "bricard"])
+@pytest.mark.sampled(2)
 def test_an_engine_in_its_own_coordinates_says_the_same(key):
     scene = SCENES[key].example()
     found = eomcheck.validate(scene, examples=5, engines=[mapped(scene.n)], claims=ASKING)

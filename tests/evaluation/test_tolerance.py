@@ -38,6 +38,7 @@ def largest_ratio() -> float:
     return float(np.nanmax(ratios))
 
 
+@pytest.mark.night
 def test_the_constant_is_above_what_is_measured(largest_ratio: float):
     assert largest_ratio < C
 

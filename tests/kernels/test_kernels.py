@@ -105,7 +105,7 @@ def rate(snake: Snake, key: str, q: Array, v: Array) -> tuple[Array, Array]:
 # ---- What the public path says -------------------------------------------------------------------
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("key", FORMULATIONS)
 @snakes
 def test_machine_code_gives_the_acceleration_of_the_public_path(snake, key):
@@ -363,7 +363,7 @@ def loops(program: Program) -> int:
     return sum(item[0] == "loop" for item in program.items)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("links", [MANY_LINKS + i for i in range(1, SHORTER[1] + 1)])
 @pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.linear])
 def test_the_program_of_a_long_chain_continues_those_of_short_ones(key, links):
@@ -450,7 +450,7 @@ def hostile_band(size: int) -> tuple[Array, Array]:
     return bands * units[:, None], b * units
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("size", [*range(65, 73), 120])
 def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(size, monkeypatch):
     bands, b = hostile_band(size)
@@ -496,7 +496,7 @@ def test_lanes_of_a_snake_have_the_bits_of_single_runs(key, links):
     assert_lanes_are_single_runs(scene, key, Evaluation(scene, *state(scene)), width)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_lanes_of_every_scene_have_the_bits_of_single_runs(kind):
     scene, (q, v, t) = ordinary(kind)
@@ -647,7 +647,7 @@ MACHINES = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.skipif(not X86, reason="machines of this kind are x86-64")
 @pytest.mark.parametrize("width", [1, 8])
 @pytest.mark.parametrize("name", MACHINES)
@@ -718,6 +718,7 @@ def nobody() -> dict[str, Any]:
     return how
 
 
+@pytest.mark.night
 def test_a_motion_needs_no_place_to_write(tmp_path):
     away = {"HOME": "/nonexistent", "TMPDIR": "/nonexistent", "PYTHONDONTWRITEBYTECODE": "1"}
     gone = {"XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "TEMP", "TMP"}

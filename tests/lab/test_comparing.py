@@ -201,6 +201,7 @@ def free(path: Path) -> Path:
         (BaseVelocity("base", "base", True), "linear velocity along the axes of the base, then"),
     ],
 )
+@pytest.mark.sampled(3)
 def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_path, taken, told):
     class Taken(PinocchioFile):
         key = "taken_file"

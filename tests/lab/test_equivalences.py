@@ -84,6 +84,7 @@ def sections(lines: list[str], scenes: list[str]) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.night
 def test_the_page_is_the_one_that_the_suite_makes(small: Path, scenes, tmp_path: Path):
     # Claims, statements, equations, scenes, levels of evidence and tests are compared; not N,
     # numbers of states, errors, places, dates, versions and machines, which are of one run.

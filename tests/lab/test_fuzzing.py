@@ -310,6 +310,7 @@ def found_wrong():
     return next(one for case in cases for one in failures(case, ["power-balance"], KEYS))
 
 
+@pytest.mark.night
 def test_a_find_is_made_round_and_still_fails():
     before = found_wrong()
     after = shrunk(before, KEYS)
@@ -352,6 +353,7 @@ def test_a_file_of_something_else_holds_no_finds(tmp_path: Path):
         read_finds(file)
 
 
+@pytest.mark.night
 def test_all_that_was_found_holds_now():
     corpus = Path(__file__).parents[2] / "validation" / "found.json"
     finds = read_finds(corpus)

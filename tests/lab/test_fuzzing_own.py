@@ -76,6 +76,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
 # ---- Functions -----------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_right_functions_are_no_find(mine, monkeypatch, capsys):
     assert run("--scene", f"{mine}:right", "--states", "20", monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
@@ -224,6 +225,7 @@ class Wrong(planar.Planar):
         return super().bias(q, v, t) / 2
 
 
+@pytest.mark.night
 def test_an_engine_that_is_wrong_is_a_find():
     claims = tuple(one for one in CLAIMS if CLAIMS[one].asks)
     result = run_round(of_engine(Wrong, claims=claims), Round(0, Stratum(2, ("damping",)), {}))
@@ -295,6 +297,7 @@ def campaign_of(kind, claims=("power-balance", "equivalence")) -> Campaign:
     return Campaign(here, kind.__name__, (Stratum(2, ()),))
 
 
+@pytest.mark.night
 def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
     assert runs_in_lanes(Snake) and not runs_in_lanes(Rough)
     right, wrong = campaign_of(Rough), campaign_of(RoughAndWrong)

@@ -99,6 +99,7 @@ def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind
     assert all(len(best) <= 6 for best in after.population.values())
 
 
+@pytest.mark.night
 def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
     from eomcheck.mechanics.described import mechanism
 

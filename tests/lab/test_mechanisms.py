@@ -172,7 +172,7 @@ def run(monkeypatch, *arguments) -> int:
     return int(end.value.code or 0)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("key", SCENES)
 def test_the_command_writes_every_scene_small_and_the_same_every_time(key, tmp_path, monkeypatch):
     links = ["--links", 2] if SCENES[key].has_links else []
@@ -297,6 +297,7 @@ def test_without_constraints_one_matrix_is_read_and_solved():
 
 
 @pytest.mark.parametrize("key", FORMULATIONS)
+@pytest.mark.sampled(3)
 def test_the_command_draws_every_formulation(key, tmp_path, monkeypatch):
     path = tmp_path / "a.svg"
     assert run(monkeypatch, "structure", path, "--formulation", key, "--links", 7) == 0

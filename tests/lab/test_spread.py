@@ -338,6 +338,7 @@ def test_an_exception_on_a_dask_worker_is_raised_as_it_was(work, cluster):
 
 
 @pytest.mark.usefixtures("deadline")
+@pytest.mark.night
 def test_a_scheduler_that_goes_away_is_reported(work, notes: Path, cluster):
     where, (scheduler, *_) = cluster
     with pytest.raises(WorkerError, match="the scheduler is gone"):

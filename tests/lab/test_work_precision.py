@@ -178,6 +178,7 @@ def test_disturbed_run_times_are_drawn_hollow_and_counts_are_not(drawn: Callable
         assert ("disturbed" in names) == bool(hollow)
 
 
+@pytest.mark.night
 def test_a_scene_of_which_no_run_finished_is_drawn_empty(drawn: Callable):
     nothing = [record("em", None, 1e-4, integrator) for integrator in ("DOP853", "Radau", "BDF")]
     (block,) = drawn(nothing, rendered=True).subfigs

@@ -71,6 +71,7 @@ def test_the_tape_of_a_tree_grows_with_the_square_of_its_joints():
     assert long < 4.4 * short
 
 
+@pytest.mark.night
 def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ):
@@ -84,6 +85,7 @@ def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     assert 0 < moves._places < MOST / 2
 
 
+@pytest.mark.night
 def test_sums_as_one_product_are_within_the_error_bounds():
     scene = chain(25)
     at = state(scene)

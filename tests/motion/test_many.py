@@ -90,6 +90,7 @@ def reference() -> tuple[Snake, np.ndarray, Trajectories]:
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.parametrize("key", ["kane", "im"])
+@pytest.mark.sampled(2)
 def test_bits_are_those_of_any_number_of_lanes(key: str, lanes: int):
     scene, q0, _ = reference()
     eight, other = (
@@ -104,6 +105,7 @@ def test_bits_are_those_of_any_company(few: slice):
     assert_same(whole, simulate_many(scene, "kane", 0.3, q0=q0[few], output_times=TIMES), few)
 
 
+@pytest.mark.night
 def test_bits_are_those_of_any_executor():
     scene, q0, whole = reference()
     options = {"q0": q0, "output_times": TIMES}
@@ -188,6 +190,7 @@ def test_speeds_that_do_not_exist_are_refused_as_by_simulate(key: str):
 
 @pytest.mark.parametrize("key", ["kane", "im", "em", "banded"])
 @pytest.mark.parametrize("given", ["u0", "v0"])
+@pytest.mark.sampled(2)
 def test_a_start_in_doubt_is_looked_at_alone_and_is_the_same(key: str, given: str, monkeypatch):
     scene, q0, _ = reference()
     start = {"u0": np.full((3, 2), 0.2)}

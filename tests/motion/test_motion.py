@@ -82,6 +82,7 @@ def test_scipy_with_the_same_right_hand_side_comes_to_the_same_end(key: str):
 
 
 @integrators
+@pytest.mark.sampled(2)
 def test_every_integrator_keeps_energy_and_agrees_with_the_others(integrator: str):
     found = simulate(SOFT, "kane", 1.0, rtol=1e-9, atol=1e-9, integrator=integrator, q0=Q, u0=U)
     reference = simulate(SOFT, "kane", 1.0, rtol=1e-13, atol=1e-13, q0=Q, u0=U)
@@ -123,6 +124,7 @@ def test_a_matrix_that_becomes_singular_stops_the_run_and_is_named(key: str, int
 
 
 @pytest.mark.parametrize("key", ["ml", "kane"])
+@pytest.mark.sampled(2)
 def test_a_matrix_that_is_singular_to_rounding_only_stops_the_run_as_well(key: str):
     """Machine code sees no more than zeros: M_Kane of 60 links has none."""
     scene = Snake.pattern(60)
@@ -167,6 +169,7 @@ def test_a_motion_tells_the_worst_of_the_states_looked_at(u: list[float]):
     assert found.rate_error > 1.1 * relative[0]
 
 
+@pytest.mark.night
 def test_rates_that_rounding_spoils_show():
     scene = Snake.pattern(45)
     q, _ = scene.initial_state()

@@ -20,7 +20,7 @@ from eomcheck.motion.trace import ACCELERATION, block_of
 from eomcheck.scenes import SCENES
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple[type[Scene], str]):
     kind, key = moved
     scene, (q, v, t) = ordinary(kind)
@@ -47,7 +47,7 @@ def test_rates_in_machine_code_are_those_of_the_public_acceleration(moved: tuple
     assert np.abs(found - expected.vdot).max() <= allowed
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 def test_with_how_much_effort_code_is_generated_changes_no_bit(moved: tuple[type[Scene], str]):
     kind, key = moved
     scene, (q, v, t) = ordinary(kind)

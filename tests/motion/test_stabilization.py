@@ -64,7 +64,7 @@ def test_feedback_lets_a_violation_die_away_at_its_rate(key: str):
     assert np.abs(c(motion.y0)).max() > 0.1
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @drifting
 def test_both_remedies_end_nearer_to_the_constraints_and_come_to_the_same_end(key: str):
     plain, fed, cast = run(key), run(key, baumgarte=20.0), run(key, projection=0.1)

@@ -366,6 +366,7 @@ def test_refinement_ends_with_the_first_step_that_does_not_halve_the_backward_er
 
 
 @pytest.mark.parametrize("links", [2, 3, 5, 12])
+@pytest.mark.sampled(2)
 def test_rows_of_zeros_that_are_only_found_by_rounding_are_no_reason_to_refuse(links):
     """As joint forces across links without moments of inertia, whose wheels do not steer."""
     random = np.random.default_rng(links)
@@ -565,6 +566,7 @@ def test_a_massless_body_is_no_exception_unless_its_motion_is_free():
 # ---- What it delivers ----------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_it_moves_a_snake_whose_head_speeds_do_not_tell_the_tail():
     """At N = 60 M_Kane is singular in doubles; energy and wheels keep to the tolerance."""
     scene = Snake.pattern(60)

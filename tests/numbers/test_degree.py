@@ -324,6 +324,7 @@ def results(step, made: list[Pair]) -> list:
 
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(steps, min_size=1, max_size=20))
+@pytest.mark.night
 def test_no_bound_of_a_random_computation_is_too_small(computation):
     """Of every intermediate result, with divisors shared and distinct, nested and cancelled."""
     made = variables()

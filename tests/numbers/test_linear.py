@@ -371,6 +371,7 @@ def machine_solve(A, b):
 
 @machine_sizes
 @columns
+@pytest.mark.sampled(3)
 def test_machine_code_solves(size, columns):
     A, b = system(size, columns)
     x = machine_solve(A, b)
@@ -408,6 +409,7 @@ def test_machine_code_answers_a_matrix_that_is_not_finite_with_nan(size, bad):
 
 @machine_sizes
 @columns
+@pytest.mark.sampled(3)
 def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, columns):
     A, b = system(size, columns)
     code = MachineCode(solved, A, b, short=MANY)
@@ -469,7 +471,7 @@ def test_hostile_units_of_rows_and_unknowns_leave_machine_code_as_exact_as_pytho
         assert np.isfinite(large).all()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("width", [2, 4])
 @machine_sizes
 @columns

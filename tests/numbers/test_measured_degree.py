@@ -74,7 +74,7 @@ def degrees(scene: Scene) -> list[tuple[Key, int, int]]:
     return [(key, m, bound) for (key, bound), m in zip(stated, measured, strict=True)]
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.night
 @scenes
 def test_no_measured_degree_exceeds_the_bound(scene: Scene):
     found = degrees(scene)
@@ -82,7 +82,7 @@ def test_no_measured_degree_exceeds_the_bound(scene: Scene):
     assert [entry for entry in found if entry[1] > entry[2]] == []
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.night
 @scenes
 def test_every_formulation_and_every_identity_is_measured(scene: Scene):
     """Unless it is about springs, joints or the second partition: then where there are any."""
@@ -95,7 +95,7 @@ def test_every_formulation_and_every_identity_is_measured(scene: Scene):
     assert {key for claim, key in looked_at if claim == "power-balance"} == set(FORMULATIONS)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @scenes
 def test_the_bounds_of_single_terms_are_the_degrees_themselves(scene: Scene):
     """At N = 1 one turning link drops out of B and gamma, and leaves a zero that is no literal."""
@@ -109,7 +109,7 @@ def test_the_bounds_of_single_terms_are_the_degrees_themselves(scene: Scene):
     assert all(bound - measured <= slack for measured, bound in single.values()), single
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @scenes
 @pytest.mark.parametrize("formulation", ALL, ids=lambda f: f.key)
 def test_bounds_of_accelerations_are_safe_and_not_far_from_the_degrees(scene: Scene, formulation):

@@ -97,7 +97,7 @@ def test_every_formulation_starts_as_a_mechanism_of_one_degree_of_freedom(key: s
     assert np.abs(found[[1, 3]] - found[4]).max() < 1e-12
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 def test_every_formulation_swings_as_the_energy_of_one_degree_of_freedom_says(mover: str):
     times = np.linspace(0.0, 3.0, 16)
     motion = simulate(SCENE, mover, 3.0, rtol=1e-12, atol=1e-12, output_times=times)

@@ -133,6 +133,7 @@ def test_a_joint_with_several_coordinates_is_skipped_with_the_reason(tmp_path: P
 # ---- Random robots -------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_random_urdfs_are_read_as_pinocchio_reads_them(tmp_path: Path):
     choices, path = FromGenerator(np.random.default_rng(5)), tmp_path / "robot.urdf"
     claims = set()

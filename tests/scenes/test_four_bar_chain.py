@@ -62,6 +62,7 @@ def gaps(scene: FourBarChain, q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("scene", "end"), [(BENCHMARK, 0.6), (UNEVEN, 0.4)])
+@pytest.mark.sampled(3)
 def test_every_formulation_follows_the_compound_pendulum_down_to_the_singular_pose(
     mover: str, scene: FourBarChain, end: float
 ):

@@ -124,7 +124,7 @@ RIGHT = [Sines, Mathematical, Blade, MathematicalBlade, Decimal]
 EXACT = {"enclosures", "true-error"}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", RIGHT)
 def test_right_equations_that_are_not_rational_neither_fail_nor_are_disproved(kind):
     scene = kind()

@@ -61,7 +61,9 @@ def drawn(key: str) -> list:
     return list(scene_cases(RANDOM[key], (1, 12), ENOUGH, 4))
 
 
-@pytest.fixture(scope="module", params=RANDOM)
+@pytest.fixture(
+    scope="module", params=[pytest.param(key, marks=pytest.mark.night) for key in RANDOM]
+)
 def cases(request) -> list:
     return drawn(request.param)
 
@@ -204,6 +206,7 @@ def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechani
     assert {(what, stands) for what, _, stands in seen} == set(each)
 
 
+@pytest.mark.night
 def test_wherever_there_is_room_a_joint_turns_what_shall_stay_square():
     kind, random = RANDOM["random-mechanisms"], np.random.default_rng(1)
     choices, found = FromGenerator(random), 0
@@ -342,6 +345,7 @@ def test_a_weld_holds_a_link_that_is_turned_on_its_joint_as_it_was_said():
         assert np.abs(gap).max() < 1e-14
 
 
+@pytest.mark.night
 def test_a_body_on_its_own_axis_has_no_remainder_but_rounding():
     # Told in a frame that turns, what an engine differentiates cancels: the claim said "missing".
     links = [Link("ground"), Link("carrier"), Link("body", 7.6, moments=(0.8, 3.8, 3.5))]
@@ -361,6 +365,7 @@ trees, mechanisms_of = strategies.random_trees, strategies.random_mechanisms
 
 
 @pytest.mark.parametrize("strategy", [trees, mechanisms_of], ids=lambda f: f.__name__)
+@pytest.mark.night
 def test_numbers_of_bodies_are_within_the_bounds(strategy):
     scenes = draw(strategy(2, 4), 30, 0)
     assert {scene.links for scene in scenes} == {2, 3, 4}
@@ -437,6 +442,7 @@ def test_structures_are_always_the_same_and_all_different(kind):
 # ---- URDF ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_written_urdf_is_read_as_the_tree_that_it_is_of(tmp_path: Path):
     choices, random = FromGenerator(np.random.default_rng(2)), np.random.default_rng(1)
     path = tmp_path / "robot.urdf"
@@ -457,6 +463,7 @@ def test_a_written_urdf_is_read_as_the_tree_that_it_is_of(tmp_path: Path):
             np.testing.assert_allclose(theirs.Q, ours.Q, rtol=1e-12)
 
 
+@pytest.mark.night
 def test_urdfs_have_only_the_joints_that_are_asked_for():
     def types(text: str) -> set[str]:
         return set(re.findall(r'<joint name="\w+" type="(\w+)"', text))

@@ -32,6 +32,7 @@ def circle(times: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scene", [STEADY, SAME])
+@pytest.mark.sampled(4)
 def test_on_a_steady_table_the_ball_goes_round_a_circle_at_two_sevenths(scene, mover: str):
     times = np.linspace(0.0, PERIOD, 9)
     motion = simulate(scene, mover, PERIOD, rtol=1e-12, atol=1e-12, output_times=times)
@@ -40,6 +41,7 @@ def test_on_a_steady_table_the_ball_goes_round_a_circle_at_two_sevenths(scene, m
     assert np.abs(motion.q[-1, :2] - motion.q[0, :2]).max() < 1e-8
 
 
+@pytest.mark.sampled(3)
 def test_on_a_swinging_table_what_is_known_to_stay_stays(mover: str):
     """V - 2/7 Ω(t) e_z × r, two numbers, and the spin about the vertical."""
     motion = simulate(SWINGING, mover, 3.0, rtol=1e-12, atol=1e-12)

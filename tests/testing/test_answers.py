@@ -194,6 +194,7 @@ def test_the_code_of_a_finding_runs_as_printed(tmp_path):
     assert run(done.stdout).startswith("bias-quadratic [bias] failed on own")
 
 
+@pytest.mark.night
 def test_the_code_of_what_was_not_looked_at_runs_too():
     found = check_functions(**given("cart"), states=1)
     untold, _ = (x for x in found if x.state is None)

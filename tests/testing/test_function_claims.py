@@ -311,7 +311,7 @@ def test_damping_that_rounding_hides_is_not_resolved():
 
 
 @pytest.mark.parametrize("nth", [1, 97, 500])
-@pytest.mark.sampled(3)
+@pytest.mark.night
 def test_a_write_into_arguments_anywhere_in_a_run_fails(nth: int):
     calls = 0
 
@@ -346,7 +346,7 @@ def test_every_claim_is_tried():
 
 
 @pytest.mark.parametrize("id", WRONG)
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
     right = looked_at(id, 0.0, claims=[id])
     assert right

@@ -431,7 +431,7 @@ def findings_of(own: str, change: dict[str, Any] | None = None, **options: Any):
     return check_functions(**(given(own) | (change or {})), **options)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("own", ["cart", "drive"])
 @pytest.mark.parametrize("seed", range(3))
 def test_right_functions_pass(own: str, seed: int):
@@ -446,7 +446,7 @@ def test_there_are_twenty_faults_in_each_file_of_the_guide(own: str):
     assert sum(fault.own == own for fault in FAULTS.values()) >= 20
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_named_by_the_claim_that_is_closest(name: str):
     fault = FAULTS[name]
@@ -500,6 +500,7 @@ def test_what_cannot_be_told_is_said_and_does_not_fail(name: str):
 
 
 @pytest.mark.parametrize("own", ["cart", "drive"])
+@pytest.mark.sampled(2)
 def test_the_file_of_the_guide_runs_and_says_what_it_could_not_tell(own: str):
     path = GUIDES / f"{own}.py"
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=60)

@@ -132,6 +132,7 @@ def test_a_failure_is_the_finding_and_its_code_without_a_traceback(session, pyte
     assert not any(word in shown for word in ("Traceback", "suite.py", "check()", ">  "))
 
 
+@pytest.mark.night
 def test_the_code_of_a_failure_shows_it_again(session, pytester):
     plant(pytester)
     arguments(pytester, TWO_LINKS)
@@ -453,6 +454,7 @@ def test_bad_arguments_are_told_in_a_sentence(given, error, says):
         testing.parametrize_with_claims(**given)
 
 
+@pytest.mark.night
 def test_every_scene_of_the_installed_package_can_be_looked_at(session, pytester):
     asked = "--pyargs", validation.__name__, FEW, "-k", "sleigh", "-v"
     result = pytester.runpytest_subprocess("-p", PLUGIN, *asked)
@@ -620,6 +622,7 @@ def test_an_adapter_of_60_lines_is_checked_by_path_and_by_pytest(session, pytest
     assert passed == {f"{term}-chain-pendulum" for term in terms}
 
 
+@pytest.mark.night
 def test_a_mistake_in_an_adapter_is_named_on_the_command_line(session, pytester):
     found = kanes(pytester, "return -self.of(1", "return self.of(1")
     assert found.ret == 1

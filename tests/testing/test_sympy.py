@@ -121,6 +121,7 @@ WRONG_INPUT = "a velocity or a load of wrong sign in the derivation: against wou
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.sampled(2)
 def test_that_a_load_of_wrong_sign_went_into_a_derivation_is_said_to_be_untold(sign):
     functions = from_kane(disc(sign=sign), NUMBERS)
     found = check(functions, states=2)
@@ -190,6 +191,7 @@ def pendulum(rod: bool, damping: float = 0.0) -> LagrangesMethod:
 
 @pytest.mark.parametrize("rod", [False, True])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
+@pytest.mark.sampled(2)
 def test_equations_by_lagranges_method_pass(rod: bool, damping: float):
     found = check(from_lagrange(pendulum(rod, damping), NUMBERS), states=4)
     assert not [str(x) for x in found if x.verdict == "failed"]
@@ -287,5 +289,6 @@ def test_what_is_no_method_or_has_no_numbers_is_refused(make, message):
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.night
 def test_our_own_disc_passes_too():
     assert not [x for x in check(from_scene(DISK), states=1) if x.verdict == "failed"]

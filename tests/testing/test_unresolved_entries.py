@@ -138,6 +138,7 @@ def test_verdicts_by_number_are_those_of_ranks():
 
 @pytest.mark.parametrize("near", [1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("factor", [1.5, -1.0, 0.0])
+@pytest.mark.sampled(3)
 def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
     near: float, factor: float
 ):
