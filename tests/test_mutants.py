@@ -80,7 +80,7 @@ def test_a_fault_is_named_or_caught_or_survives():
     assert attempt(UNSEEN).outcome == "survived"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -82,6 +82,7 @@ def plain(folder: Path, name: str, text: str = PLAIN):
 
 
 @pytest.mark.parametrize("mass", [2.0, 3.5])
+@pytest.mark.sampled(2)
 def test_a_scene_in_a_file_is_made_again_from_what_it_keeps_by_name(mass, tmp_path):
     kind = plain(tmp_path, f"plain_{int(10 * mass)}")
     scene = kind(mass)

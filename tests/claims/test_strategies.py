@@ -218,6 +218,7 @@ def refused_by(scene, state) -> list[str]:
     return refusing
 
 
+@pytest.mark.night
 def test_ordinary_states_are_solved_by_every_formulation_but_for_a_few():
     cases = drawn(strategies.scene_states(strategies.snakes()), 100)
     assert sum(bool(refused_by(*case)) for case in cases) <= MAY_REFUSE * len(cases)
@@ -246,7 +247,7 @@ def assert_varied(values: np.ndarray, low: float, high: float, name: str) -> Non
         assert {np.sign(x) for x in (low, high) if x} <= set(np.sign(entry)), name
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.night
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_many_scenes_of_every_kind_are_varied(kind, many):
     scenes = drawn(strategies.scenes(kind, 3, 3), many)

@@ -138,6 +138,7 @@ def test_the_paper_s_robot_is_named_where_scenes_are(monkeypatch, capsys):
     assert "the paper's robot" in snake[1]
 
 
+@pytest.mark.night
 def test_the_worst_is_shown_with_its_culprit_and_wide_tells_all(monkeypatch, capsys):
     plant_in_au(monkeypatch)
     arguments = ("validate", "--links", "2", "--examples", "3", "--formulation", "au,kane")

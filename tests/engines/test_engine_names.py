@@ -227,7 +227,7 @@ def test_an_engine_that_is_wrong_is_exit_code_1_and_named(tmp_path):
     assert "engines=[Planar]" in found.stdout
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

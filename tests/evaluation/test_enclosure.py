@@ -30,6 +30,7 @@ U = [1.0, 0.5]
 
 
 @keys
+@pytest.mark.sampled(3)
 def test_the_enclosure_contains_the_exact_result_up_to_the_sines(key: str):
     """Fractions are exact but for sines of 48 digits, which move the result by far less."""
     arithmetic = ExactFloats()

@@ -52,7 +52,7 @@ def brief(monkeypatch):
 
 
 @pytest.mark.parametrize("key", SMALL)
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_path: Path):
     study, options = study_of(key), SMALL[key]
     assert study.small and not study.key.count(" ")

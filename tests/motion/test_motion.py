@@ -124,7 +124,7 @@ def test_a_matrix_that_becomes_singular_stops_the_run_and_is_named(key: str, int
 
 
 @pytest.mark.parametrize("key", ["ml", "kane"])
-@pytest.mark.sampled(2)
+@pytest.mark.night
 def test_a_matrix_that_is_singular_to_rounding_only_stops_the_run_as_well(key: str):
     """Machine code sees no more than zeros: M_Kane of 60 links has none."""
     scene = Snake.pattern(60)

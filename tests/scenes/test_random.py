@@ -72,6 +72,7 @@ def cases(request) -> list:
 
 
 @both_kinds
+@pytest.mark.sampled(2)
 def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
     choices = FromGenerator(np.random.default_rng(0))
     for links in (1, 2, 3, 4, 7):
@@ -250,6 +251,7 @@ def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
         assert np.abs(position_residual(at)).max(initial=0.0) < 1e-13
 
 
+@pytest.mark.night
 def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
     for scene, state in mechanisms:
         at = Evaluation(scene, *state)

@@ -53,6 +53,7 @@ def test_the_tutorial_takes_less_than_60_lines_and_passes_all_checks_and_proofs(
         ("v[2] - swing", "v[2] + swing", "mass-matrix", "θ"),
     ],
 )
+@pytest.mark.sampled(3)
 def test_a_mistake_in_the_trailer_is_found_and_named(tmp_path, old, new, claim, says):
     source = TRAILER.read_text(encoding="utf-8")
     assert source.count(old) == 1

@@ -153,6 +153,7 @@ def test_a_reference_that_breaks_is_no_failure_of_the_functions():
 
 
 @pytest.mark.parametrize(("slow", "offset"), [(1e-2, 0.0), (1e-3, 0.0), (1.0, 1e5), (1.0, 1e9)])
+@pytest.mark.sampled(2)
 def test_terms_that_cancel_are_not_taken_for_single_precision(slow: float, offset: float):
     """A bias that is left of gravity, and a potential energy above a far level, are doubles."""
 

@@ -25,7 +25,7 @@ def test_no_random_tree_is_refused(first: int):
         assert {"bias-of-mass-matrix", "kinetic-energy", "motion", "power-balance"} <= looked_at
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.night
 @pytest.mark.parametrize("key", SCENES)
 def test_no_scene_is_refused(key: str):
     found = check(from_scene(SCENES[key].example()), states=1, seed=3)

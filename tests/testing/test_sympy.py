@@ -108,6 +108,7 @@ def test_the_rolling_disc_with_dependent_speeds_is_ours_too():
 
 
 @pytest.mark.parametrize("make", [disc, disc_that_is_held])
+@pytest.mark.sampled(2)
 def test_equations_by_kanes_method_pass(make):
     found = check(from_kane(make(), NUMBERS), states=4)
     assert not [str(x) for x in found if x.verdict == "failed"]
