@@ -13,7 +13,7 @@ import pytest
 from eomcheck import check, enclose
 from eomcheck.calls import call
 from eomcheck.engines import CasadiEngine
-from eomcheck.errors import CallError
+from eomcheck.errors import CallError, EngineError
 from eomcheck.numbers.ball import precision
 from eomcheck.rounding import FLUSHING, ROUNDING, changed, restore
 from eomcheck.scenes import ChainPendulum
@@ -70,13 +70,40 @@ def test_nothing_is_blamed_for_what_was_changed_before_it_or_by_an_import():
     assert changed() == ""
 
 
-def test_a_call_that_raises_leaves_arithmetic_as_it_was():
+def test_a_call_that_raises_and_changes_arithmetic_is_reported_for_both():
     def both() -> None:
         change(MODES["down"])
         raise KeyError
 
-    with pytest.raises(KeyError):
+    with pytest.raises(CallError, match=f"^Engine.bias {ROUNDING} and raised KeyError$") as caught:
         call("Engine.bias", both)
+    assert type(caught.value.__cause__) is KeyError
+    assert changed() == ""
+    with pytest.raises(KeyError):
+        call("import", both, slow=True)
+    assert changed() == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (SystemExit(3), f"own.f {ROUNDING} and raised SystemExit: 3"),
+        (
+            CallError("own.f", "gave no answer in 60 s"),
+            f"own.f {ROUNDING} and gave no answer in 60 s",
+        ),
+        (EngineError("no library"), "no library"),
+        (KeyboardInterrupt("now"), "now"),
+    ],
+)
+def test_how_a_call_ended_is_reported_beside_changed_arithmetic(error: BaseException, text: str):
+    def both() -> None:
+        change(MODES["up"])
+        raise error
+
+    with pytest.raises(BaseException) as caught:
+        call("own.f", both)
+    assert str(caught.value) == text
     assert changed() == ""
 
 
@@ -86,6 +113,15 @@ def function_of(bits: int) -> Callable:
         return np.array([[2.0 + np.cos(q[0])]])
 
     return M
+
+
+def test_a_function_that_raises_and_changes_arithmetic_fails_for_both():
+    def qdd(q, v):
+        change(MODES["up"])
+        raise ValueError("x")
+
+    (failed,) = [x for x in check_functions(1, qdd=qdd, states=1) if x.verdict == "failed"]
+    assert failed.detail.endswith(f"qdd, {ROUNDING} and raised ValueError: x")
 
 
 @pytest.mark.parametrize(("bits", "what"), [ALL[1], ALL[3]])

@@ -321,8 +321,14 @@ class Ends:
         return self.ends.pop(0)
 
 
-def dead(number: int = 4, slow: bool = False, stopped: bool = False, call: bool = True) -> End:
-    at = calls.Call(1.0, 60.0, number, "own.f", slow) if call else None
+def dead(
+    number: int = 4,
+    slow: bool = False,
+    stopped: bool = False,
+    call: bool = True,
+    name: str = "own.f",
+) -> End:
+    at = calls.Call(1.0, 60.0, number, name, slow) if call else None
     return End(None, 0, "ended its process by SIGSEGV", at, stopped)
 
 
@@ -352,6 +358,15 @@ def test_a_command_that_died_is_run_again_without_that_call(
     out = capsys.readouterr().out
     name = "eomcheck" if ends[0].call is None and ends[0].code is None else "own.f"
     assert out == (f"died: {name} {why}\n" if printed else "")
+
+
+@pytest.mark.parametrize("last", [[End(0)], [dead(name="own.f")], [dead(call=False)]])
+def test_every_function_that_ended_a_process_is_named_once(monkeypatch, capsys, last):
+    monkeypatch.setattr(supervisor, "supervise", Ends(dead(), dead(name="own.g"), *last))
+    assert supervisor.command(["validate"]) == 1
+    why = "ended its process by SIGSEGV"
+    names = ["own.f", "own.g", *(["eomcheck"] if last[0] == dead(call=False) else [])]
+    assert capsys.readouterr().out == "".join(f"died: {name} {why}\n" for name in names)
 
 
 def test_a_command_that_died_late_is_not_run_again(monkeypatch, capsys):

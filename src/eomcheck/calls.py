@@ -2,7 +2,8 @@
 
 Whatever calls such code does it through `call`, whose contract has five rules:
 
-1. The result and every `Exception` pass through unchanged, and so does KeyboardInterrupt. Any other
+1. The result and every `Exception` pass through unchanged, but for rule 5, and so does
+   KeyboardInterrupt. Any other
    BaseException (SystemExit, GeneratorExit, ...) comes out as a `CallError`: it ends the call, not
    the command.
 2. In a process of a supervised command (`eomcheck.supervisor`) each call is written on the board of
@@ -16,8 +17,9 @@ Whatever calls such code does it through `call`, whose contract has five rules:
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding.
 5. The floating-point rounding mode, and whether subnormal numbers are flushed to zero, are restored
-   after each call. A call that changed them comes out as a `CallError`, but for imports, of which
-   libraries compiled with -ffast-math do so.
+   after each call. A call that changed them comes out as a `CallError`, which says too what it
+   raised; but for imports, of which libraries compiled with -ffast-math do so, and for errors that
+   eomcheck raises on purpose.
 
 Calls do not nest: within a call only the outermost one counts.
 """
@@ -38,7 +40,7 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from eomcheck.errors import CallError, described_error
+from eomcheck.errors import CallError, EomcheckError, raised
 from eomcheck.rounding import changed, restore
 
 T = TypeVar("T")
@@ -242,11 +244,14 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
             answer = function(*arguments)
         else:
             answer = _board.call(name, function, arguments, slow)
-    except (Exception, KeyboardInterrupt, UnsupervisedError):
+    except (EomcheckError, KeyboardInterrupt, UnsupervisedError):
         raise
     except BaseException as error:
-        ended = CallError(name, f"raised {described_error(error)}")
-        raise ended.with_traceback(error.__traceback__) from error
+        what = "" if slow else changed()
+        if isinstance(error, Exception) and not what:
+            raise
+        what = f"{what} and {raised(error, None)}" if what else raised(error, None)
+        raise CallError(name, what).with_traceback(error.__traceback__) from error
     finally:
         if what := changed():
             restore()

@@ -237,7 +237,7 @@ def command(words: Sequence[str]) -> int:
         # In the same command the same call comes again; if not, none of this function is made.
         barred[name] = (0 if name in barred else end.call.number), end.how
     if end.code is None or (deaths and end.code == 0):
-        for death in deaths[-1:]:
+        for death in dict.fromkeys(deaths):
             print(f"died: {death}", flush=True)
         return 1
     return end.code

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from textwrap import indent
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,11 @@ from tests.testing.own import GUIDES, given, guide
 
 import eomcheck
 from eomcheck import testing
+from eomcheck.engines import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.scenes import ChainPendulum, Snake
 from eomcheck.testing import Functions, check_functions
+from eomcheck.testing.subject import ComparedFunctions
 
 CART = guide("cart")
 
@@ -207,6 +210,40 @@ def test_the_code_says_which_functions_are_to_be_put_in():
     own = Functions(2, M=lambda q: np.eye(2))
     assert "# to be put in: M = test_the_code_says_which" in own.as_python()
     compile(own.as_python(), "printed", "exec")
+
+
+RODS = ChainPendulum.rods(3)
+ENGINE = "    against=(CasadiEngine, scene),"
+
+
+@pytest.mark.parametrize(
+    ("against", "lines"),
+    [
+        (RODS, ["from eomcheck.scenes import ChainPendulum", "    against=scene,"]),
+        (("casadi", RODS), ["from eomcheck.engines.casadi import CasadiEngine", ENGINE]),
+        ((CasadiEngine, RODS), [ENGINE]),
+        (CasadiEngine(RODS), [ENGINE]),
+    ],
+)
+def test_the_code_of_a_failure_beside_a_reference_fails_again(against, lines, capsys):
+    found = check_functions(3, M=CART.M, against=against, states=1)
+    (failed,) = (one for one in found if one.verdict == "failed")
+    code = failed.as_python()
+    assert failed.claim == "reference"
+    assert {*lines} <= {*code.splitlines()}, code
+    exec(code, {})
+    assert capsys.readouterr().out.startswith("reference [M ~ ")
+
+
+@pytest.mark.parametrize("against", [Functions(1, M=np.eye), SimpleNamespace()])
+def test_the_code_says_that_a_reference_without_a_name_is_to_be_put_in(against):
+    if not isinstance(against, Functions):  # no class of engine makes it
+        against.scene, against.mass_matrix, against.bias = RODS, CART.M, CART.M
+    code = ComparedFunctions.of(Functions(3, M=CART.M), against).as_python()
+    assert f"# to be put in: against = {against!r}"[:60] in code
+    assert "    against=against," in code
+    compile(code, "printed", "exec")
+    assert "against" not in Functions(3, M=CART.M).as_python()
 
 
 # ---- What is refused -----------------------------------------------------------------------------

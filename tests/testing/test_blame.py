@@ -37,6 +37,30 @@ def test_a_factor_that_is_known_to_six_digits_has_one_text(factor: float, text: 
     assert proportional(factor * EXPECTED + noise, EXPECTED, 1e-13, (1,)) == text
 
 
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (1.0 + 1e-7, "too large by 1.0e-07 of it, in every row"),
+        (1.0 - 3.2e-8, "too small by 3.2e-08 of it, in every row"),
+        (-1.0 - 1e-7, "sign, and too large by 1.0e-07 of it, in every row"),
+        (-1.0 + 3e-8, "sign, and too small by 3.0e-08 of it, in every row"),
+        (1.0 + 3e-10, "too large by 3e-10 of it, in every row"),
+        (1.0 + 1e-11, ""),  # less than is known of each row
+        (1.0 + 1e-6, "1.000001 times what is expected, in every row"),
+    ],
+)
+def test_a_factor_that_reads_as_one_is_a_relative_difference(factor: float, text: str):
+    assert proportional(factor * EXPECTED, EXPECTED, 1e-18, (1,)) == text
+
+
+def test_a_difference_from_one_has_as_many_digits_as_are_known():
+    noise = 1e-10 * np.array([1.0, -1.0, 1.0])
+    found = (1.0 + 3.4e-7) * EXPECTED / 2e-7 + noise
+    assert (
+        proportional(found, EXPECTED / 2e-7, 5e-8, (1,)) == "too large by 3e-07 of it, in every row"
+    )
+
+
 def test_a_factor_beyond_noise_is_another_one():
     assert proportional(0.50001 * EXPECTED, EXPECTED, 1e-13, (1,)).startswith("0.50001 times")
     assert proportional(EXPECTED * [1.0, 1.0, 0.5], EXPECTED, 1e-13, (1,)) == ""
@@ -288,6 +312,17 @@ def test_a_wrong_term_of_the_bias_is_named(text: str):
     first = next(x for x in found if x.verdict == "failed")
     assert first.detail.count("row q[") == 2
     assert first.detail.endswith(f"; row q[{row}], {text}"), first.detail
+
+
+def test_no_term_is_listed_where_every_row_is_wrong_in_proportion_beside_a_jump_too():
+    def wrong(q, v):
+        return bias(q, v) * (0.7 if q[1] < 0.5 + 1e-5 else 1.0)
+
+    for of, jump in ((lambda q, v: 0.7 * bias(q, v), ""), (wrong, "; bias jumps within 0.001")):
+        found = check_functions(2, M=M, bias=of, states=[([0.3, 0.5], [0.7, -0.4])])
+        (failed,) = (x for x in found if x.verdict == "failed" and x.claim == "bias-of-mass-matrix")
+        assert f"0.7 times what is expected, in every row{jump}" in failed.detail
+        assert "row q[" not in failed.detail.partition("in every row")[2]
 
 
 def test_a_term_that_is_lost_beside_another_wrong_one_is_not_in_its_place():

@@ -189,6 +189,34 @@ def test_an_answer_that_is_stale_in_every_nth_call_fails(nth: int):
     assert [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
 
 
+def stale_is_seen(nth: int, before: int, states: int) -> bool:
+    """Whether gravity fails that is stale in every nth call, of which some came before."""
+    stale = Stale(nth)
+    stale.calls = before
+    found = check_functions(3, gravity=stale.gravity, states=states, claims=REPEAT)
+    return [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
+
+
+@pytest.mark.parametrize("nth", [24, 50, 54])
+def test_a_stale_answer_of_any_period_to_54_shows_in_one_state(nth: int):
+    missed = [before for before in range(nth) if not stale_is_seen(nth, before, 1)]
+    assert not missed
+
+
+def test_a_period_of_as_many_calls_as_each_state_takes_shows():
+    """Stale answers would fall on the same call of each state if all took as many."""
+    calls = []
+
+    def counted(q):
+        calls.append(q)
+        return CART.gravity(q)
+
+    check_functions(3, gravity=counted, states=20, claims=REPEAT, ranges=(-1, 1))
+    each = len(calls) // 20
+    missed = [before for before in range(4, each, 8) if not stale_is_seen(each, before, 20)]
+    assert not missed
+
+
 @pytest.mark.parametrize("digits", [3, 4, 5, 6, 8])
 def test_a_cache_by_rounded_coordinates_fails(digits: int):
     kept: dict[Any, Any] = {}

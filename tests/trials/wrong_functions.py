@@ -4,9 +4,10 @@
 
 A fault is a kind of mistake, a model, and a set of functions that is given. `Kind.told_by`, written
 down before any run, says which sets suffice to detect it. A fault counts where it changes a row of
-what the function returns by more than `VISIBLE` in one of the states drawn. Asked for, else exit
-code 1: of those that can be detected `CAUGHT` fail, of rare calls `CAUGHT_RARE`; in `NAMED` of them
-the first failure names the function; where it cannot be detected, a finding says what would do it.
+what the function returns by more than `VISIBLE` in one of the states drawn, of an acceleration in
+one that keeps the constraints. Asked for, else exit code 1: of those that can be detected `CAUGHT`
+fail, of rare calls `CAUGHT_RARE`; in `NAMED` of them the first failure names the function; where it
+cannot be detected, a finding says what would do it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from eomcheck.claims.finding import Finding
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.testing import check
+from eomcheck.testing.answers import Answers
+from eomcheck.testing.point import Point
 from eomcheck.testing.run import drawn
 from eomcheck.testing.subject import INPUTS, Functions, functions_of
 
@@ -665,6 +668,9 @@ def visible(
 ) -> bool:
     """Return whether a row changes by more than `VISIBLE` of itself in a state that is drawn.
 
+    An acceleration in a state beside it that keeps the constraints: elsewhere no claim says what it
+    is, and constraint forces may make up for a force that is wrong.
+
     Args:
         right, wrong: the functions.
         functions: of which `wrong` is one.
@@ -673,7 +679,10 @@ def visible(
     """
     first = None
     for state in drawn(functions, 20, seed):
-        arguments = (state.q, state.v)[: _arity(right)]
+        at: Any = Point(Answers(functions), state.q, state.v)
+        if functions.qdd is not None and wrong is functions.qdd:
+            at = at.consistent() or at
+        arguments = (at.q, at.v)[: _arity(right)]
         old = np.atleast_1d(_read(right, *(x.copy() for x in arguments)))
         new = np.atleast_1d(_read(wrong, *(x.copy() for x in arguments)))
         rows = old.reshape(len(old), -1), new.reshape(len(new), -1)

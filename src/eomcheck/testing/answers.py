@@ -42,6 +42,8 @@ class Answers:
         self._reads: dict[str, str] = {}
         self.changed: set[str] = set()
         """Names of functions that wrote into what they were handed."""
+        self.repeated: set[str] = set()
+        """Names of functions that were called again and again at one state."""
 
     def reads(self, name: str) -> str:
         """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""

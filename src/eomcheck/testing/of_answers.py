@@ -87,9 +87,11 @@ def same_answer(at: Point) -> Iterator[Sides]:
         yield _again(at, name, again, first)
 
 
-AGAIN, AWAY = 24, 3
-"""Number of times that each function is called again at each state, and at how many states near it,
-in random order: an answer that is the last one's every nth time shows for every n."""
+AGAIN, AT_FIRST, AWAY = 24, 54, 3
+"""Number of times that each function is called again at a state on average, at the first state, and
+at how many states near it, in random order. An answer that is the last one's every nth time shows
+for every n up to `AT_FIRST`, wherever it begins; by as many calls at each state, a longer period
+could fall on the same call of each, so their number is drawn."""
 
 KEPT, COARSE_BY = 2.0**-26, 2.0**-18
 """Change that a cache by six digits does not show, per half width of the range: functions must
@@ -114,17 +116,19 @@ def answers_repeat(at: Point) -> Iterator[Sides | Told]:
     n, x = len(at.q), np.concatenate((at.q, at.v))
     width = np.concatenate((at.width_q, at.width_v))
     rng = np.random.default_rng(at.seed)
-    order, where = np.cumsum(rng.integers(1, AWAY + 1, AGAIN)) % (AWAY + 1), [x]
-    where += [x + (0.1 + 0.2 * k) * width for k in range(AWAY)]
+    order = (AWAY + np.cumsum(rng.integers(1, AWAY + 1, AT_FIRST))) % (AWAY + 1)  # after the last
+    count = int(rng.integers(1, 2 * AGAIN))
+    where = [x] + [x + (0.1 + 0.2 * k) * width for k in range(AWAY)]
     for name in working(at):
         f, first = at.raw(name), at.of(name)
         known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
         worst, error = first.value, np.zeros(first.shape)
-        for k in order:
+        for k in order[: count if name in at.answers.repeated else AT_FIRST]:
             away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
             # No number twice is the same answer.
             if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
                 error, worst = away, first.value + away
+        at.answers.repeated.add(name)
         rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
         kept = Measured(first.value, rounding, first.size)
         double = name not in at.answers.single and _relative(first) <= NOISE

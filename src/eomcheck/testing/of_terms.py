@@ -146,7 +146,8 @@ def check_bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
     """Factor by which all rows are too large, in words; "" if there is none.
 
-    A factor is told to as many digits as `allowed` leaves, so that one cause has one text.
+    A factor has as many digits as `allowed` leaves, so that one cause has one text; in place of one
+    that would read as 1 stands its relative difference from 1.
     """
     size = float(np.abs(expected).max(initial=0.0))
     if size == 0.0 or found.size < 1:
@@ -160,7 +161,15 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
     if not (np.abs(found - factor * expected) <= near).all():
         return ""
     digits = min(max(int(-np.log10(near / size)), 1), 7)
-    return f"{factor:.{digits}g} times what is expected{EVERY_ROW}"
+    text = f"{factor:.{digits}g}"
+    if text not in ("1", "-1"):
+        return f"{text} times what is expected{EVERY_ROW}"
+    beyond = abs(factor) - 1.0
+    if abs(beyond) * size <= near:
+        return ""  # any factor so close to 1 would do
+    known = min(int(np.log10(abs(beyond) * size / near)), 1)
+    sign, large = "sign, and " if factor < 0.0 else "", "large" if beyond > 0.0 else "small"
+    return f"{sign}too {large} by {abs(beyond):.{known}e} of it{EVERY_ROW}"
 
 
 @claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)

@@ -62,7 +62,7 @@ def wrong_terms(failed: Finding, at: Point) -> str:
         at: the point at which it failed.
     """
     pair = _sides(failed.claim, at)
-    if pair is None or failed.detail.endswith(EVERY_ROW):
+    if pair is None or EVERY_ROW in failed.detail:
         return ""
     try:
         with np.errstate(all="ignore"):

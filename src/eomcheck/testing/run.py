@@ -26,7 +26,14 @@ from eomcheck.testing.noise import NEAR
 from eomcheck.testing.point import Point
 from eomcheck.testing.reference import reference_of
 from eomcheck.testing.registry import FUNCTION_CLAIMS, FunctionClaim, Outcome, Sides, Told
-from eomcheck.testing.subject import INPUTS, Function, Functions, checked_states, functions_of
+from eomcheck.testing.subject import (
+    INPUTS,
+    ComparedFunctions,
+    Function,
+    Functions,
+    checked_states,
+    functions_of,
+)
 
 GATHERED = of_answers, of_terms, of_energies, of_constraints, of_motions, of_reference
 """The files that register claims."""
@@ -149,6 +156,8 @@ def check(
     whole_number("seed", seed, 0)
     if holonomic is not None:
         functions = replace(functions, holonomic=holonomic)
+    if against is not None:
+        functions = ComparedFunctions.of(functions, against)
     where = drawn(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
     answers = Answers(functions)
     points = [

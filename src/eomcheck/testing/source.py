@@ -7,13 +7,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from eomcheck.claims.repeat import beginning_of
+from eomcheck.engines import Engine, engine_of
+from eomcheck.errors import one_line
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
 
 
 def python_of_functions(
     functions: Any, inputs: Mapping[str, Any], fields: Iterable[Any], state: State | None
 ) -> str:
-    """Return Python code that prints what fails.
+    """Return Python code that prints what fails, compared with the same reference.
 
     Args:
         functions: a `Functions`.
@@ -25,6 +29,11 @@ def python_of_functions(
     for one in fields:
         value = getattr(functions, one.name)
         if one.name == "n" or value is None or value is one.default:
+            continue
+        if one.name == "against":
+            code, written = of_reference(value)
+            head.extend(code.splitlines())
+            arguments.append(f"against={written}")
             continue
         if one.name not in inputs and not callable(value):
             arguments.append(f"{one.name}={value!r}")
@@ -52,6 +61,23 @@ def python_of_functions(
         + call
         + '    if finding.verdict == "failed":\n        print(finding)\n'
     )
+
+
+def of_reference(against: Any) -> tuple[str, str]:
+    """Return (code that comes before, expression) of what functions are compared with.
+
+    A scene, and an engine of a scene, are made again; anything else is left to be put in.
+    """
+    match against:
+        case Scene():
+            return beginning_of(against), "scene"
+        case Engine(scene=Scene() as scene):
+            kind = type(against)
+        case (engine, Scene() as scene):
+            kind = engine_of(engine)
+        case _:
+            return f"# to be put in: against = {one_line(repr(against))}", "against"
+    return beginning_of(scene, [kind]), f"({kind.__name__}, scene)"
 
 
 def place(function: Any) -> tuple[str | Path, str] | None:

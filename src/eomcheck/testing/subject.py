@@ -213,6 +213,24 @@ class Functions:
         return full.mean(axis=1), (full[:, 1] - full[:, 0]) / 2.0
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedFunctions(Functions):
+    """Functions with what they are compared with, which Python code that checks them again names.
+
+    Attributes:
+        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
+    """
+
+    against: Any = None
+
+    @classmethod
+    def of(cls, functions: Functions, against: Any) -> ComparedFunctions:
+        """Return `functions` with what they are compared with."""
+        return cls(
+            **{x.name: getattr(functions, x.name) for x in fields(Functions)}, against=against
+        )
+
+
 def _pairs(ranges: Any) -> Array | None:
     """Return pairs low < high as an array (2,) or (m, 2), None if they are none."""
     try:
