@@ -203,6 +203,20 @@ def test_a_stale_answer_of_any_period_to_54_shows_in_one_state(nth: int):
     assert not missed
 
 
+def test_a_stale_answer_that_depends_on_differences_of_coordinates_shows():
+    """As the mass matrix of a chain with absolute angles: it is the same turned as a whole."""
+    calls, last = [0], [np.zeros(3)]
+
+    def gravity(q):
+        calls[0] += 1
+        if calls[0] % 50:
+            last[0] = np.sin(q - np.roll(q, 1))
+        return last[0]
+
+    found = check_functions(3, gravity=gravity, states=1, claims=REPEAT)
+    assert [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
+
+
 def test_a_period_of_as_many_calls_as_each_state_takes_shows():
     """Stale answers would fall on the same call of each state if all took as many."""
     calls = []

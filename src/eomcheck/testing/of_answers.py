@@ -118,7 +118,9 @@ def answers_repeat(at: Point) -> Iterator[Sides | Told]:
     rng = np.random.default_rng(at.seed)
     order = (AWAY + np.cumsum(rng.integers(1, AWAY + 1, AT_FIRST))) % (AWAY + 1)  # after the last
     count = int(rng.integers(1, 2 * AGAIN))
-    where = [x] + [x + (0.1 + 0.2 * k) * width for k in range(AWAY)]
+    # Each coordinate by another amount: a chain of links is the same turned as a whole.
+    along = width * rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x))
+    where = [x] + [x + (0.1 + 0.2 * k) * along for k in range(AWAY)]
     for name in working(at):
         f, first = at.raw(name), at.of(name)
         known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
