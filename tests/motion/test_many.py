@@ -16,6 +16,8 @@ from typer.testing import CliRunner
 
 import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
+from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.violations import allowed_violation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
 from eomcheck.lab.store.executors import executor
@@ -149,6 +151,21 @@ def test_a_refused_and_a_failing_motion_leave_the_good_ones_alone():
     alone = simulate_many(scene, "em", 0.3, q0=q[:1], v0=v[:1], **options)
     assert_same(found, alone, slice(0, 1))
     assert_same(found, alone, slice(4, 5))
+
+
+@pytest.mark.parametrize("times", [0.2, 3.0])
+def test_velocities_that_violate_the_constraints_are_refused_from_where_simulate_does(times: float):
+    scene, q = SCENES["sleigh"].example(), np.array([0.0, 0.0, 0.1])
+    v = eomcheck.velocity(scene, q, [1.0, 0.5])
+    at = Evaluation(scene, q, v)
+    v = v + np.linalg.pinv(at.terms.a) @ (times * allowed_violation(at))
+    found = simulate_many(scene, "kane", 0.1, q0=[q], v0=[v], output_times=[0.1])
+    if times < 1:
+        assert found.status[0] == "finished"
+        return
+    with pytest.raises(InputError) as refused:
+        eomcheck.simulate(scene, "kane", 0.1, q0=q, v0=v)
+    assert (found.status[0], found.reason[0]) == ("refused", str(refused.value))
 
 
 HUGE_LINK = Snake([1, 6], [1.3e7, 1], [0, 1], [100], [0.07371643262453738, 0.0737164326245372])
