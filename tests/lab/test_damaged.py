@@ -141,6 +141,9 @@ def test_a_record_that_is_none_is_said_and_the_others_are_shown(
     exported = capsys.readouterr()
     assert len(exported.out.splitlines()) > 3
     assert code == 2
+    written = path.with_suffix(".csv")
+    assert run(monkeypatch, "export", path, written) == 2
+    assert written.read_text(encoding="utf-8") == exported.out
 
 
 @pytest.mark.parametrize("name", ["subject", "observed", "verdict", "proof"])

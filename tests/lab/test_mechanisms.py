@@ -24,6 +24,7 @@ from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import kinds_of
+from eomcheck.numbers.decompositions import null_space
 from eomcheck.numbers.float64 import FLOAT64
 from eomcheck.scenes import SCENES, Andrews, Bicycle, RollingDisk, Snake
 
@@ -95,6 +96,23 @@ def test_centres_of_mass_move_as_the_scene_says(kind):
     # Bodies are listed in an order of their own.
     for one in moved:
         assert np.abs(V[:, : len(one)] - one).max(axis=1).min() < 1e-7
+
+
+@pytest.mark.parametrize("kind", [SCENES["sleigh"], Snake], ids=lambda kind: kind.key)
+def test_wheels_are_drawn_along_the_way_that_they_roll(kind):
+    """Whatever velocity the constraints leave."""
+    scene, q = kind.sketched(links_of(kind))
+    free = null_space(Evaluation(scene, q, np.zeros(scene.n)).terms.a)
+
+    def wheels(at: np.ndarray) -> list[s.Wheel]:
+        return [p for p in sketch_of(scene, at).parts if isinstance(p, s.Wheel)]
+
+    here, h = wheels(q), 1e-6
+    assert len(here) == scene.r
+    for v in free.T:
+        for wheel, after, before in zip(here, wheels(q + h * v), wheels(q - h * v), strict=True):
+            (x, y), (dx, dy) = wheel.along, (after.at - before.at) / (2 * h)
+            assert abs(x * dy - y * dx) < 1e-8
 
 
 def test_angles_of_the_disk_and_the_bicycle_turn_as_their_coordinates_do():

@@ -419,7 +419,9 @@ def test_expected_failures_of_the_command_line_go_before_those_of_the_test(sessi
     plant(pytester)
     expect(pytester, "no-such-test known\n")
     (pytester.path / "here.txt").write_text(KNOWN, encoding="utf-8")
-    result = session(FEW, "--eomcheck-xfails", "here.txt")
+    # It is found in the folder in which pytest is started, wherever the root is.
+    root = "--rootdir", str(pytester.path.parent)
+    result = session(FEW, *root, "--eomcheck-xfails", "here.txt")
     result.assert_outcomes(passed=2, skipped=5, xfailed=2)
 
 
@@ -452,6 +454,14 @@ ONE = testing.Functions(1, bias=lambda q, v: 0 * q)
 def test_bad_arguments_are_told_in_a_sentence(given, error, says):
     with pytest.raises(error, match=says):
         testing.parametrize_with_claims(**given)
+
+
+def test_a_claim_that_fails_is_a_failing_test_of_the_installed_package():
+    def check() -> None:
+        raise AssertionError("bias on sleigh")
+
+    with pytest.raises(AssertionError, match="bias on sleigh"):
+        validation.test_claims(check)
 
 
 @pytest.mark.night
