@@ -245,14 +245,14 @@ def test_constraints_of_mujoco_give_way_by_a_small_part_and_not_by_rounding(key,
 # ---- Joints that follow others -------------------------------------------------------------------
 
 
-def linked(place: float, closed: bool):
+def linked(place: float, closed: bool, axis=(1, 0, 1)):
     """Return three links in a row, the last joint geared to the first; a pin may close them."""
     rod = {"mass": 1.3, "center": (0.4, 0.1, 0.2), "moments": (0.2, 0.3, 0.25)}
     names = ["a", "b", "c"]
     joints = [
         Joint("p", "revolute", "ground", "a", axis=(0.0, 0.6, 0.8)),
         Joint("s", "prismatic", "a", "b", place=(0.7, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
-        Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), follows=("p", -1.5, place), axis=(1, 0, 1)),
+        Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), follows=("p", -1.5, place), axis=axis),
     ]
     ends = [distance("rod", "c", "ground", 1.1, (0.3, 0, 0), (0.2, 1.2, 0))] if closed else []
     links = [words.Link("ground"), *(words.Link(name, **rod) for name in names)]
@@ -276,6 +276,14 @@ def test_a_joint_that_follows_another_is_taken_along(key, closed):
         v = c if a is None else null_space(a) @ c[:1]
         found = look(scene, State(q, v, 0.0), engine, *claims)
         assert {(one.claim, one.verdict) for one in found} == {(x, "passed") for x in claims}, found
+
+
+@pytest.mark.parametrize("axis", [(-1, 0, 0), (0, -1, 0), (0, 0, -1)])
+def test_a_joint_that_follows_about_a_negative_axis_is_shifted_along_it(axis):
+    scene = linked(0.3, False, axis)
+    state = State(np.array([0.4, 0.2]), np.array([0.5, -1.0]), 0.0)
+    (found,) = look(scene, state, ENGINES["pinocchio"](scene), "bias")
+    assert found.verdict == "passed", found
 
 
 def test_another_shift_of_a_joint_that_follows_shows():

@@ -285,6 +285,28 @@ def test_a_ball_in_a_parabolic_bowl_runs_on_a_level_circle_at_one_rate():
     np.testing.assert_allclose(vdot[:3], (-0.3 * 4.0 * 9.81, 0.0, 0.0), atol=1e-13)
 
 
+SLIDES = [
+    words.Joint("x", "prismatic", "ground", "carriage", axis=(1.0, 0.0, 0.0)),
+    words.Joint("y", "prismatic", "carriage", "b", axis=(0.0, 1.0, 0.0)),
+]
+
+
+def sliding(constraint: words.Constraint) -> Mechanism:
+    """Return a body that slides along x and y but for a constraint."""
+    return mechanism("Sliding", [GROUND, Link("carriage"), rod("b")], SLIDES, [constraint])()
+
+
+def test_a_rod_from_a_point_off_the_plane_of_all_joints_keeps_its_length():
+    scene = sliding(words.distance("held", "b", "ground", 1.0, at_other=(0.0, 0.0, 0.6)))
+    assert closed_position(scene, [1.0, 0.0]) == pytest.approx([0.8, 0.0], abs=1e-14)
+
+
+@pytest.mark.parametrize(("apart", "start"), [(18.0, (9.0, -9.0)), (22.0, (0.0, 0.0))])
+def test_a_pose_is_closed_if_it_closes_within_ten_of_it(apart, start):
+    q, _ = sliding(coupling("apart", "x", "y", 1.0, apart)).initial_state()
+    assert q == pytest.approx(start, abs=1e-14)
+
+
 AXES_OF_JOINTS = [
     *((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     *((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, -0.8)),

@@ -96,6 +96,15 @@ def test_what_is_left_out_is_said_in_one_sentence(tmp_path: Path):
     assert "no-such-file" in (tmp_path / "limb.xml").read_text()  # a mesh that is not looked for
 
 
+@pytest.mark.parametrize("fluid", ["", 'density="1.2"', 'viscosity="1e-5"'])
+def test_the_drag_of_a_fluid_is_left_out_whether_dense_or_viscous(tmp_path: Path, fluid: str):
+    body = '<body><joint/><geom size="0.1" contype="0" conaffinity="0"/></body>'
+    path = tmp_path / "wet.xml"
+    path.write_text(f"<mujoco><option {fluid}/><worldbody>{body}</worldbody></mujoco>")
+    said = from_mjcf(path).made.left_out
+    assert said == ("Left out: drag of a fluid (1)." if fluid else "")
+
+
 def test_every_identity_is_proved(tmp_path: Path):
     found = prove(from_mjcf(limb(tmp_path / "limb.xml", ball=False)), points=1)
     assert {one.verdict for one in found} == {"passed"}
@@ -146,6 +155,10 @@ EQUALITIES = {
     "weld-elsewhere": ('<weld body1="b" body2="c" relpose="0.2 0.1 0.1 1 0.2 0.1 0"/>', 6),
     "weld-sites": ('<weld site1="s" site2="t"/>', 6),
     "joint": ('<joint joint1="a2" joint2="b1" polycoef="0.3 -1.5 0 0 0"/>', 1),
+    "joint-of-one-with-a-reference": (
+        '<joint joint1="b1" joint2="a2" polycoef="0.3 -1.5 0 0 0"/>',
+        1,
+    ),
     "joint-alone": ('<joint joint1="a2" polycoef="0.3 0 0 0 0"/>', 1),
 }
 
@@ -180,9 +193,18 @@ def test_what_is_held_is_compared_as_it_is_held():
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
 
 
-def test_an_equality_that_is_not_active_is_none(tmp_path: Path):
-    text = EQUALITIES["joint"][0].replace("<joint ", '<joint active="false" ')
-    (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", text))
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<joint joint1", '<joint active="false" joint1'),
+        ("<worldbody>", '<option><flag equality="disable"/></option><worldbody>'),
+        ("<worldbody>", '<option><flag constraint="disable"/></option><worldbody>'),
+    ],
+)
+def test_an_equality_that_is_not_active_is_none(tmp_path: Path, old: str, new: str):
+    text = LOOP.replace("EQUALITY", EQUALITIES["joint"][0])
+    assert text.count(old) == 1
+    (tmp_path / "loop.xml").write_text(text.replace(old, new))
     assert from_mjcf(tmp_path / "loop.xml").r == 0
 
 
