@@ -69,6 +69,20 @@ def test_a_function_that_breaks_in_one_state_is_looked_at_in_the_others():
     assert found[0].state.q[0] > 0
 
 
+def test_skipped_states_are_counted_among_all():
+    def at_times(q, v):
+        if q[0] > 0:
+            raise ValueError("no value")
+        return CART.bias(q, v)
+
+    states = [([x, 0.7, -0.4], [0.5, -0.8, 0.9]) for x in (-0.4, 0.5, 0.6)]
+    options = {"bias": at_times, "states": states, "claims": ["bias-even"]}
+    (found,) = check_functions(**(given("cart") | options))
+    assert found.verdict == "passed"
+    why = "bias breaks: ValueError: no value"
+    assert found.detail == f"skipped in 2 of 3 states: {why}"
+
+
 def test_an_interrupt_is_not_taken_for_a_failure():
     def interrupted(q):
         raise KeyboardInterrupt
@@ -95,16 +109,31 @@ def test_functions_of_another_library_get_its_arrays():
         def detach(self):
             return self.x
 
-    found = check_functions(
-        1,
-        M=lambda q: Wrapped(np.eye(1)),
-        U=lambda q: Wrapped(q.x @ q.x),
-        gravity=lambda q: [Wrapped(2 * x) for x in q.x],
-        array=Wrapped,
-        states=2,
-    )
+    own = {
+        "M": lambda q: Wrapped(np.eye(1)),
+        "U": lambda q: Wrapped(q.x @ q.x),
+        "gravity": lambda q: [Wrapped(2 * x) for x in q.x],
+    }
+    found = check_functions(1, **own, array=Wrapped, factory=lambda: own, states=2)
     assert not [x for x in found if x.verdict == "failed"]
-    assert "gravity-of-potential" in {x.claim for x in found if x.verdict == "passed"}
+    passed = {x.claim for x in found if x.verdict == "passed"}
+    assert {"gravity-of-potential", "fresh-answer"} <= passed
+
+
+@pytest.mark.parametrize(
+    ("name", "right"),
+    [
+        ("gravity", lambda q, g=9.81: g * np.sin(q)),
+        ("c", lambda q, scale=1.0: scale * (q[:1] - q[1:])),
+        ("b", lambda t, scale=1.0: np.array([scale * np.sin(t)])),
+    ],
+)
+def test_arguments_with_a_default_keep_it(name, right):
+    own = {"U": lambda q: -9.81 * np.cos(q).sum(), "a": lambda q: np.array([[1.0, -1.0]])}
+    found = check_functions(2, **own, **{name: right}, states=2)
+    assert not [x for x in found if x.verdict == "failed"]
+    ids = {"gravity": "gravity-of-potential", "c": "constraint-jacobian", "b": "answers"}
+    assert ids[name] in {x.claim for x in found if x.verdict == "passed"}
 
 
 def test_functions_that_want_tensors_say_what_to_give():
@@ -327,6 +356,17 @@ def test_every_quantity_is_compared_with_a_scene_or_an_engine(how: str):
     (wrong,) = [x for x in found if x.verdict == "failed"]
     assert wrong.detail.endswith("2 times what is expected, in every row")
     assert wrong.detail.startswith("mass matrix, entry (q[")
+
+
+def test_dampers_alone_are_compared_with_the_forces_of_a_reference():
+    def dampers(factor):
+        return lambda q, v: factor * (v @ v)
+
+    against = Functions(2, R=dampers(1.0), name="damped")
+    for factor, verdict in ((1.0, "passed"), (0.5, "failed")):
+        found = check_functions(2, R=dampers(factor), against=against, states=1)
+        (one,) = [x for x in found if x.claim == "reference" and x.subject.startswith("forces")]
+        assert (one.subject, one.verdict) == ("forces ~ damped", verdict)
 
 
 def test_an_engine_that_does_not_represent_the_scene_is_refused():

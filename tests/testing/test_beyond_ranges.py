@@ -90,6 +90,21 @@ def test_coordinates_reach_to_a_half_turn_and_velocities_stay():
     assert v.max() <= 1.0
 
 
+def test_rates_along_a_motion_stay_near_ranges_that_are_narrow():
+    asked: list[float] = []
+
+    def ratio(q):
+        asked.append(abs(q[0]))
+        return np.arccos(q[0] / 0.02)
+
+    own = {"T": lambda q, v: ratio(q) * v[0] ** 2 / 2, "bias": lambda q, v: [-slope(q) * v[0] ** 2]}
+    slope = lambda q: 0.5 / np.sqrt(0.02**2 - q[0] ** 2)  # noqa: E731
+    ranges = [(-0.01, 0.01), (-1.0, 1.0)]
+    (found,) = check_functions(1, **own, ranges=ranges, claims=["bias-power"], states=3)
+    assert found.verdict == "passed"
+    assert max(asked) < 0.02
+
+
 def test_a_write_into_arguments_beyond_the_ranges_fails():
     """Claims about all calls of a run come last: they see those of the states beyond too."""
 

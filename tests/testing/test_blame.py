@@ -69,7 +69,7 @@ def test_a_factor_beyond_noise_is_another_one():
 # ---- Which function ------------------------------------------------------------------------------
 
 
-def failures(own: str, names: str, states: int = 2, **changed: Any) -> list[Finding]:
+def failures(own: str, names: str, states: Any = 2, **changed: Any) -> list[Finding]:
     """Return the failures where functions of a guide are given by name, some of them changed."""
     functions = given(own) | changed
     kept = {x: f for x, f in functions.items() if x not in INPUTS or x in names.split()}
@@ -308,10 +308,13 @@ TERMS = {
 def test_a_wrong_term_of_the_bias_is_named(text: str):
     row, change = TERMS[text]
     state = ([0.3, 0.5], [0.7, -0.4])
-    found = check_functions(2, M=M, bias=with_term(row, change), states=[state])
-    first = next(x for x in found if x.verdict == "failed")
-    assert first.detail.count("row q[") == 2
-    assert first.detail.endswith(f"; row q[{row}], {text}"), first.detail
+    for last in (1.0, 10.0):  # of the ranges: they are not of one size
+        ranges = [(-1.0, 1.0)] * 3 + [(-last, last)]
+        wrong = with_term(row, change)
+        found = check_functions(2, M=M, bias=wrong, states=[state], ranges=ranges)
+        first = next(x for x in found if x.verdict == "failed")
+        assert first.detail.count("row q[") == 2
+        assert first.detail.endswith(f"; row q[{row}], {text}"), first.detail
 
 
 def test_no_term_is_listed_where_every_row_is_wrong_in_proportion_beside_a_jump_too():
@@ -349,3 +352,12 @@ def test_what_a_motion_is_off_by_is_told_by_how_it_depends_on_v(forces: Callable
     (motion,) = (x for x in found if x.claim == "motion")
     assert motion.detail.endswith(f"; the difference is {text}") == bool(text)
     assert "qdd" in motion.cause
+
+
+def test_what_a_motion_is_off_by_is_told_at_the_velocity_where_it_fails():
+    """Also where the same coordinates are a state at rest, where no damping is felt."""
+    damped = solved(lambda q, v: np.array([0.0, 0.2 * v[0], 0.1 * v[2]]))
+    q, v = np.array([0.3, 0.7, -0.4]), np.array([0.5, -0.8, 0.9])
+    changed = {"qdd": damped, "claims": ["motion"]}
+    (motion,) = failures("cart", "M bias gravity R qdd", [(q, v), (q, 0.0 * v)], **changed)
+    assert motion.detail.endswith("; the difference is odd in v: damping")

@@ -352,6 +352,16 @@ def test_damping_that_rounding_hides_is_not_resolved():
     assert found.verdict == "not looked at"
 
 
+def test_a_write_into_velocities_alone_fails():
+    def bias(q, v):
+        found = CART.bias(q, v)
+        v *= 0.5
+        return found
+
+    found = check_functions(3, bias=bias, states=1, claims=["arguments-unchanged"])
+    assert [(one.subject, one.verdict) for one in found] == [("bias", "failed")]
+
+
 @pytest.mark.parametrize("nth", [1, 97, 500])
 @pytest.mark.night
 def test_a_write_into_arguments_anywhere_in_a_run_fails(nth: int):

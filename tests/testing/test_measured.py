@@ -63,6 +63,16 @@ def test_a_gradient_has_the_new_axis_first():
     np.testing.assert_allclose(found.value[1, 3], 5 * 0.7**4, rtol=1e-10)
 
 
+def test_each_coordinate_has_steps_of_its_own_range():
+    x, width = np.array([30.0, 0.007]), np.array([100.0, 0.01])
+    value = np.sin(x / width)
+    here = Measured(value, EPS * np.ones(2), np.ones(2))
+    found = gradient(lambda y: np.sin(y / width), x, width, here)
+    away = np.abs(found.value - np.diag(np.cos(x / width) / width))
+    assert (away <= C * found.error).all()
+    assert (found.error * width[:, None] < 1e-11).all()
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_function_in_single_precision_is_not_taken_for_a_constant(seed: int):
     at = np.random.default_rng(seed).uniform(-1, 1, 1)

@@ -8,14 +8,18 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
+import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck import testing, validation
+from eomcheck import pytest_plugin, testing, validation
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.scenes import ChainPendulum, Snake
 from eomcheck.testing.once import done_once
+from eomcheck.testing.suite import Suite
+from eomcheck.testing.trials import FunctionsTrial, SceneTrial, Trial
 
 pytest_plugins = ["pytester"]
 
@@ -394,6 +398,18 @@ def test_work_that_raises_is_not_kept(tmp_path):
     assert done_once(None, "work", lambda: 4) == 4
 
 
+def test_scenes_of_one_test_are_kept_apart_where_processes_share_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(pytest_plugin.OPTIONS, "shared", tmp_path)
+    trials: list[Trial] = [
+        FunctionsTrial(testing.Functions(1, M=lambda q, m=m: [[m]]), where=where)
+        for where, m in (("right", 2.0), ("wrong", -2.0))
+    ]
+    for _ in range(2):  # as another process does
+        suite = Suite("test", trials, None, {}, True, 1, 0)
+        came = [suite.result(f"mass-matrix-positive-{x.where}").verdict for x in trials]
+        assert came == ["passed", "failed"]
+
+
 # ---- Options and arguments -----------------------------------------------------------------------
 
 
@@ -479,6 +495,41 @@ def test_an_engine_is_judged_on_scenes_that_are_drawn(session, pytester):
     change(pytester, "by_hand.py", wrong)
     result = session("--eomcheck-examples=5")
     assert "mass-matrix-chain-pendulum" in ids(result, "failed")
+
+
+class Recording(eomcheck.Engine):
+    """An engine that is wrong, and keeps the scenes that it is made for."""
+
+    scenes: ClassVar[list[str]] = []
+
+    @classmethod
+    def version(cls):
+        return "recording 1"
+
+    @classmethod
+    def represents(cls, scene):
+        return True
+
+    def __init__(self, scene):
+        super().__init__(scene)
+        self.scenes.append(repr(scene))
+
+    def mass_matrix(self, q, t=0.0):
+        return np.eye(len(q))
+
+    def bias(self, q, v, t=0.0):
+        return np.zeros(len(v))
+
+
+def test_random_scenes_of_a_kind_are_those_of_the_seed():
+    def drawn(seed):
+        Recording.scenes.clear()
+        trial = SceneTrial("chain-pendulum", ChainPendulum, Recording)
+        trial.results(1, seed, known=trial.claims)  # no smaller failure is looked for
+        return set(Recording.scenes) - {repr(ChainPendulum.example())}
+
+    seven, eight = drawn(7), drawn(8)
+    assert seven and eight and not seven & eight
 
 
 # ---- Functions -----------------------------------------------------------------------------------
