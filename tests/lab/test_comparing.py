@@ -242,6 +242,27 @@ def test_nothing_odd_is_told_of_a_file_without_it(tmp_path: Path):
     assert reasons(parting(tmp_path / "arm.urdf")) == []
 
 
+@pytest.mark.parametrize(
+    ("turned", "n"), [([1], 2), ([0], 3), ([1, 2], 3), ([1, 3], 4), ([0, 2], 4), ([2, 4], 5)]
+)
+def test_joints_with_the_opposite_axis_are_named_though_others_have_the_same_M(
+    tmp_path: Path, turned: list[int], n: int
+):
+    """M is the same if all other joints are turned: their weights tell which."""
+    names = tuple("abcde"[:n])
+    ours = {"M": np.eye(n) + 0.1, "gravity": np.arange(1.0, n + 1)}
+    signs = np.where(np.isin(np.arange(n), turned), -1.0, 1.0)
+    theirs = {"M": np.outer(signs, signs) * ours["M"], "gravity": signs * ours["gravity"]}
+    rest = {"bias": np.zeros(n), "q̈": np.ones(n)}
+    at = Parting(described(arm(tmp_path / "arm.urdf")), names, np.ones(n), ours | rest, {}, {})
+    said = ", ".join(names[i] for i in turned)
+    assert reasons(at._replace(theirs=theirs | rest)) == [Why(f"has the opposite axis: {said}")]
+    # Where nothing weighs, fewest joints.
+    free = {"gravity": np.zeros(n)} | rest
+    (said,) = reasons(at._replace(ours=ours | free, theirs=theirs | free))
+    assert said.sentence.count(",") + 1 == min(len(turned), n - len(turned))
+
+
 # ---- Nobody is blamed, and rounding is no difference ---------------------------------------------
 
 LINKAGE = """<mujoco><worldbody><body name="a"><joint name="a" axis="0 1 0" damping="0.1"/>
@@ -285,6 +306,16 @@ def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative
     assert apart(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
     assert apart(entries * 0, entries * 0) == 0
     assert np.isnan(apart(None, entries))
+
+
+def test_states_are_those_of_the_seed(tmp_path: Path):
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+
+    def worst(seed: int) -> list:
+        found = compare(scene, ["pinocchio"], states=2, seed=seed)
+        return [one.state.q.tolist() for one in found.findings.values() if one.state]
+
+    assert worst(0) != worst(1)
 
 
 def test_what_cancels_to_rounding_agrees_but_for_digits(tmp_path: Path):

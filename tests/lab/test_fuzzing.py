@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from eomcheck.lab.fuzzing import judging, rounds
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import drawn
 from eomcheck.lab.fuzzing.families import FAMILIES, FAST, ORDINARY, WIDE
-from eomcheck.lab.fuzzing.file import read_finds, told_apart, write_finds
+from eomcheck.lab.fuzzing.file import add_finds, read_finds, told_apart, write_finds
 from eomcheck.lab.fuzzing.finds import Find, find_of
 from eomcheck.lab.fuzzing.judging import checked, failures, fault_of
 from eomcheck.lab.fuzzing.mutation import mutated
@@ -30,7 +31,7 @@ from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
 from eomcheck.lab.fuzzing.smaller import shrunk
 from eomcheck.lab.fuzzing.strata import Stratum, strata_of
-from eomcheck.lab.fuzzing.work import Result, Round
+from eomcheck.lab.fuzzing.work import Candidate, Result, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake_terms
@@ -183,8 +184,9 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
     failed = [Finding("equivalence", "kane", *of), Finding("equivalence", "au ~ kane", *of)]
 
     def result(number: int, why: dict[str, str]) -> Result:
-        counts = Counter({"states": 1})
-        return Result(number, STRATUM, {}, counts, [failed[0], *failed], why)
+        counts, key = Counter({"states": 1}), ("equivalence", "kane")
+        best = {key: [Candidate(0.5 + number / 8, of[:2])]}
+        return Result(number, STRATUM, best, counts, [failed[0], *failed], why)
 
     with Records(tmp_path / "r.db") as records:
         first = Campaign(plan(), "snake", (STRATUM,), records)
@@ -202,6 +204,31 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
         }
     )
     assert second.resumed == 3 and second.finds == first.finds
+    heights = [{key: best.height for key, best in one.worst.items()} for one in (first, second)]
+    assert heights == [{("equivalence", "kane"): 0.75}] * 2
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"seed": 4},
+        {"claims": ("equivalence",)},
+        {"formulations": ("au",)},
+        {"engines": ("mujoco",)},
+        {"families": (ORDINARY,)},
+        {"climbing": False},
+        {"ration": Ration()},
+        {"batch": 8},
+        {"wide": True},
+    ],
+)
+def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, other: dict[str, Any]):
+    here = plan(engines=("pinocchio",))
+    with Records(tmp_path / "r.db") as records:
+        first = Campaign(here, "snake", (STRATUM,), records)
+        first._take(Result(0, STRATUM, {}, Counter({"states": 5})), lambda: True)
+        assert Campaign(here, "snake", (STRATUM,), records).resumed == 5
+        assert Campaign(here._replace(**other), "snake", (STRATUM,), records).resumed == 0
 
 
 @pytest.mark.night
@@ -344,6 +371,16 @@ def test_finds_of_another_claim_or_fault_are_other_finds():
     other = one.__class__(**(vars(one) | {"whose": "silent error"}))
     sign = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: sign"}))
     assert told_apart([one, row, other, sign]) == [one, other, sign]
+
+
+def test_of_a_cause_that_is_kept_the_first_stays_with_its_reason(tmp_path: Path):
+    file, row = tmp_path / "found.json", {"scene": "snake", "parameters": {}, "q": [], "v": []}
+    known = Find(**row, claim="bias", subject="casadi", why="a sign")
+    other = Find(**row, claim="equivalence", subject="au ~ im")
+    write_finds(file, [known, other])
+    new = Find(**row, claim="bias", subject="mujoco")
+    add_finds(file, [new, Find(**row, claim="bias", subject="casadi", observed=2.0)])
+    assert read_finds(file) == [known, other, new]
 
 
 def test_a_file_of_something_else_holds_no_finds(tmp_path: Path):

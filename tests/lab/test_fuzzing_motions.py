@@ -252,6 +252,26 @@ def test_behind_a_pose_with_branches_nothing_is_said():
     assert branchings([case], y, 1.0).tolist() == [TIMES]
 
 
+def test_a_pose_with_branches_that_a_wrong_motion_comes_to_hides_no_failure(monkeypatch):
+    """One goes astray and meets such a pose, another is wrong only later."""
+    late, strayed = np.arange(TIMES) > 50, []
+
+    def off(key, tolerance, y, energy):
+        if key == "gw":
+            y += 1e-2 * GROWING[:, None]
+            strayed.append(y)
+        y -= 1e-2 * (key == "em") * late[:, None]
+        return y, energy
+
+    def some(cases, y, t_end):
+        return np.array([30 if any(y is one for one in strayed) else TIMES])
+
+    monkeypatch.setattr(motions, "branchings", some)
+    failed = spoilt(monkeypatch, off)
+    assert strayed
+    assert {(x.claim, x.subject) for x in failed} == {(END_STATES, "gw"), (END_STATES, "em")}
+
+
 def test_poses_are_crossed_where_the_determinant_changes_its_sign():
     case = turning()
     y = np.zeros((1, TIMES, 6))

@@ -121,6 +121,21 @@ def test_what_is_looked_at_stays_within_the_ranges():
     assert len({state.q.tobytes() for state in climbed}) > 50
 
 
+def test_what_is_made_round_stays_within_the_ranges(monkeypatch):
+    leaning = Functions(
+        2,
+        M=lambda q: np.array([[2.0, 1.0], [0.5, 2.0]]),
+        ranges=[(0.31, 2.0), (-3.0, -1.5), (-1.0, 1.0), (5.1, 6.0)],
+    )
+    monkeypatch.setattr(fuzzed, "functions_named", lambda _: leaning)
+    here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), False, 1)
+    (failed,) = here.run(Round(0, ALL, {})).failed
+    small = here.find(failed, "leaning", [])
+    low, high = limits(leaning)
+    assert all(low <= [*small.q, *small.v]) and all([*small.q, *small.v] <= high)
+    assert small.q[1] in (-3.0, -2.0) and small.q[0] == 1.0 and small.v[0] == 0.0
+
+
 def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch):
     def M(q):
         found = 2.0 * np.eye(4)

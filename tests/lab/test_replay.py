@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from eomcheck import cli
+from eomcheck.claims import Finding
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import replay
 from eomcheck.lab.fuzzing.file import read_finds
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.replay import replayed, runs_code
@@ -42,6 +44,21 @@ def test_a_claim_that_is_decided_for_its_subject_holds():
     assert outcome_of() == ("holds", "")
     assert outcome_of(claim="equivalence", subject="au ~ im") == ("holds", "")
     assert outcome_of(claim="equivalence", subject="im ~ au") == ("holds", "")
+
+
+@pytest.mark.parametrize(("claim", "outcome"), [("kinetic-energy", "inconclusive"), ("", "holds")])
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_one_claim_all_is_decided_where_it_holds(monkeypatch, claim, outcome, order):
+    """Of all claims some are undecided in any state."""
+    of = "au", *find().case, 1e-3
+    findings = [
+        Finding("kinetic-energy", *of, 1.0, "passed", "made up"),
+        Finding("kinetic-energy", *of, 2.0, "inconclusive", "made up"),
+    ]
+    monkeypatch.setattr(replay, "checked", lambda *_: findings[::order])
+    found, reason = outcome_of(claim=claim, subject="au")
+    assert found == outcome
+    assert reason == ("au: observed 0.001, allowed 2" if outcome == "inconclusive" else "")
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import judging, rounds, screening
 from eomcheck.lab.fuzzing.draws import drawn
 from eomcheck.lab.fuzzing.families import ORDINARY
-from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.finds import Find, find_of
 from eomcheck.lab.fuzzing.judging import fault_of
 from eomcheck.lab.fuzzing.replay import replayed
 from eomcheck.lab.fuzzing.rounds import run_round
@@ -111,6 +111,19 @@ def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, su
     assert bool(found.suspects) == suspect
 
 
+@pytest.mark.parametrize(("ratio", "enclosed"), [(0.35, 1), (0.25, 0)])
+def test_a_state_near_its_bound_is_enclosed_whatever_the_ration_says(monkeypatch, ratio, enclosed):
+    right = LaneCase.look
+
+    def look(self, claims):
+        for one in right(self, claims):
+            yield one._replace(observed=ratio * one.allowed)
+
+    monkeypatch.setattr(LaneCase, "look", look)
+    found = screened(ordinary(Snake, 1), FORMULAE[:1], ("kinetic-energy",), every=100, first=1)
+    assert found.enclosed == enclosed
+
+
 def test_a_claim_that_no_lane_decides_is_counted_beside_those_that_are(monkeypatch):
     """Where rounding explains everything, of what one claim says."""
     right = LaneCase.look
@@ -191,7 +204,10 @@ def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
     """At t = 0 the truth is another one, and a right formulation would be a silent error."""
     scene, state = driven_case()
     failed = Finding("power-balance", "au", scene, state, 1.0, 0.1, "failed", "made up")
-    assert fault_of(failed).whose == judging.ALARM
+    fault = fault_of(failed)
+    assert fault.whose == judging.ALARM
+    kept = find_of(failed, "turntable-ball", fault)
+    assert kept.t == kept.case[1].t == 0.7 and "t=0.7" in kept.python
 
 
 # ---- Of a pair both are held against the truth ---------------------------------------------------
@@ -212,6 +228,20 @@ def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monk
     monkeypatch.setattr(judging, "acceleration", answer)
     fault = fault_of(finding)
     assert fault.whose == judging.SILENT and f"{wrong}: true error" in fault.evidence
+
+
+@pytest.mark.parametrize(("share", "whose"), [(1.5, judging.SILENT), (0.5, judging.ALARM)])
+def test_an_error_a_little_above_its_bound_is_a_silent_one(share, whose, monkeypatch):
+    ((scene, state),) = ordinary(Snake, 1)
+    finding = Finding("equivalence", "au ~ im", scene, state, 1.0, 0.1, "failed", "made up")
+    right = judging.acceleration
+
+    def answer(*arguments, **options):
+        found = right(*arguments, **options)
+        return replace(found, vdot=found.vdot + share * found.error_bound)
+
+    monkeypatch.setattr(judging, "acceleration", answer)
+    assert fault_of(finding).whose == whose
 
 
 # ---- Kept failures of all claims -----------------------------------------------------------------

@@ -12,6 +12,7 @@ from tests.widths import check_sheets_fit
 
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
+from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.by_plotly import json_of
@@ -20,7 +21,15 @@ from eomcheck.lab.show.panel import Axis, Panel
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
-from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, engines, motion, study_of
+from eomcheck.lab.studies import (
+    BENCHMARKS,
+    DRAWN,
+    STUDIES,
+    accuracy,
+    engines,
+    motion,
+    study_of,
+)
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
 from eomcheck.lab.studies.rhs import TRIGONOMETRY
@@ -81,6 +90,19 @@ def test_the_groups_of_commands_name_studies_and_drawn_ones_have_a_chart():
     for key in DRAWN:
         study = study_of(key)
         assert next(iter(study.charts(study.run(**SMALL[key])))).name == key
+
+
+def test_machine_code_beyond_the_bound_is_named_and_an_alarm(monkeypatch):
+    right = accuracy.acceleration_in_machine_code
+    monkeypatch.setattr(accuracy, "applicable", lambda _: {"kane": FORMULATIONS["kane"]})
+    study = study_of("accuracy")
+    for factor, beyond in ((1.0, False), (1.01, True)):
+        monkeypatch.setattr(
+            accuracy, "acceleration_in_machine_code", lambda *of, x=factor: x * right(*of)
+        )
+        found = study.run(None, links="2", examples=3)
+        assert study.alarm(found) == beyond
+        assert any(one.startswith("beyond its bound: kane") for one in study.said(found)) == beyond
 
 
 def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: Path):

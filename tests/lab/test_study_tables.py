@@ -101,6 +101,7 @@ def test_engines_tell_the_largest_difference_their_failures_and_what_is_soft():
         one,
         replace(one, scene="snake", states=6, relative=3e-15, share=0.25),
         replace(one, claim="bias", relative=2e-9, failed=2),
+        replace(one, claim="bias", scene="snake", states=6, relative=1e-12),
         replace(one, claim="engine-acceleration", relative=4e-7, share=None),
         replace(one, claim="engine-multipliers", relative=5e-3, gives_way=True),
     ]

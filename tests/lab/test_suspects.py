@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
 
+from eomcheck.claims.finding import Finding
 from eomcheck.claims.lanes import liftable
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import rounds
@@ -68,6 +69,18 @@ def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
     assert (result.counts["suspect"], result.counts["suspects judged"]) == (5, 2)
     # Of the others nobody knows how high they are.
     assert found.heights["bias", ""].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "height"), [("failed", 3.0), ("passed", 3.0), ("inconclusive", 0.0)]
+)
+def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height):
+    case = cases(Snake)[0]
+    said = Finding("bias", "casadi", *case, 1.5, 0.5, verdict, "made up")
+    monkeypatch.setattr(rounds, "checked", lambda *_: [said])
+    found = Screened(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
+    looked_at(monkeypatch, found, most=1)
+    assert found.heights["bias", ""].tolist() == [height]
 
 
 @pytest.mark.parametrize(

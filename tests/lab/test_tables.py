@@ -525,6 +525,8 @@ def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_
     panel: Any = next(iter(chart.panels.values()))
     whole, half = panel.bands
     assert (whole.low[-1], whole.high[-1], half.low[-1], half.high[-1]) == (-2.0, 2.0, -1.0, 1.0)
+    panels: Any = chart.panels.values()
+    assert [one.y.title.rpartition("median) / ")[2] for one in panels] == ["m", "m", "rad"]
 
 
 def test_each_coordinate_has_its_own_unit():

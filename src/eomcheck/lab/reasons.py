@@ -67,17 +67,24 @@ def _gravity(at: Parting) -> Iterator[Why]:
 
 @_reason
 def _axes(at: Parting) -> Iterator[Why]:
-    """Yield that some joints turn the other way round."""
-    ours, theirs = at.ours["M"], at.theirs["M"]
+    """Yield that some joints turn the other way round.
+
+    M is the same if all others do instead: gravity tells which, unless it vanishes.
+    """
     if at.same("M"):
         return
-    for count in (1, 2):
-        for flipped in combinations(range(len(ours)), count):
-            signs = np.ones(len(ours))
-            signs[list(flipped)] = -1
-            if largest(theirs - np.outer(signs, signs) * ours) <= CLOSE * largest(ours):
-                yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
-                return
+    n = len(at.ours["M"])
+    fitting = []
+    for flipped in (one for count in (1, 2) for one in combinations(range(n), count)):
+        signs = np.ones(n)
+        signs[list(flipped)] = -1
+        error = largest(at.theirs["M"] - np.outer(signs, signs) * at.ours["M"])
+        if error <= CLOSE * largest(at.ours["M"]):
+            weight = at.theirs["gravity"] - signs * at.ours["gravity"]
+            fitting.append((largest(weight) > CLOSE * largest(at.ours["gravity"]), flipped))
+    if fitting:
+        _, flipped = min(fitting, key=lambda one: one[0])
+        yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
 
 
 @_reason
