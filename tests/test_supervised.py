@@ -128,6 +128,16 @@ def test_a_barred_call_is_not_made_and_those_before_it_are(tmp_path: Path):
     assert board.call("own.g", lambda: 6, (), False) == 6
 
 
+def test_what_is_barred_stays_so_when_another_function_ends_a_process(monkeypatch):
+    monkeypatch.setenv(calls.BARRED, "{}")
+    calls.bar("own.f", 3, "ended its process by SIGSEGV")
+    calls.bar("own.g", 0, "gave no answer in 60 s")
+    assert calls.unpacked(os.environ[calls.BARRED]) == {
+        "own.f": (3, "ended its process by SIGSEGV"),
+        "own.g": (0, "gave no answer in 60 s"),
+    }
+
+
 def test_a_text_that_is_no_board_holds_no_call(tmp_path: Path):
     assert calls.read(tmp_path / "none") is None
     (tmp_path / "short").write_bytes(b"1")
@@ -246,6 +256,26 @@ def test_a_call_that_does_not_return_is_interrupted_and_the_process_goes_on(tmp_
 def test_a_first_call_has_more_patience_than_later_ones(tmp_path: Path, capfd):
     assert ended(tmp_path, "time.sleep(0.4)", 1, patience=0.2) == End(3)
     assert capfd.readouterr().out == ""
+
+
+def test_many_quick_calls_are_no_long_one(tmp_path: Path, monkeypatch):
+    """Looked at as often as it may be: each call has the time that it takes itself."""
+    clock, sent = [1.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
+    monkeypatch.setattr(calls, "_patience", [1.0])
+    board, watch = calls.Board(tmp_path), supervisor._Watch(tmp_path)
+
+    def lasting(seconds: float) -> None:
+        for _ in range(round(seconds / supervisor.POLL)):
+            clock[0] += supervisor.POLL
+            watch.look()
+
+    for _ in range(30):
+        board.call("own.f", lasting, (0.1,), False)
+    assert sent == []
+    board.call("own.f", lasting, (1.1,), False)
+    assert sent == [(os.getpid(), signal.SIGUSR1)]
 
 
 def test_a_call_that_cannot_be_interrupted_is_killed(tmp_path: Path):

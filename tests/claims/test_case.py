@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
+from tests.evaluation.test_acceleration import stretched
 
 import eomcheck
 from eomcheck.claims import Case
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.scenes import Snake
 
 NAMES = (SNAKE.coordinate_names,)
 EXPECTED = np.array([1.0, -2.0, 3.0, 0.5, 4.0])
@@ -72,3 +74,30 @@ def test_a_term_of_an_engine_is_allowed_no_more_than_its_rounding():
     compared = [finding for finding in found if finding.evidence.startswith("compared")]
     assert {finding.claim for finding in compared} == {"mass-matrix", "bias", "constraint-jacobian"}
     assert all(finding.allowed < 1e-11 for finding in compared)
+
+
+def test_what_is_allowed_does_not_depend_on_the_claims_looked_at_before():
+    """Of invariance coordinates are perturbed too, of equivalence not."""
+    alone, after = (
+        eomcheck.check(SNAKE, Q, V, formulations=["au", "kane"], engines=[], claims=claims)
+        for claims in (["invariance"], ["equivalence", "invariance"])
+    )
+    assert alone and alone[0].allowed > 0
+    assert [x.allowed for x in after if x.claim == "invariance"] == [x.allowed for x in alone]
+
+
+def test_a_pivoted_partition_is_looked_at_where_the_first_columns_are_singular():
+    scene, q, v = stretched(3)
+    found = eomcheck.check(scene, q, v, engines=[], claims=["null-space-embedding"])
+    assert [(one.subject, one.verdict) for one in found] == [("em, pivoted", "passed")]
+
+
+@pytest.mark.parametrize("power", [-60, 60])
+def test_which_entries_of_a_mass_matrix_are_resolved_does_not_depend_on_units(power: int):
+    """That M_xy is 0 is seen of any two bodies, however light."""
+    scale = 2.0**power
+    scene = Snake(scale * SNAKE.mass, SNAKE.length, scale * SNAKE.inertia, None, SNAKE.wheel_angle)
+    q = Q[: scene.n]
+    (found,) = eomcheck.check(scene, q, 0 * q, engines=["casadi"], claims=["mass-matrix"])
+    assert (found.verdict, found.detail) == ("passed", "")
+    assert found.entries is not None and found.entries.count_hidden == 0

@@ -41,3 +41,8 @@ def test_the_code_of_a_finding_prints_the_finding(
     exec(FOUND.as_python(), {})
     assert asked == [(repr(SCENE), STATE.q.tolist(), STATE.v.tolist(), 1.5, False)]
     assert capsys.readouterr().out == f"{FOUND}\n"
+
+
+def test_a_result_without_a_certain_digit_has_0_digits_and_one_not_enclosed_has_none():
+    assert replace(FOUND, digits=0.0).as_dict()["digits"] == 0.0
+    assert "digits" not in FOUND.as_dict()

@@ -20,6 +20,8 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.words import Joint, Link, distance
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
@@ -89,6 +91,32 @@ def test_on_ordinary_snakes_lanes_judge_as_the_single_path_but_for_invariance_lo
 def test_every_claim_of_every_scene_can_be_looked_at_in_lanes(kind: type[Scene]):
     found = differences(list(scene_cases(kind, (1, 3), 3, seed=1)))
     assert all(key[1] == "invariance" and y[0] == "failed" for key, _, y in found), found
+
+
+Bob = mechanism(
+    "Bob",
+    [Link("ground"), Link("rail", 1.0), Link("bob", 1.0)],
+    [
+        Joint("x", "prismatic", "ground", "rail", axis=(1.0, 0.0, 0.0)),
+        Joint("y", "prismatic", "rail", "bob", axis=(0.0, 1.0, 0.0)),
+    ],
+    [distance("rod", "bob", "ground", 1.0)],
+)
+"""A bob on a rod, whose generalized speed is ẏ: of none where the rod is upright."""
+
+
+def test_where_a_lane_has_no_speeds_what_needs_none_is_judged():
+    scene, residual = Bob(), {}
+    cases = [
+        (scene, State(np.array(q), np.array([-q[1], q[0]]), 0.0)) for q in ([0.6, 0.8], [0.0, -1.0])
+    ]
+    ((_, case),) = lane_cases(cases, ALL)
+    for one in case.look(["constraint-acceleration"]):
+        residual[one.subject] = [NAMES[verdict] for verdict in one.verdict]
+    refusing = {"el", "em", "ml", "kane"}
+    assert residual == {
+        f.key: ["passed", "absent" if f.key in refusing else "passed"] for f in case.formulations
+    }
 
 
 @pytest.mark.night

@@ -1,16 +1,17 @@
-"""What the power balance is told of all copies at once is what each of them says."""
+"""Power balances of all copies at once are those of each; invariance in what does not refuse."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import eomcheck
 from eomcheck.claims.physics import _Rates
 from eomcheck.claims.strata import state_cases
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.scenes import SCENES
+from eomcheck.scenes import SCENES, Snake
 
 
 @pytest.mark.parametrize("key", SCENES)
@@ -30,3 +31,17 @@ def test_energies_and_bodies_of_all_copies_change_as_those_of_each(key: str):
         of_one = found(copy)
         assert np.array_equal(power[:, i], of_one[0])
         assert np.array_equal(bodies[i], of_one[1])
+
+
+def test_where_one_formulation_refuses_the_turned_scene_the_others_are_compared():
+    """Turned by 0.75 rad the one wheel rolls along x, where El and Em have to refuse."""
+    scene, q = Snake([1.0], [1.0], [0.1], None, [0.0]), np.array([0.3, 0.2, -0.75])
+    v = eomcheck.velocity(scene, q, [1.0, 0.5])
+    found = eomcheck.check(scene, q, v, engines=[], claims=["invariance"])
+    moved: dict[str, set[str]] = {}
+    for one in found:
+        assert one.verdict == "passed", str(one)
+        name, _, key = one.subject.partition(": ")
+        moved.setdefault(name, set()).add(key)
+    assert moved["translation"] == moved["mirror"] == set(FORMULATIONS)
+    assert moved["rotation"] == set(FORMULATIONS) - {"el", "em"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import subprocess
@@ -131,6 +132,21 @@ def test_a_class_of_a_package_that_is_not_installed_is_found_from_its_root():
     code = python_of(Free(), State(*Free().initial_state(), 0.0))
     assert str(Path(__file__).parents[2]) in code
     assert run(code) == ""
+
+
+@pytest.mark.parametrize("file", ["inner.py", "inner/__init__.py"])
+def test_a_class_of_a_package_within_a_package_is_found_from_its_root(tmp_path, monkeypatch, file):
+    path = tmp_path / "outer" / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "outer" / "__init__.py").write_text("")
+    path.write_text("from eomcheck.scenes import Sleigh\n\n\nclass Own(Sleigh):\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("outer", "outer.inner"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    scene: Sleigh = importlib.import_module("outer.inner").Own()
+    code = python_of(scene, State(*scene.initial_state(), 0.0))
+    root = f"sys.path.insert(0, {str(tmp_path.resolve())!r})\nfrom outer.inner import Own\n"
+    assert root in code
 
 
 def test_an_engine_on_trial_and_our_scenes_are_found_again(tmp_path):

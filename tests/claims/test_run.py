@@ -69,6 +69,15 @@ def test_another_seed_draws_other_states_and_the_same_seed_the_same():
     assert states(1) != states(2)
 
 
+def test_another_seed_moves_the_example_of_a_kind_otherwise():
+    runs = Run(), Run()
+    for seed, run in enumerate(runs):
+        run.look_at_kind(Sleigh, Selection.of(**KINETIC, scenes=[Sleigh]), (1, 1), 1, seed)
+    one, other = (run.drawn[0] for run in runs)
+    assert repr(one.scene) == repr(other.scene) == repr(Sleigh.example())
+    assert not np.array_equal(one.state.v, other.state.v)
+
+
 def test_scenes_of_all_numbers_of_links_are_drawn():
     run, selection = Run(), Selection.of(**KINETIC)
     run.look_at_kind(Snake, selection, (1, 3), 30, 0)

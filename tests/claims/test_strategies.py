@@ -16,7 +16,7 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import UNHURRIED
-from eomcheck.scenes import SCENES, Snake
+from eomcheck.scenes import SCENES, Snake, TurntableBall
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 
@@ -160,6 +160,11 @@ def test_states_are_drawn_within_the_bounds(state):
     # Two components of 1.5 along orthonormal directions.
     assert np.linalg.norm(state.v) <= (1.5 + allowed_error(1.5)) * math.sqrt(2)
     assert state.t == 0.0
+
+
+@given(strategies.states(TurntableBall.example(), time=0.5))
+def test_times_of_a_driven_scene_are_drawn_within_the_bound(state):
+    assert 0.0 <= state.t <= 0.5
 
 
 @given(strategies.states(Snake.coil(2), position=0.0, angle=0.0, speed=0.0))

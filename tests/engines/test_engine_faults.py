@@ -255,6 +255,13 @@ def test_what_an_engine_does_not_offer_is_told_once_in_a_run():
     ]
 
 
+def test_what_an_engine_does_not_offer_is_told_of_every_engine():
+    engines = [type(key, (planar(),), {"key": key}) for key in ("one", "other")]
+    found = eomcheck.validate(SCENE, examples=1, engines=engines, claims=["generalized-forces"])
+    unseen = [f.subject for f in found if f.verdict == "not looked at"]
+    assert unseen == ["one", "other"]
+
+
 def test_without_constraints_nothing_of_them_is_missing():
     scene = ChainPendulum.example()
     found = eomcheck.check(scene, *scene.initial_state(), engines=[planar()], claims=ASKING)

@@ -12,7 +12,10 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.claims import run
 from eomcheck.claims.case import OFTEN, ONCE
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.engines import Answers, Engine
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum
 
 SCENE = ChainPendulum([1.0, 2.0], [1.0, 0.5], [0.1, 0.2])
@@ -53,6 +56,32 @@ def test_an_answer_that_is_wrong_after_a_hundred_calls_fails():
     engine = counting("bias", lambda n: n > 100, lambda B: 1.001 * B)
     (detail,) = failed(engine, "bias")
     assert "a new engine answers right: it keeps what it was asked before" in detail
+
+
+def test_one_wrong_answer_fails_though_later_ones_differ_by_rounding():
+    random = np.random.default_rng(0)
+
+    def answer(B: Any) -> Any:
+        return 1.5 * B if next(count) == 30 else B * (1.0 + 2.0**-52 * random.integers(0, 2))
+
+    count = iter(range(10**6))
+    (detail,) = failed(counting("bias", lambda n: True, answer), "bias")
+    assert "bias, row" in detail
+
+
+def test_an_engine_that_is_wrong_now_and_then_while_it_moves_fails_at_the_first_such_state():
+    class Now(planar()):
+        calls = 0
+
+        def bias(self, q, v, t=0.0):
+            self.calls += bool(v.any())
+            return super().bias(q, v, t) * (1.0 + 0.1 * (self.calls % 37 == 0))
+
+    first = Run()
+    selection = Selection.of(engines=[Now], claims=["bias"], scenes=[SCENE])
+    for v, verdict in ((0 * V, "passed"), (V, "failed")):
+        (found,) = first.look_at(SCENE, State(Q, v), selection)
+        assert found.verdict == verdict
 
 
 def test_an_answer_that_is_none_now_and_then_fails():

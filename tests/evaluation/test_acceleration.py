@@ -23,6 +23,8 @@ from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.words import Joint, Link, coupling
 from eomcheck.numbers import banded, linear
 from eomcheck.scenes import Bicycle, Snake
 from eomcheck.strategies import NEGLIGIBLE
@@ -39,6 +41,34 @@ V = velocity(SNAKE, Q, [1.5, -0.75])
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
 pairs = pytest.mark.parametrize(("f", "g"), list(combinations(FORMULATIONS, 2)))
+
+
+Trains = mechanism(
+    "Trains",
+    [Link("ground"), *(Link(name, 1.0) for name in "abcd")],
+    [Joint(f"x_{name}", "prismatic", "ground", name, axis=(1.0, 0.0, 0.0)) for name in "abcd"],
+    [coupling("fast", "x_a", "x_b", 1.0), coupling("slow", "x_c", "x_d", 1.0)],
+)
+"""Two pairs of bodies, each as fast as the other."""
+
+
+def test_the_row_that_is_violated_is_named_and_not_a_larger_residual_that_rounding_explains():
+    fast = 1e12
+    v = [fast, np.nextafter(fast, np.inf), 1.0, 1.0 + 1e-5]
+    with pytest.raises(InconsistentVelocityError) as raised:
+        check_consistent(Evaluation(Trains(), np.zeros(4), v))
+    assert "the constraint of slow: |a v + b| = 1e-05 m/s, allowed " in str(raised.value)
+    with pytest.raises(InconsistentVelocityError, match="the constraint of fast"):
+        check_consistent(Evaluation(Trains(), np.zeros(4), [fast, 1.1 * fast, *v[2:]]))
+
+
+def test_in_other_coordinates_the_matrices_of_those_are_solved():
+    au = FORMULATIONS["au"]
+    maps = np.eye(5), np.eye(5) - np.diag([0.0, 0.0, 0.9, 0.9], -1)
+    at = Evaluation(SNAKE, Q, V)
+    one, other = (at.acceleration_in(au, T) for T in maps)
+    assert other.rcond == Evaluation(SNAKE, Q, V).acceleration_in(au, maps[1]).rcond != one.rcond
+    assert_agree(at.acceleration(au), other)
 
 
 def assert_agree(first, second):

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from tests.evaluation.test_acceleration import stretched
 
 import eomcheck
 from eomcheck import strategies
@@ -163,3 +164,10 @@ def test_accuracy_and_enclosure_come_back_from_another_process(key: str):
     assert again.truth.digits == found.truth.digits
     assert np.array_equal(again.truth.doubles(), found.truth.doubles())
     assert all(x.contains(y) for x, y in zip(again.truth.vdot, found.truth.vdot, strict=True))
+
+
+def test_a_pivoted_partition_is_asked_for_at_a_velocity_too():
+    scene, q, v = stretched(3)
+    with pytest.raises(RefusedError):
+        eomcheck.accuracy(scene, "el", q, v=v)
+    assert eomcheck.accuracy(scene, "el", q, v=v, pivoted=True).digits > 10

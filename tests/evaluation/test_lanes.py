@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluation.lanes import substituted
+from eomcheck.evaluation.lanes import LaneEvaluation, substituted
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import TurntableBall
 
 
 def test_a_triangle_is_solved_as_it_stands_in_every_lane():
@@ -21,3 +23,11 @@ def test_entries_far_apart_in_one_lane_leave_the_others_alone():
         found = substituted(R, np.ones((2, 2)))
     assert found[0].tolist() == [1.0, 1.0]
     assert not np.isfinite(found[1]).all()
+
+
+def test_a_state_of_a_lane_is_that_of_its_own_time():
+    scene = TurntableBall.example()
+    states = [State(*scene.initial_state(), t) for t in (0.5, 2.0)]
+    at = LaneEvaluation([scene, scene], states)
+    assert [at.state_of(lane).t for lane in (0, 1)] == [0.5, 2.0]
+    assert [at.alone(lane).t for lane in (0, 1)] == [0.5, 2.0]

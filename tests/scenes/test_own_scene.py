@@ -22,6 +22,7 @@ from eomcheck import (
     validate,
     velocity,
 )
+from eomcheck.claims.blame import raised_in
 from eomcheck.engines import ALWAYS, ENGINES, Answers, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluation.doubles import Evaluation
@@ -32,6 +33,7 @@ from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers.generic import NotRationalError, generic
+from eomcheck.scenes import Sleigh
 
 
 class Masses(NamedTuple):
@@ -436,3 +438,19 @@ def test_a_scene_that_lacks_a_part_of_the_contract_cannot_be_made():
 
     with pytest.raises(TypeError, match="abstract"):
         Half()
+
+
+def test_of_functions_of_a_scene_that_call_each_other_the_one_that_raises_is_named():
+    class Own(Sleigh):
+        @staticmethod
+        def helper():
+            raise ValueError("no number")
+
+        @staticmethod
+        def constraint(parameters, prepared, q, v):
+            return Own.helper()
+
+    with pytest.raises(ValueError, match="no number") as raised:
+        Own.constraint(None, None, None, None)
+    said = raised_in(Own.example(), raised.value)
+    assert said.startswith("Own.helper raised ValueError: no number (test_own_scene.py, line ")

@@ -83,6 +83,7 @@ def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
             found = scene.topology | {MOTION: ways.get(MOTION)}
             assert scene.links == links
             assert {name: found[name] for name in ways} == ways
+            assert scene.p > 0, "a motion is left"
 
 
 @pytest.mark.sampled(2)
@@ -480,6 +481,16 @@ def test_urdfs_have_only_the_joints_that_are_asked_for():
         assert text.count("<inertial>") == text.count("<link ") - 1
     every = set().union(*map(types, draw(strategies.urdfs(joints=URDF_JOINTS), 80, 0)))
     assert every == {"continuous", "prismatic", "fixed", "planar", "floating"}
+
+
+def test_joints_of_a_urdf_are_written_in_any_order():
+    choices, early = FromGenerator(np.random.default_rng(2)), 0
+    for _ in range(10):
+        known = {"ground"}
+        for joint in urdf_tree(4, choices).joints:
+            early += joint.parent not in known
+            known.add(joint.child)
+    assert early >= 5
 
 
 @pytest.mark.parametrize("joints", [["prismatic"], ["revolute", "ball"], [], "revolute"])

@@ -72,6 +72,18 @@ def test_a_transposed_null_space_is_refused():
         check_shapes(Transposed.coil(3))
 
 
+def test_a_wrong_shape_is_told_of_the_structure_that_has_it_after_one_that_has_not():
+    def energies(parameters, angles, q, v):
+        T, U = Snake.energies(parameters, angles, q, v)
+        return T, None if U is None else np.array([U, U])
+
+    kind = type("Sprung", (Snake,), {"energies": staticmethod(energies)})
+    one = np.ones(3)
+    check_shapes(kind(one, one, one, None, one))
+    with pytest.raises(InputError, match=r"energies: U has shape \(2,\), expected \(\)"):
+        check_shapes(kind(one, one, one, [1.0, 1.0], one))
+
+
 class Odd:
     """An object of which everything raises."""
 
