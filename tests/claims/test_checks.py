@@ -7,7 +7,7 @@ from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck.claims import accelerations
-from eomcheck.claims.finding import diagnose, judge, worst_entry
+from eomcheck.claims.finding import diagnose, judge, told_apart, worst_entry
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.engines import ALWAYS
@@ -62,6 +62,22 @@ def test_a_diagnosis_says_what_is_wrong(change, says):
 
 def test_a_diagnosis_names_an_entry_that_should_vanish():
     assert diagnose(np.array([0.0, 1.0]), np.zeros(2), 1e-12) == "should vanish"
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "said"),
+    [
+        (1.0, 2.0, ("1", "2")),
+        (0.57735027, 0.57735031, ("0.57735027", "0.57735031")),
+        (1.0, 1.0 + 2.0**-52, ("1", "1.0000000000000002")),
+        (0.1, 0.1, ("0.1", "0.1")),
+        (float("nan"), 1.0, ("nan", "1")),
+    ],
+)
+def test_two_numbers_that_differ_are_printed_with_the_digits_in_which_they_do(x, y, said):
+    assert told_apart(x, y) == said
+    if said == ("0.57735027", "0.57735031"):
+        assert diagnose(np.array([x]), np.array([y]), 1e-12) == f"{said[0]}, expected {said[1]}"
 
 
 def test_the_worst_entry_is_named_along_each_axis():

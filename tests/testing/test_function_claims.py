@@ -217,6 +217,7 @@ def test_a_stale_answer_that_depends_on_differences_of_coordinates_shows():
     assert [one.subject for one in found if one.verdict == "failed"] == ["gravity"]
 
 
+@pytest.mark.night
 def test_a_period_of_as_many_calls_as_each_state_takes_shows():
     """Stale answers would fall on the same call of each state if all took as many."""
     calls = []

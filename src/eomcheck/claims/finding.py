@@ -216,7 +216,14 @@ def diagnose(
     """
     worst = worst_of(found - expected) if worst is None else worst
     what = resembles(found, expected, allowed, worst)
-    return what or f"{found[worst]:.6g}, expected {expected[worst]:.6g}"
+    x, y = told_apart(found[worst], expected[worst])
+    return what or f"{x}, expected {y}"
+
+
+def told_apart(x: float, y: float, digits: int = 6) -> tuple[str, str]:
+    """Two numbers as texts, by so many digits or as many more as they need to differ."""
+    texts = [(f"{x:.{count}g}", f"{y:.{count}g}") for count in range(digits, 18)]
+    return next((each for each in texts if each[0] != each[1]), texts[0])
 
 
 def resembles(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eomcheck.claims.finding import DECIDED, Finding, resembles, worst_of
+from eomcheck.claims.finding import DECIDED, Finding, resembles, told_apart, worst_of
 from eomcheck.claims.registry import CLAIMS
 from eomcheck.engines import (
     ENGINES,
@@ -326,10 +326,11 @@ def said_on_trial(kind: type[Engine], found: Array, expected: Array, allowed: fl
     """
     worst = worst_of(found - expected)
     what = resembles(found, expected, allowed, worst)
-    numbers = f"found {found[worst]:.9g}, expected {expected[worst]:.9g}"
+    x, y = told_apart(found[worst], expected[worst], 9)
+    numbers = f"found {x}, expected {y}"
     if kind.reads_file:
         what = ""
-        numbers = f"{found[worst]:.9g} by the library, {expected[worst]:.9g} by eomcheck"
+        numbers = f"{x} by the library, {y} by eomcheck"
     if largest(found - expected) <= FLOAT32 * largest(expected):
         what = "as large as the rounding of single precision"
     return f"{numbers}: {what}" if what else numbers

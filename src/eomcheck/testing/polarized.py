@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import EVERY_ROW, Finding
+from eomcheck.claims.finding import EVERY_ROW, Finding, told_apart
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.contract import Array
 from eomcheck.testing.answers import BrokenError
@@ -133,7 +133,7 @@ def _text(one: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
         if abs(lost.got) <= lost.allowed < abs(lost.expected) and moved:
             what = f"missing, {extra.name} in its place"
             return f"row {names[lost.row]}, {lost.name}: {what}: {lost.expected:.6g}"
-    numbers = f"got {got:.6g}, expected {expected:.6g}"
+    numbers = "got {}, expected {}".format(*told_apart(got, expected))
     if abs(expected) <= near:
         return f"row {names[one.row]}, {one.name}: should vanish: got {got:.6g}"
     known = {-1.0: "wrong sign", 0.0: "missing", 0.5: "half", 2.0: "twice as large"}
