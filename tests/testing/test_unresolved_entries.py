@@ -136,7 +136,7 @@ def test_verdicts_by_number_are_those_of_ranks():
 # ---- Beside a jump -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("near", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("near", [3e-3, 1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("factor", [1.5, -1.0, 0.0])
 @pytest.mark.sampled(3)
 def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
@@ -151,7 +151,7 @@ def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
     details = {one.claim: one.detail for one in found if one.verdict == "failed"}
     assert "bias-of-mass-matrix" in details
     jump = "bias jumps within 0.001 of this state"
-    assert (jump in details["bias-of-mass-matrix"]) == (near < 1e-3)
+    assert (jump in details["bias-of-mass-matrix"]) == (near <= 1e-3)
 
 
 @pytest.mark.parametrize("away", [1e-5, pytest.param(4e-4, marks=pytest.mark.night)])

@@ -125,10 +125,21 @@ def jumps_on(values: Array) -> Array:
 
 
 def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> bool:
-    """Whether an entry of f jumps within `NEAR` of x, per half width of the ranges; see `noise`."""
-    line = Line(17, NEAR / 8.0, (), np.fmin.reduce)
+    """Whether an entry of f jumps within `NEAR` of x, per half width of the ranges; see `noise`.
+
+    On one of the lines any two coordinates go opposite ways: their difference changes on it too.
+    """
+    line, lines = Line(17, NEAR / 8.0, (), np.fmin.reduce), [width, *opposite(len(x)) * width]
     with np.errstate(all="ignore"):
-        return bool(jumps_on(_values(f, x, width, line, np.random.default_rng(seed))).any())
+        # The same directions each time, but for their signs.
+        along = (_values(f, x, y, line, np.random.default_rng(seed)) for y in lines)
+        return any(bool(jumps_on(values).any()) for values in along)
+
+
+def opposite(count: int) -> Array:
+    """Signs (rows, count): any two entries have opposite ones in one of the rows."""
+    digits = np.arange(count) >> np.arange(max(count - 1, 1).bit_length())[:, None] & 1
+    return 1.0 - 2.0 * digits
 
 
 def size_of(value: Array) -> Array:

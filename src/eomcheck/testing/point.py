@@ -12,7 +12,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.derivative import gradient
 from eomcheck.testing.measured import Measured, contract, exact
-from eomcheck.testing.noise import jumps, noise, size_of
+from eomcheck.testing.noise import jumps, noise, opposite, size_of
 from eomcheck.testing.subject import Functions
 
 FLIPS = 4
@@ -96,11 +96,10 @@ class Point:
 
         So that terms in v_i v_j that cancel at v do not cancel in all.
         """
-        p = len(self.v)
-        digits = np.arange(p) >> np.arange(max(p - 1, 1).bit_length())[:, None] & 1
-        more = max(FLIPS - len(digits), 0)
-        drawn = np.random.default_rng(self.seed).choice((-1.0, 1.0), (more, p))
-        return np.concatenate((1.0 - 2.0 * digits, drawn))
+        signs = opposite(len(self.v))
+        more = max(FLIPS - len(signs), 0), len(self.v)
+        drawn = np.random.default_rng(self.seed).choice((-1.0, 1.0), more)
+        return np.concatenate((signs, drawn))
 
     def of(self, name: str) -> Measured:
         """Return what the function `name` answers."""
