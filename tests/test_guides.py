@@ -34,6 +34,7 @@ def shifted(path: Path) -> Formulation:
         ("shifted = M + np", "shifted = M - np"),
     ],
 )
+@pytest.mark.sampled(2)
 def test_a_mistake_in_an_added_formulation_is_found_and_named(tmp_path, monkeypatch, old, new):
     source = SHIFTED.read_text(encoding="utf-8")
     assert source.count(old) == 1

@@ -145,6 +145,7 @@ def test_a_justified_refusal_of_the_initial_state_is_no_failure():
     assert not [finding for finding in findings if finding.verdict == "failed"]
 
 
+@pytest.mark.night
 def test_hopeless_states_are_inconclusive_not_passed():
     snake = Snake.pattern(60)
     q, _ = snake.initial_state()

@@ -269,13 +269,14 @@ SLIGHT = 2.0**-30
 @pytest.mark.parametrize(
     ("claim", "key"), [(c, key) for c, about in ABOUT.items() for key in about]
 )
+@pytest.mark.sampled(2)
 def test_where_nothing_is_wrong_no_claim_fails_and_some_finding_passes(claim: str, key: str):
     found = findings(claim, key, Part("terms", "M"), (0, 0), 0)
     assert {f.verdict for f in found} == {"passed"}
     assert worst(found).ratio < 0.1
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @cases
 def test_a_claim_fails_where_any_number_that_it_is_about_is_slightly_wrong(claim, key, part):
     for entry in part.each_entry(shape_of(key, part)):
@@ -284,7 +285,7 @@ def test_a_claim_fails_where_any_number_that_it_is_about_is_slightly_wrong(claim
         assert all(f.claim == claim for f in found)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @cases
 def test_ten_times_the_allowed_error_fails_and_a_tenth_passes(claim, key, part):
     entry = next(part.each_entry(shape_of(key, part)))
@@ -364,7 +365,7 @@ def test_every_identity_is_disproved_somewhere_below():
     assert {claim for claim, _, _ in PROVED} == {id for id in CLAIMS if CLAIMS[id].proved}
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize(
     ("claim", "key", "part"),
     [pytest.param(*case, id=", ".join(map(str, case))) for case in PROVED],

@@ -144,7 +144,7 @@ def test_the_source_as_it_is_shows_no_fault(file: str):
         assert first_failure(kind_in(module, file), FORMULATIONS) is None
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:

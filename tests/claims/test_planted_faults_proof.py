@@ -67,7 +67,7 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
     return min(failed, key=lambda finding: order.index(finding.claim), default=None)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:

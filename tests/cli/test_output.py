@@ -62,7 +62,7 @@ def test_output_that_is_lost_on_its_way_is_said_and_the_file_is_there(tmp_path: 
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.night
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
 def test_characters_that_an_encoding_lacks_are_written_by_name(tmp_path: Path, encoding: str):
     file, env = tmp_path / "found.json", {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}

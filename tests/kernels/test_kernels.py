@@ -702,6 +702,7 @@ def run(code: str, **how: Any) -> str:
     [("import eomcheck", "set()"), (MOVED, "{'llvmlite'}"), (MOVED + LOOKED_AT, "{'llvmlite'}")],
     ids=["import", "simulate", "validate"],
 )
+@pytest.mark.sampled(3)
 def test_nothing_imports_numba(code, loaded):
     assert run(f"{code}\n{LOADED}") == loaded
 

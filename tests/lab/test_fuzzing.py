@@ -147,6 +147,7 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
     assert deepest(True) > 10 * deepest(False) > 0
 
 
+@pytest.mark.night
 def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Path):
     strata = strata_of(Snake, (1, 2))
     here = plan(claims=("equivalence", "power-balance"), formulations=("kane", "au"))

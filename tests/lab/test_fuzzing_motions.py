@@ -54,7 +54,7 @@ def one_round(kind, **options):
 # ---- What is right -------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.night
 @pytest.mark.parametrize("key", ["snake", "sleigh", "turntable-ball", "four-bar-chain"])
 def test_right_motions_are_no_find_and_most_are_told(key: str):
     result = one_round(SCENES[key])

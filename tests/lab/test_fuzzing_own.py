@@ -83,6 +83,7 @@ def test_right_functions_are_no_find(mine, monkeypatch, capsys):
     assert "no find" in said and "bias-of-mass-matrix" in said
 
 
+@pytest.mark.night
 def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
     mine, monkeypatch, capsys, tmp_path: Path
 ):

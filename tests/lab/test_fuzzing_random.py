@@ -83,7 +83,7 @@ def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
     assert same and all(same)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.night
 @both
 def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind):
     stratum = strata_of_any(kind, (1,))[0]

@@ -453,6 +453,7 @@ with Records(path) as records:
 """
 
 
+@pytest.mark.night
 def test_two_processes_write_at_once_from_the_making_of_the_file_on(path: Path):
     for _ in range(3):
         path.unlink(missing_ok=True)

@@ -331,6 +331,7 @@ def test_nothing_is_lost_when_a_dask_worker_is_killed_midway(work, notes: Path, 
 
 
 @pytest.mark.usefixtures("deadline")
+@pytest.mark.night
 def test_an_exception_on_a_dask_worker_is_raised_as_it_was(work, cluster):
     where, _ = cluster
     with pytest.raises(RefusedError, match="M is singular"):

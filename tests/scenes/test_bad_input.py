@@ -94,6 +94,7 @@ CALLS = {
 
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+@pytest.mark.sampled(3)
 def test_odd_input_is_answered_or_refused_in_one_sentence(call):
     refused = 0
     for odd in ODD:

@@ -273,7 +273,7 @@ SEEN = [one for one in Selection.of().claims if one != "machine-code"]
 """Machine code takes longer than all else of a scene that is looked at in one state."""
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.night
 @both_kinds
 def test_formulations_and_engines_agree_on_random_scenes(kind, sized):
     run, selection, count = Run(), Selection.of(claims=SEEN, scenes=[kind]), sized(12, 5)

@@ -211,6 +211,7 @@ def run(code: str) -> str:
     return done.stdout
 
 
+@pytest.mark.night
 def test_the_code_of_a_finding_runs_as_printed(tmp_path):
     path = tmp_path / "own.py"
     check = (

@@ -197,6 +197,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
+@pytest.mark.sampled(2)
 def test_the_first_failure_says_which_function_is_wrong(name: str):
     wrong = WRONG[name]
     first, *others = failures(wrong.own, wrong.names, **wrong.changed)

@@ -47,6 +47,7 @@ SUFFICE = [
 
 
 @pytest.mark.parametrize("names", SUFFICE, ids="-".join)
+@pytest.mark.sampled(2)
 def test_accelerations_are_checked_wherever_inputs_suffice(names: tuple[str, ...]):
     claims = ["motion", "power-balance"]
     right = verdicts(check_functions(**only(*names, "qdd"), states=2, claims=claims))

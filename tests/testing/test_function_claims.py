@@ -183,6 +183,7 @@ WRONG: dict[str, Wrong] = {
 
 
 @pytest.mark.parametrize("nth", [2, 4, 7, 50, 97])
+@pytest.mark.sampled(3)
 def test_an_answer_that_is_stale_in_every_nth_call_fails(nth: int):
     options = {"gravity": Stale(nth).gravity, "states": 8, "claims": REPEAT}
     found = check_functions(**(given("cart") | options))
@@ -412,6 +413,7 @@ def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
 
 
 @pytest.mark.parametrize("id", [id for id, wrong in WRONG.items() if wrong.counted])
+@pytest.mark.sampled(2)
 def test_ten_times_what_is_allowed_fails_and_a_tenth_does_not(id: str):
     if id == "mass-matrix-positive":
         (allowed, per_eps), passes = (worst(id, 0.0).allowed, 2.0), "inconclusive"

@@ -500,7 +500,7 @@ def test_what_cannot_be_told_is_said_and_does_not_fail(name: str):
 
 
 @pytest.mark.parametrize("own", ["cart", "drive"])
-@pytest.mark.sampled(2)
+@pytest.mark.night
 def test_the_file_of_the_guide_runs_and_says_what_it_could_not_tell(own: str):
     path = GUIDES / f"{own}.py"
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=60)

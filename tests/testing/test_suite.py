@@ -616,6 +616,7 @@ def test_few(x):
 """
 
 
+@pytest.mark.night
 def test_the_test_with_hypothesis_that_is_shown_passes_and_finds_a_wrong_sign(session, pytester):
     page = (SHOWN.parent / "in-your-ci.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"^```python\n(.*?)^```$", page, re.S | re.M)
@@ -663,6 +664,7 @@ def kanes(pytester: pytest.Pytester, old: str = "", new: str = "") -> pytest.Run
     return pytester.run(sys.executable, "-c", RUN, *asked)
 
 
+@pytest.mark.night
 def test_an_adapter_of_60_lines_is_checked_by_path_and_by_pytest(session, pytester):
     assert len(KANES.splitlines()) <= 60
     found = kanes(pytester)

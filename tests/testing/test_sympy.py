@@ -143,6 +143,7 @@ def test_a_wrong_force_in_sympy_differs_from_ours():
     assert largest_difference(from_kane(disc(sign=-1), NUMBERS), [2, 3, 4]) > 0.1
 
 
+@pytest.mark.night
 def test_speeds_that_are_not_rates_are_seen_through():
     """M in generalized speeds tells the bias, if nothing is built into it."""
     q1, q2, u1, u2 = dynamicsymbols("q1 q2 u1 u2")

@@ -53,6 +53,7 @@ def spring(factor: float, frequency: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("factor", [2.0, 0.0, -1.0])
 @pytest.mark.parametrize("frequency", [1e4, 1e6, 1e8])
+@pytest.mark.sampled(3)
 def test_a_row_that_no_state_resolves_is_failed_or_named(factor: float, frequency: float):
     claim = "gravity-of-potential"
     found = check_functions(2, **spring(factor, frequency), claims=[claim])
