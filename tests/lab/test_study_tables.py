@@ -10,6 +10,7 @@ import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import study_of
@@ -131,6 +132,8 @@ def test_robots_tell_counts_times_and_each_library_in_its_column():
         Read("arm", "mujoco 3", "agrees", {**apart, "M": 2e-16}, ""),
         Read("arm", "drake 1", "differs", apart, "has an armature"),
         Read("arm", "exudyn", "no answer", {}, "cannot"),
+        Read("arm", "idyntree", "agrees where decided", apart, ""),
+        Read("arm", "pybullet", "inconclusive", apart, ""),
     ]
     settings = {"robot": "arm", "free": False}
     series: dict[str, Any] = {"rows": [vars(one) for one in reads], "left out": [[]]}
@@ -139,11 +142,16 @@ def test_robots_tell_counts_times_and_each_library_in_its_column():
     missing = Record("robots", {"robot": "leg", "free": True}, "refused", "no mujoco")
     ours, theirs = tables("robots", done, missing)
     assert ours == [("arm", "3", "40", "1", "12", "2", "1.2", "0.5")]
-    assert theirs == [("arm", "2e-16", "3e-04 differs", "no answer")]
+    words = ("2e-16", "3e-04 differs", "no answer", "3e-04 agrees where decided")
+    assert theirs == [("arm", *words, "3e-04 inconclusive")]
+    (row,) = list(study_of("robots").sheets([done]))[1].rows
+    looks = [cell.kind for cell in row[1:] if isinstance(cell, Cell)]
+    assert looks == ["passed", "failed", "open", "passed", "open"]
     lines = said("robots", done, missing)
     assert any("no mujoco" in line for line in lines)
     assert any(line.startswith("arm, drake 1: M 3e-04") for line in lines)
-    assert "arm, exudyn: cannot" in lines and not any("mujoco 3" in line for line in lines)
+    assert "arm, exudyn: cannot" in lines
+    assert not any(library in line for line in lines for library in ("mujoco 3", "idyntree"))
 
 
 def test_long_runs_tell_both_laws_and_their_ends():

@@ -148,7 +148,8 @@ def fuzz(
     if replay is not None:
         elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
         many = {"time": time, "states": states, "ration": ration, "records": records, "keep": keep}
-        check_used("with --replay", motions=motions, **elsewhere, **many)
+        how = {"seed": seed or None, "no-climb": not climb, "executor": executor}
+        check_used("with --replay", motions=motions, **elsewhere, **many, **how)
         _replay(replay, formulation, scene)
         return
     scene = "snake" if scene is None else scene

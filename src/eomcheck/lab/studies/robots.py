@@ -173,6 +173,10 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     yield Sheet("robots-by-library", title, ("robot", *libraries), rows)
 
 
+_LOOKS = {"agrees where decided": "passed", "inconclusive": "open", "nothing compared": "open"}
+"""Verdict of a library that differs nowhere -> how its cell looks."""
+
+
 def _key(one: Read) -> str:
     return one.library.partition(" ")[0]
 
@@ -182,16 +186,17 @@ def _cell(one: Read | None) -> Cell:
         return Cell("-", "none")
     if not one.apart:
         return Cell(one.verdict, "open")
+    number = f"{one.apart['M']:.0e}"
     if one.verdict == "agrees":
-        return Cell(f"{one.apart['M']:.0e}", "passed")
-    return Cell(f"{one.apart['M']:.0e} {one.verdict}", "failed")
+        return Cell(number, "passed")
+    return Cell(f"{number} {one.verdict}", _LOOKS.get(one.verdict, "failed"))
 
 
 def said(found: Sequence[Record]) -> Iterator[str]:
     """Yield why libraries differ or gave no answer."""
     yield from unfinished(found)
     for one in rows_of(found, Read):
-        if one.verdict not in ("agrees", "no damping"):
+        if one.verdict not in ("agrees", "agrees where decided", "no damping"):
             apart = ", ".join(f"{name} {one.apart[name]:.0e}" for name in QUANTITIES if one.apart)
             yield f"{one.robot}, {one.library}: {', '.join(filter(None, (apart, one.why)))}"
 
