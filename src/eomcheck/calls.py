@@ -3,9 +3,8 @@
 Whatever calls such code does it through `call`, whose contract has five rules:
 
 1. The result and every `Exception` pass through unchanged, but for rule 5, and so does
-   KeyboardInterrupt. Any other
-   BaseException (SystemExit, GeneratorExit, ...) comes out as a `CallError`: it ends the call, not
-   the command.
+   KeyboardInterrupt. Any other BaseException (SystemExit, GeneratorExit, ...) comes out as a
+   `CallError`: it ends the call, not the command.
 2. In a process of a supervised command (`eomcheck.supervisor`) each call is written on the board of
    its process before it begins and wiped off when it returns. The supervisor reads the board, so
    it knows which call a process died in, and how long a call has been running.

@@ -93,8 +93,13 @@ def _named(flags: int, names: Names) -> Iterator[str]:
 def listing(names: Sequence[str], states: int) -> str:
     """Detail of the finding that lists what is resolved in none of so many states."""
     where = f"any of {states} states" if states > 1 else "this state"
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{UNRESOLVED}{where}: {'; '.join(names[:LISTED])}{more}"
+    return f"{UNRESOLVED}{where}: {shortened(names)}"
+
+
+def shortened(items: Sequence[str]) -> str:
+    """List of the first `LISTED` items in words, and the number of others."""
+    more = f" and {len(items) - LISTED} more" if len(items) > LISTED else ""
+    return f"{'; '.join(items[:LISTED])}{more}"
 
 
 def lists(detail: str) -> bool:

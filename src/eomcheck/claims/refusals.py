@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import null_space, solve_triangular
 
 from eomcheck.claims.case import Case
-from eomcheck.claims.entries import LISTED
+from eomcheck.claims.entries import shortened
 from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.claims.strata import strata_of
@@ -254,8 +254,7 @@ def coverage(drawn: list[Drawn]) -> Finding:
         f"property-tested: {counted(len(drawn), 'state')}",
         f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
         + named
-        + "".join(f"; {one}" for one in never[:LISTED])
-        + (f" and {len(never) - LISTED} more" if len(never) > LISTED else ""),
+        + (f"; {shortened(never)}" if never else ""),
     )
 
 

@@ -69,9 +69,14 @@ def vanishing(subject: str, found: Any, names: Names, terms: Any, sensitivity: A
         terms: magnitudes of the terms that cancel, in each entry or the largest of all.
         sensitivity: see `Sides`.
     """
-    zero, each = np.zeros(np.shape(found), object), np.ndim(terms) > 0
-    sides = Sides(subject, found, zero, names, largest(terms) if each else terms, sensitivity)
-    return sides._replace(sizes=terms) if each else sides
+    zero = np.zeros(np.shape(found), object)
+    sides = Sides(subject, found, zero, names, terms, sensitivity)
+    return sized(sides, terms) if np.ndim(terms) > 0 else sides
+
+
+def sized(sides: Sides, terms: Any) -> Sides:
+    """Sides with the magnitudes of the terms of which each entry is a sum, of their shape."""
+    return sides._replace(size=largest(terms), sizes=terms)
 
 
 def measured_where(told: Any) -> Any:

@@ -18,6 +18,7 @@ from eomcheck.claims.registry import (
     magnitude,
     measured_where,
     numbered,
+    sized,
     speed_names,
     vanishing,
 )
@@ -149,8 +150,7 @@ def active_forces(at: Quantities, look: Look) -> Iterator[Sides]:
     W, Q = at.speeds.W, at.terms.Q
     projected = Q if W is None else W.T @ Q
     terms = magnitude(Q) if W is None else magnitude(W.T, Q)
-    sides = Sides("kane", at.bodies.force, projected, (speed_names(at),), largest(terms))
-    yield sides._replace(sizes=terms)
+    yield sized(Sides("kane", at.bodies.force, projected, (speed_names(at),)), terms)
 
 
 def ml_system(e: Quantities) -> tuple[Array, Array]:
@@ -178,8 +178,7 @@ def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
     force, remainder = at.bodies.force, kane_system(at)[1]
     found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
     terms = magnitude(remainder) + magnitude(force)
-    sides = Sides("kane ~ ml", found, expected, (speed_names(at),), largest(terms))
-    yield sides._replace(sizes=terms)
+    yield sized(Sides("kane ~ ml", found, expected, (speed_names(at),)), terms)
 
 
 @check(

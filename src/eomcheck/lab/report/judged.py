@@ -99,7 +99,7 @@ class Judged:
 
     @property
     def undecided(self) -> str:
-        """Those of which nothing was decided: ", 3 inconclusive, 1 not looked at", or ""."""
+        """Counts of Findings that decide nothing: ", 3 inconclusive, 1 not looked at", or ""."""
         counts = {"inconclusive": self.inconclusive, "not looked at": len(self.unseen)}
         return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 

@@ -113,7 +113,7 @@ class Overview:
 
     @property
     def undecided(self) -> str:
-        """Those of which nothing was decided: "3 inconclusive, 1 not looked at", or ""."""
+        """Counts of Findings that decide nothing: "3 inconclusive, 1 not looked at", or ""."""
         return Judged(tuple(self.rows)).undecided.removeprefix(", ")
 
     @cached_property
