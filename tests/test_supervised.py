@@ -128,6 +128,26 @@ def test_a_barred_call_is_not_made_and_those_before_it_are(tmp_path: Path):
     assert board.call("own.g", lambda: 6, (), False) == 6
 
 
+@pytest.mark.parametrize("letter", ["x", "é", "€"])
+def test_a_call_of_a_long_name_is_barred_by_what_its_board_says(letter, tmp_path: Path):
+    board, seen = calls.Board(tmp_path), list[str]()
+    names = [f"{letter * 150}/{end}" for end in ("own.f", "own.g")]
+
+    def look():
+        here = calls.read(tmp_path / str(os.getpid()))
+        assert here is not None
+        seen.append(here.name)
+
+    for name in names:
+        board.call(name, look, (), False)
+    assert seen[0].endswith("/own.f") and seen[1].endswith("/own.g")
+    assert all(x.startswith(letter * 30) for x in seen)
+    board.barred = {seen[0]: (1, "died")}
+    with pytest.raises(CallError, match=r"own\.f died"):
+        board.call(names[0], pytest.fail, (), False)
+    assert board.call(names[1], lambda: 6, (), False) == 6
+
+
 def test_what_is_barred_stays_so_when_another_function_ends_a_process(monkeypatch):
     monkeypatch.setenv(calls.BARRED, "{}")
     calls.bar("own.f", 3, "ended its process by SIGSEGV")

@@ -114,12 +114,13 @@ class Board:
         """Return function(*arguments), on the board while it runs."""
         if self.busy:
             return function(*arguments)
-        number = self.counts[name]
-        self.counts[name] += 1
-        if name in self.barred and number >= self.barred[name][0]:
-            raise CallError(name, self.barred[name][1])
+        key = _shortened(name)
+        number = self.counts[key]
+        self.counts[key] += 1
+        if key in self.barred and number >= self.barred[key][0]:
+            raise CallError(name, self.barred[key][1])
         self.limit = patience() * (FIRST if slow or not number else 1)
-        word = name.encode()[:_LONGEST]
+        word = key.encode()
         self._map[_HEAD.size : _HEAD.size + len(word)] = word
         self.busy = True
         try:
@@ -127,7 +128,7 @@ class Board:
             return function(*arguments)
         except _NoAnswer:
             what = f"gave no answer in {self.limit:g} s"
-            self.barred[name] = 0, what
+            self.barred[key] = 0, what
             raise CallError(name, what) from None
         finally:
             self.busy = False
@@ -137,6 +138,15 @@ class Board:
         """Raise within the call in progress, if there is one."""
         if self.busy:
             raise _NoAnswer
+
+
+def _shortened(name: str) -> str:
+    """Name of a function in `_LONGEST` bytes; the end of a longer one tells functions apart."""
+    word, half = name.encode(), _LONGEST // 2 - 2
+    if len(word) <= _LONGEST:
+        return name
+    first, last = (x.decode(errors="ignore") for x in (word[:half], word[-half:]))
+    return f"{first}…{last}"
 
 
 class ThreadWatch:

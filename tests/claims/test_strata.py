@@ -32,6 +32,7 @@ from eomcheck.claims.strata import (
     pairs_in,
     rows,
     scene_cases,
+    state_cases,
     strata,
     strata_of,
 )
@@ -66,6 +67,14 @@ def test_a_covering_array_has_every_pair(kind, seed):
         assert any(all(way in ways[x] for x, way in row.items()) for ways in choices(kind))
     # No array is smaller than the two largest strata that meet.
     assert len(made) <= 60
+
+
+@every_kind
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_single_scene_is_drawn_at_rest_too_where_no_clock_drives_it(kind, seed):
+    drawn = list(state_cases(kind.example(), 2 * REST_EVERY, seed))
+    at_rest = [number for number, (_, state) in enumerate(drawn) if not np.any(state.v)]
+    assert at_rest == ([] if kind.example().depends_on_time else [REST_EVERY - 1])
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -56,6 +56,7 @@ def test_an_engine_is_called_by_its_class_unless_it_says_otherwise():
         ({"key": "kane"}, "key = 'kane' is that of something else"),
         ({"key": "my engine"}, "expected letters, digits and underscores"),
         ({"solves_like": "newton"}, "solves_like is none of im, au"),
+        ({"solves_like": "kane"}, "solves_like is none of im, au, el, gw, em, uk"),
         ({"bias": Engine.bias}, "has no bias"),
     ],
 )

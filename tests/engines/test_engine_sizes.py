@@ -272,3 +272,15 @@ def test_where_a_scene_names_no_angles_all_velocities_count():
     m, named = 2.0, inertia_size(Evaluation(Blade(), *state))
     assert named == 0.5 * m * 2.0
     assert inertia_size(Evaluation(Unnamed(), *state)) == 3.5 * m * 2.0
+
+
+def test_an_engine_whose_own_formulation_is_refused_is_undecided_and_named():
+    """The wheel rolls along x, where elimination has to refuse: nothing bounds its rounding."""
+    scene, q = Snake([1.0], [1.0], [0.1], None, [0.0]), np.zeros(3)
+    v = eomcheck.velocity(scene, q, [1.0, 0.5])
+
+    class Own(CasadiEngine):
+        key, solves_like = "own", "el"
+
+    found = eomcheck.check(scene, q, v, engines=[Own], claims=["engine-acceleration"])
+    assert found and {one.verdict for one in found} == {"inconclusive"}, found

@@ -33,7 +33,7 @@ from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers.generic import NotRationalError, generic
-from eomcheck.scenes import Sleigh
+from eomcheck.scenes import Sleigh, Snake
 
 
 class Masses(NamedTuple):
@@ -454,3 +454,36 @@ def test_of_functions_of_a_scene_that_call_each_other_the_one_that_raises_is_nam
         Own.constraint(None, None, None, None)
     said = raised_in(Own.example(), raised.value)
     assert said.startswith("Own.helper raised ValueError: no number (test_own_scene.py, line ")
+
+
+class WithoutQ(Snake):
+    """A snake whose terms leave its forces out, and whose bodies do not."""
+
+    @staticmethod
+    def terms(*state):
+        return Snake.terms(*state)._replace(Q=None)
+
+
+class WithoutActive(Snake):
+    """A snake whose bodies leave their active forces out, and whose terms do not."""
+
+    @staticmethod
+    def bodies(*state):
+        return Snake.bodies(*state)._replace(force=None)
+
+
+@pytest.mark.parametrize("kind", [WithoutQ, WithoutActive])
+def test_forces_that_one_of_two_derivations_leaves_out_fail_by_name(kind):
+    scene = kind.example()
+    q, v = scene.initial_state()[:2]
+    claims = ["generalized-forces", "active-forces"]
+    found = check(scene, q, v, engines=["casadi"], claims=claims)
+    failed = [(one.claim, one.subject) for one in found if one.verdict == "failed"]
+    expected = [("active-forces", "kane")]
+    if kind is WithoutQ:
+        expected.insert(0, ("generalized-forces", "casadi"))
+    assert failed == expected
+
+
+def test_forces_that_nobody_has_are_not_compared():
+    assert not check(Sleigh(), *Sleigh().initial_state(), claims=["generalized-forces"])

@@ -14,6 +14,7 @@ from tests.testing.trees import random_tree
 from eomcheck.claims.finding import Finding
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing.subject import INPUTS
 
 CART, DRIVE = guide("cart"), guide("drive")
 REPEAT = ["answers-repeat"]
@@ -102,7 +103,9 @@ def singular(eps: float) -> dict[str, Any]:
 
 
 def factory_of(eps: float) -> dict[str, Any]:
-    return {"factory": lambda: {"gravity": lambda q: CART.gravity(q) + eps * np.array([0, 1, 0])}}
+    wrong = {"gravity": lambda q: CART.gravity(q) + eps * np.array([0, 1, 0])}
+    right = {name: one for name, one in given("cart").items() if name in INPUTS}
+    return {"factory": lambda: right | wrong}
 
 
 def cubic(q, v):
@@ -423,3 +426,50 @@ def test_ten_times_what_is_allowed_fails_and_a_tenth_does_not(id: str):
         allowed = worst(id, 100.0 * large.allowed / per_eps).allowed
     assert worst(id, 10.0 * allowed / per_eps).verdict == "failed"
     assert worst(id, 0.1 * allowed / per_eps).verdict == passes
+
+
+def test_a_write_into_arguments_before_an_exception_fails_too():
+    def gravity(q):
+        q[0] += 1.0
+        raise ValueError("no gravity here")
+
+    functions: dict[str, Any] = given("cart") | {"gravity": gravity}
+    found = check_functions(**functions, states=1)
+    written = [one for one in found if one.claim == "arguments-unchanged"]
+    assert [one.subject for one in written if one.verdict == "failed"] == ["gravity"]
+
+
+@pytest.mark.parametrize("writes", [False, True])
+def test_a_write_into_arrays_of_another_library_fails(writes):
+    class Copied(list):
+        """Stands for an array of another library, whose memory is its own."""
+
+    def gravity(q):
+        found = CART.gravity(np.array(q))
+        q[1] += 0.5 * writes
+        return found
+
+    found = check_functions(3, gravity=gravity, array=lambda x: Copied(x.tolist()), states=1)
+    written = [one.verdict for one in found if one.claim == "arguments-unchanged"]
+    assert written == ["failed" if writes else "passed"]
+
+
+def test_a_function_that_the_factory_does_not_make_is_named():
+    made = {"gravity": CART.gravity}
+    functions: dict[str, Any] = given("cart") | {"factory": lambda: made}
+    found = check_functions(**functions, states=1)
+    fresh = {x.subject: (x.verdict, x.detail) for x in found if x.claim == "fresh-answer"}
+    assert fresh["gravity"][0] == "passed"
+    assert fresh["M"] == ("not looked at", "the factory makes no M")
+
+
+def test_an_answer_of_the_last_call_is_seen_where_only_differences_of_coordinates_count():
+    last = [np.zeros(3)]
+
+    def gravity(q):  # of a chain that is not held anywhere, one call late after 1 radian
+        here = np.array([q[0], -q[0], 0.0]) - np.array([q[1], -q[1], 0.0])
+        kept, last[0] = last[0], here
+        return kept if np.abs(kept - here).max() < 0.3 else here
+
+    found = check_functions(3, gravity=gravity, states=1, claims=["same-answer"])
+    assert [one.verdict for one in found] == ["failed"]

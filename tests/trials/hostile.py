@@ -378,6 +378,7 @@ def main() -> int:
     parser.add_argument("--kind", default="", help="only kinds that begin so")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=60.0, help="seconds an input")
+    parser.add_argument("--markdown", type=Path, help="write the table to this file too")
     options = parser.parse_args()
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     done = 0
@@ -396,7 +397,10 @@ def main() -> int:
                 advance()
     columns = ["kind", "inputs", "code 0", "code 1", "code 2", "breaches"]
     rows = [[kind, *(str(of[x]) for x in columns[1:])] for kind, of in counts.items()]
-    print_sheets([Sheet("hostile", "Hostile inputs", columns, rows)])
+    sheet = Sheet("hostile", "Hostile inputs", columns, rows)
+    print_sheets([sheet])
+    if options.markdown is not None:
+        options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     breaches = sum(of["breaches"] for of in counts.values())
     print(f"{done} of {len(every)} inputs, {breaches} breaches")
     return int(breaches > 0 or len(every) < LEAST or done < len(chosen))

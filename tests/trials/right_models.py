@@ -82,6 +82,9 @@ def main() -> int:
     parser.add_argument("--markdown", type=Path, help="write the table to this file too")
     options = parser.parse_args()
     wanted = [k for k, one in enumerate(models()) if one.origin.startswith(options.origin)]
+    if not wanted:
+        known = ", ".join(dict.fromkeys(one.origin for one in models()))
+        parser.error(f"--origin {options.origin!r}: no model of it, expected one of {known}")
     rows: dict[str, list[int]] = defaultdict(lambda: [0] * 5)
     with Progress(len(wanted)) as progress:
         for index, counts, alarms in progress.of(judgements(wanted, options.seed, options.jobs)):

@@ -261,15 +261,20 @@ class Case(AtDoubles):
         """Yield the Findings of a term being what each engine says."""
 
         def quantity(e: Evaluation) -> Any:
-            return term_of(e, term)
+            found = term_of(e, term)
+            return np.zeros(np.shape(theirs)) if found is None else found
 
-        ours, sensitivity = quantity(self.at), None
+        absent, sensitivity = term_of(self.at, term) is None, None
         state = (self.at.q, self.at.v, self.at.t)
-        for engine in () if ours is None else self.taking_part:
+        for engine in self.taking_part:
             theirs = trial.answer(self, engine, *state)
             if isinstance(theirs, Finding) or isinstance(engine, type):
-                yield theirs
+                if not absent or theirs.verdict == "failed":
+                    yield theirs
                 continue
+            if absent and not np.any(theirs):
+                continue  # nobody has this term
+            ours = quantity(self.at)
             if sensitivity is None:
                 sensitivity = sensitivity_of(self.at, quantity, coordinates=True)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.

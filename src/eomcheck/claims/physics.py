@@ -176,7 +176,9 @@ def invariance(case: Case) -> Iterator[Finding]:
         for formulation in case.solved:
             try:
                 found = there.acceleration(formulation).vdot
-            except RefusedError:
+            except RefusedError as refused:
+                why = "not looked at", "property-tested", f"refused after that: {refused}"
+                yield case.finding(f"{symmetry.name}: {formulation.key}", 0.0, 0.0, *why)
                 continue
             expected = symmetry.image @ at.acceleration(formulation).vdot
             # A turn adds to every angle, whose rounding then is that of larger numbers.

@@ -145,12 +145,18 @@ def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
 def active_forces(at: Quantities, look: Look) -> Iterator[Sides]:
     """Kane's active forces, from the bodies, are Lagrange's, projected."""
-    if not look.has_speeds or at.terms.Q is None or at.bodies.force is None:
+    if not look.has_speeds:
         return
-    W, Q = at.speeds.W, at.terms.Q
-    projected = Q if W is None else W.T @ Q
-    terms = magnitude(Q) if W is None else magnitude(W.T, Q)
-    yield sized(Sides("kane", at.bodies.force, projected, (speed_names(at),)), terms)
+    W, Q, force = at.speeds.W, at.terms.Q, at.bodies.force
+    if Q is None and force is None:
+        return
+    if Q is None:
+        projected, terms = np.zeros(at.scene.p, object), magnitude(force)
+    else:
+        projected = Q if W is None else W.T @ Q
+        terms = magnitude(Q) if W is None else magnitude(W.T, Q)
+    found = np.zeros(at.scene.p, object) if force is None else force
+    yield sized(Sides("kane", found, projected, (speed_names(at),)), terms)
 
 
 def ml_system(e: Quantities) -> tuple[Array, Array]:

@@ -141,7 +141,7 @@ def pairs(choices: Iterable[Ways]) -> set[Pair]:
 
 
 def covering(choices: list[Ways], random: np.random.Generator) -> list[Row]:
-    """Return rows in which every pair of ways occurs, each row by one of `choices`.
+    """Return rows in which every way and every pair of ways occurs, each row by one of `choices`.
 
     Greedy: a row begins with a pair that is missing, and takes on what brings most missing pairs.
     Nothing is at rest that need not be.
@@ -164,7 +164,8 @@ def covering(choices: list[Ways], random: np.random.Generator) -> list[Row]:
             row[str(name)] = str(among[int(np.argmax(gains))])
         missing -= pairs_in(row)
         rows.append(row)
-    return rows
+    alone = [ways for ways in choices if len(ways) == 1]  # which has no pairs
+    return rows + [{name: way} for ways in alone for name, of in ways.items() for way in of]
 
 
 def rows(choices: list[Ways], examples: int, random: np.random.Generator) -> Iterator[Row]:

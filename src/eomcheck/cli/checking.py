@@ -161,12 +161,13 @@ def validate(
     print_runs(runs, selection, wide)
     for said in left_out(kinds):
         print(said)
+    if interrupted:
+        console.print("interrupted: the table holds what was checked until then")
     if unwritten is not None:
         raise unwritten  # what it was to hold is printed
     if json is not None:
         print(f"written: {json}")
     if interrupted:
-        console.print("interrupted: the table holds what was checked until then")
         raise typer.Exit(130)
     if lost is not None:
         raise lost

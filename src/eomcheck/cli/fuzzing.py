@@ -212,12 +212,13 @@ def fuzz(
             except InputError as error:
                 unwritten = error
     print_campaign(campaign)
+    if interrupted:
+        console.print("interrupted: the tables hold what was looked at until then")
     if unwritten is not None:
         raise unwritten  # what it was to hold is printed
     if keep is not None and campaign.finds:
         print(f"written: {keep}")
     if interrupted:
-        console.print("interrupted: the tables hold what was looked at until then")
         raise typer.Exit(130)
     if lost is not None:
         raise lost

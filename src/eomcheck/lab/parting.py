@@ -73,7 +73,7 @@ class Parting(NamedTuple):
     def leaves_out_damping(self) -> bool:
         """Whether all that accelerations differ by is what dampers take.
 
-        M times that difference is then against the velocity, at joints with dampers alone.
+        M times what is missing is then along the velocity, at joints with dampers alone.
         """
         if "q̈" not in self.ours or self.same("q̈") or not (self.damped and self.terms_agree):
             return False

@@ -16,6 +16,7 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
+from eomcheck.output import counted
 
 # In the order in which a failure is closest to its cause.
 from eomcheck.testing import of_answers, of_terms, of_energies  # isort: skip
@@ -368,10 +369,11 @@ def _not_resolved(all_: list[Compared]) -> str:
     parts = []
     if hidden:
         count = sum(one.judged.verdicts.size for one in compared_)
-        parts.append(f"{hidden} of {count} entries in {len(compared_)} states not resolved")
+        states = counted(len(compared_), "state")
+        parts.append(f"{hidden} of {count} entries in {states} not resolved")
     if skipped:
         why = skipped[0].finding.detail
-        parts.append(f"skipped in {len(skipped)} of {len(all_)} states: {why}")
+        parts.append(f"skipped in {len(skipped)} of {counted(len(all_), 'state')}: {why}")
     return "; ".join(parts)
 
 
