@@ -126,6 +126,12 @@ def test_a_finding_says_how_many_of_its_entries_are_hidden():
     assert one.detail == "1 of 2 entries not resolved"
 
 
+def test_hidden_entries_of_a_matrix_are_counted_among_all_of_it():
+    scene = type(springs(1))(mass=(1e30, 1.0))
+    (one,) = eomcheck.check(scene, *scene.initial_state(), claims=["mass-matrix"])
+    assert (one.verdict, one.detail) == ("passed", "2 of 4 entries not resolved")
+
+
 @pytest.mark.parametrize(
     ("found", "expected", "sizes", "resolved", "hidden"),
     [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -29,6 +31,17 @@ def test_a_failure_of_the_initial_state_is_among_the_findings():
     new = run.look_at(scene, moving(scene), Selection.of(**KINETIC, scenes=[scene]))
     assert "failed" in {finding.verdict for finding in new}
     assert run.findings == new
+
+
+def test_the_time_of_a_claim_is_that_of_all_states(monkeypatch):
+    scene, run = Sleigh(), Run()
+    asked = {"engines": [], "claims": ["kinetic-energy", "power-balance"]}
+    selection = Selection.of(**asked, scenes=[scene])
+    clock = itertools.count()
+    monkeypatch.setattr("eomcheck.claims.run.time.perf_counter", lambda: float(next(clock)))
+    for _ in range(3):
+        run.look_at(scene, moving(scene), selection)
+    assert run.seconds == dict.fromkeys(asked["claims"], 3.0)
 
 
 def test_the_smallest_failing_case_is_the_last_finding():

@@ -284,6 +284,9 @@ def test_a_thousand_states_are_varied_and_seldom_at_rest():
     q, v = (np.array([getattr(state, name) for state in states]) for name in ("q", "v"))
     assert_varied(q[:, :2], -10.0, 10.0, "position")
     assert_varied(q[:, 2:], -math.pi, math.pi, "angle")
+    # Each link is turned by up to 1 rad to either side.
+    bends = np.diff([from_curved(state) for state in states])
+    assert bends.min() < -1.5 and bends.max() > 1.5
     assert_varied(v, -3.0, 3.0, "velocity")
     assert np.mean(v.any(axis=1)) > 0.75
     assert {state.t for state in states} == {0.0}

@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 import eomcheck
+from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases, state_cases
 from eomcheck.claims.wide import FAST, SLOW, TURNS, turning, with_wide
+from eomcheck.engines import CasadiEngine
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.random_mechanisms import RANDOM
 from eomcheck.scenes import SCENES, Bricard, ChainPendulum, FlyballGovernor, Sleigh, Snake
+from eomcheck.testing.trials import SceneTrial
 
 TURN = 2 * np.pi
 
@@ -91,3 +94,26 @@ def test_wide_states_are_for_engines_that_are_named():
         states = [one.state for one in found if one.state is not None]
         far.append(max(np.abs(state.q[2:]).max() for state in states))
     assert far[0] > TURN + 1 > far[1]
+
+
+@pytest.mark.parametrize("engines", [["casadi"], []])
+def test_random_scenes_of_a_kind_are_in_wide_states_for_an_engine_that_is_named(engines):
+    run, selection = Run(), Selection.of(None, engines, ["mass-matrix"], scenes=[ChainPendulum])
+    run.look_at_kind(ChainPendulum, selection, (1, 2), 8, 0)
+    far = [np.abs(one.state.q).max() for one in run.drawn]
+    assert (max(far) > TURN + 1) == bool(engines)
+
+
+def test_tests_of_an_engine_are_asked_at_wide_states_and_tests_of_a_scene_are_not(monkeypatch):
+    far: dict[bool, list[float]] = {True: [], False: []}
+
+    def looked_at(self, scene, state, selection):
+        far[selection.named].append(np.abs(state.q).max())
+        return []
+
+    monkeypatch.setattr(Run, "look_at", looked_at)
+    monkeypatch.setattr("eomcheck.testing.trials.check_compared", lambda *_: None)
+    for engine in (CasadiEngine, None):
+        SceneTrial("rods", ChainPendulum.rods(2), engine).results(8, 0)
+    assert max(far[True]) > TURN + 1 > max(far[False])
+    assert len(far[True]) == len(far[False]) == 9

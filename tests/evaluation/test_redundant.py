@@ -382,9 +382,10 @@ def test_an_open_ring_has_all_its_constraints():
     assert independent_constraints(RING, open_ring) == (RING.constraint_names, ())
 
 
-def test_constraints_that_contradict_each_other_are_refused_by_name():
+@pytest.mark.parametrize("sign", [1, -1])
+def test_constraints_that_contradict_each_other_are_refused_by_name(sign: int):
     def drift(parameters, angles, q, v):
-        return FourBarChain.drift(parameters, angles, q, v) + np.array([0, 0, 0, 0, 1])
+        return FourBarChain.drift(parameters, angles, q, v) + np.array([0, 0, 0, 0, sign])
 
     scene = changed(CHAIN, drift=drift)
     q, v = CHAIN.initial_state()

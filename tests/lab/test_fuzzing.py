@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,13 @@ from tests.unmended import unmended
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case, Finding
+from eomcheck.claims.lanes import NotInLanesError
+from eomcheck.claims.registry import Sides
 from eomcheck.claims.strata import strata_of as measured_strata
 from eomcheck.errors import InputError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing import judging, rounds
@@ -145,6 +149,36 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
         return max(best[0].height for best in population.values())
 
     assert deepest(True) > 10 * deepest(False) > 0
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (NotInLanesError("each state has its own"), "each state has its own"),
+        (TypeError("no float"), "TypeError: no float"),
+        (ValueError("no truth value"), "ValueError: no truth value"),
+        (AttributeError("no shape"), "AttributeError: no shape"),
+        (IndexError("no axis"), "IndexError: no axis"),
+        (np.linalg.LinAlgError("no copies"), "LinAlgError: no copies"),
+    ],
+)
+def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatch, error, why):
+    claim = CLAIMS["kinetic-energy"]
+    assert claim.sides is not None
+    right = claim.sides
+
+    def wrong(at, look):
+        if isinstance(at, LaneEvaluation):
+            raise error
+        for one in right(at, look):
+            yield one._replace(expected=2 * one.expected) if isinstance(one, Sides) else one
+
+    monkeypatch.setitem(CLAIMS, "kinetic-energy", replace(claim, sides=wrong))
+    here = {"claims": ("kinetic-energy",), "formulations": ("kane",), "batch": 4}
+    found = run_round(plan(**here, ration=Ration(0, 0, 0, 0, 2)), Round(0, STRATUM, {}))
+    assert found.lost == {"kinetic-energy": why}
+    assert found.counts["unlifted"] == found.states / 2
+    assert {one.claim for one in found.failed} == {"kinetic-energy"}
 
 
 @pytest.mark.night

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -46,6 +47,7 @@ from eomcheck.random_mechanisms import RANDOM
 from eomcheck.random_mechanisms.closing import INDEPENDENT, UPRIGHT
 from eomcheck.random_mechanisms.description import poses
 from eomcheck.random_mechanisms.kinds import CONSTRAINTS
+from eomcheck.random_mechanisms.parts import body
 from eomcheck.random_mechanisms.trees import BRANCHED, ROOT, SHAPE
 from eomcheck.random_mechanisms.urdf import URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.scenes import from_urdf
@@ -151,12 +153,24 @@ def test_no_number_of_a_description_is_constant_and_all_have_their_signs(cases):
     assert masses.min() < -0.8 and masses.max() > 0.8
 
 
+def can_exist(link: Link) -> bool:
+    """Whether no principal moment of inertia is negative or larger than the others together."""
+    (xx, yy, zz), (xy, xz, yz) = link.moments, link.products
+    a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return bool(a >= 0 and c <= (a + b) * (1 + 1e-12))
+
+
 def test_bodies_are_some_that_can_exist(cases):
-    for scene, _ in cases:
-        for link in scene.made.description.links:
-            (xx, yy, zz), (xy, xz, yz) = link.moments, link.products
-            a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            assert a >= 0 and c <= (a + b) * (1 + 1e-12)
+    links = [link for scene, _ in cases for link in scene.made.description.links]
+    assert all(map(can_exist, links))
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_every_body_that_is_drawn_can_exist(planar: bool):
+    choices = FromGenerator(np.random.default_rng(0))
+    links = [body(choices, "link", planar) for _ in range(200)]
+    assert all(map(can_exist, links))
+    assert any(one.products != (0.0, 0.0, 0.0) for one in links) == (not planar)
 
 
 def test_a_chosen_axis_points_to_both_sides_along_every_axis_and_anywhere(cases):
@@ -481,6 +495,18 @@ def test_urdfs_have_only_the_joints_that_are_asked_for():
         assert text.count("<inertial>") == text.count("<link ") - 1
     every = set().union(*map(types, draw(strategies.urdfs(joints=URDF_JOINTS), 80, 0)))
     assert every == {"continuous", "prismatic", "fixed", "planar", "floating"}
+
+
+@pytest.mark.parametrize("left_out", ["mimic", "massless", "dampers"])
+def test_urdfs_leave_out_what_they_are_asked_to_and_nothing_else(left_out: str):
+    options: dict[str, Any] = {left_out: False}
+    texts = draw(strategies.urdfs(8, 8, **options), 8, 0)
+    there = {
+        "mimic": any("<mimic" in text for text in texts),
+        "massless": any(text.count("<inertial>") < text.count("<link ") - 1 for text in texts),
+        "dampers": any("<dynamics" in text for text in texts),
+    }
+    assert there == {name: name != left_out for name in there}
 
 
 def test_joints_of_a_urdf_are_written_in_any_order():

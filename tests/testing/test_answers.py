@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
+import runpy
 import subprocess
 import sys
 from textwrap import indent
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ import eomcheck
 from eomcheck import testing
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake
 from eomcheck.testing import Functions, check_functions
 from eomcheck.testing.subject import ComparedFunctions
@@ -174,15 +178,25 @@ def test_the_same_seed_gives_the_same_findings_and_another_one_other_states():
     assert told(3) != told(4)
 
 
-def test_states_are_drawn_from_the_ranges():
+@pytest.mark.parametrize(
+    ("ranges", "each"),
+    [
+        ((2.0, 5.0), [(2, 5)] * 4),
+        ([(2.0, 3.0), (5.0, 9.0)], [(2, 3), (5, 9), (-1, 1), (-1, 1)]),
+        ([(2, 3), (5, 9), (-4, -3), (0, 2)], [(2, 3), (5, 9), (-4, -3), (0, 2)]),
+    ],
+)
+def test_states_are_drawn_from_the_ranges(ranges: Any, each: list[tuple[float, float]]):
     seen = []
 
-    def M(q):
-        seen.append(q[0])
-        return np.eye(2)
+    def bias(q, v):
+        seen.append([*q, *v])
+        return np.zeros(2)
 
-    check_functions(2, M=M, ranges=[(2.0, 3.0), (5.0, 9.0)], claims=["answers"], states=40)
-    assert 2.0 <= min(seen) < 2.1 < 2.9 < max(seen) <= 3.0
+    check_functions(2, bias=bias, ranges=ranges, claims=["answers"], states=40)
+    for values, (low, high) in zip(np.transpose(seen), each, strict=True):
+        tenth = 0.1 * (high - low)
+        assert low <= min(values) < low + tenth < high - tenth < max(values) <= high
 
 
 def test_a_finding_is_plain_data():
@@ -234,6 +248,20 @@ def test_the_code_of_what_was_not_looked_at_runs_too():
     code = untold.as_python()
     assert str(GUIDES / "cart.py") in code
     assert run(code) == ""
+
+
+def test_the_code_takes_each_function_from_its_own_file(tmp_path, capsys):
+    own = {}
+    for name, value in (("M", "[[1.0]]"), ("gravity", "q"), ("R", "-(v @ v)")):
+        path, head = tmp_path / f"of_{name}.py", f"def {name}(q{', v' * (name == 'R')}):"
+        other = "def M(q):\n    return None\n" * (name == "R")
+        path.write_text(f"{head}\n    return {value}\n{other}")
+        own[name] = runpy.run_path(str(path))[name]
+    state = State(np.array([0.5]), np.array([1.0]), 0.0)
+    exec(Functions(1, **own, name="own").as_python(state), {})
+    assert re.findall(r"^[\w-]+ \[\w+\]", capsys.readouterr().out, re.M) == [
+        "dissipation-positive [R]"
+    ]
 
 
 def test_the_code_says_which_functions_are_to_be_put_in():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from tests.testing.own import coriolis, given, guide
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
-from eomcheck.testing.blame import READS, SETTLES, reads
+from eomcheck.testing.blame import READS, SETTLES, reads, settled_by
 from eomcheck.testing.of_terms import proportional
 from eomcheck.testing.subject import INPUTS
 from eomcheck.testing.trials import results_of
@@ -20,6 +21,8 @@ CART, DRIVE = guide("cart"), guide("drive")
 PAIR = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
 
 EXPECTED = np.array([0.0, 1e-7, -2e-7])
+EVERY: dict[str, Any] = dict.fromkeys(INPUTS, len)
+"""All functions, none of which is called."""
 
 
 @pytest.mark.parametrize(
@@ -83,6 +86,11 @@ def wrong_M(q):
 def solved(*forces: Callable) -> Callable:
     """Return q̈ of the cart with more forces."""
     return lambda q, v: CART.qdd(q, v) + np.linalg.solve(CART.M(q), sum(f(q, v) for f in forces))
+
+
+def load(q, v):
+    """Generalized forces that depend on q and v."""
+    return np.array([0.1 * q[1], 0.0, 0.2 * v[0]])
 
 
 class Wrong(NamedTuple):
@@ -168,6 +176,14 @@ WRONG = {
         "gravity or qdd",
         "gravity or acceleration qdd is wrong: U or against would tell; ",
     ),
+    "Q": Wrong(
+        "cart",
+        "M bias gravity qdd R Q",
+        {"Q": lambda q, v: -load(q, v), "qdd": solved(load)},
+        "qdd or Q",
+        "acceleration qdd or generalized forces Q is wrong: against would tell; "
+        "equations of motion, row q[2]: off by Q: its sign is another one in q̈",
+    ),
     "R": Wrong(
         "cart",
         EVERYTHING,
@@ -248,6 +264,17 @@ def test_a_failure_that_follows_is_folded_in_a_test_suite():
     assert "to see it again" in known[ids[1]].text
 
 
+def test_a_failing_test_counts_the_comparisons_that_failed():
+    found = check_functions(1, M=lambda q: [[-1.0]], claims=["mass-matrix-positive"], states=1)
+    each = dict.fromkeys(("failed", "inconclusive", "passed", "not looked at"), found[0])
+    findings = [replace(one, verdict=verdict) for verdict, one in each.items()]
+    findings.append(findings[0])
+    text = results_of([found[0].claim], findings, ())[found[0].claim].text
+    assert "\nfailed in 2 of 5 comparisons; to see it again:" in text
+    alone = results_of([found[0].claim], findings[:1], ())[found[0].claim].text
+    assert " comparisons; " not in alone
+
+
 def test_what_passes_is_as_it_was():
     found = check_functions(**given("cart"), states=1)
     assert {(x.cause, x.follows) for x in found} == {("", "")}
@@ -255,13 +282,33 @@ def test_what_passes_is_as_it_was():
 
 
 def test_every_claim_reads_the_functions_it_needs():
-    functions = Functions(2, **dict.fromkeys(INPUTS, len))
+    functions = Functions(2, **EVERY)
     for id, claim in FUNCTION_CLAIMS.items():
         needs = {x.split("|")[0] for x in claim.needs} & {*INPUTS}
         subject = "M ~ cart" if id == "reference" else "M"
         assert reads(functions, id, subject) >= (needs or {"M"}), id
     assert {*READS, *SETTLES} <= {*FUNCTION_CLAIMS}
     assert reads(functions, "reference", "forces ~ cart") == {"gravity", "R", "Q"}
+    unconstrained = replace(functions, **dict.fromkeys(("a", "b", "c", "gamma")))
+    forces = {"gravity", "R", "Q", "qdot"}
+    assert reads(unconstrained, "motion") == {"qdd", "M", "bias"} | forces
+    assert reads(unconstrained, "power-balance") >= {"qdd"} | forces
+    for id in ("velocity", "drift", "acceleration"):
+        assert reads(functions, f"constraint-{id}") >= {"a", "b"}
+    by_rates = ("bias-of-mass-matrix", "bias-power", "coriolis-bias", "gravity-of-potential")
+    for id in (*by_rates, "constraint-jacobian", "constraint-drift", "constraint-acceleration"):
+        assert "qdot" in reads(functions, id), id
+
+
+def test_equations_of_motion_that_hold_clear_all_they_read_but_the_acceleration():
+    functions = Functions(2, **EVERY)
+    passed = Finding("motion", "qdd", functions, None, 0.0, 1.0, "passed", "")
+    read = {"M", "bias", "gravity", "R", "Q", "a"}
+    assert settled_by([passed]) == dict.fromkeys(read, "motion")
+    failed = replace(passed, verdict="failed")
+    assert (
+        settled_by([failed, passed]) == settled_by([replace(passed, verdict="inconclusive")]) == {}
+    )
     without = Functions(2, T=len, bias=len, qdd=len, bias_has_gravity=True)
     assert reads(without, "motion") == {"T", "bias", "qdd"}
 

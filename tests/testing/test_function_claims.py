@@ -300,6 +300,21 @@ def test_an_entry_in_which_large_terms_cancel_is_not_taken_for_a_cache():
     assert {one.verdict for one in found} == {"passed"}
 
 
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"gravity": lambda q: [5.0 * q[1], 2.0 * q[0]]},
+        {"bias": lambda q, v: [5.0 * q[1], 2.0 * q[0]], "bias_has_gravity": True},
+    ],
+)
+def test_rows_of_gravity_are_named_with_their_own_derivatives(own: dict[str, Any]):
+    (found,) = check_functions(2, **own, claims=["gravity-potential"], states=1)
+    assert found.verdict == "failed"
+    assert found.detail == (
+        "gravity, entry (q[0], q[1]): row q[1] changes by 2 per q[0], and row q[0] by 5 per q[1]"
+    )
+
+
 DAMPERS = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 1.0]])
 DISSIPATION = ["dissipation-positive"]
 
