@@ -13,8 +13,15 @@ from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.show import templating, terminal
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
+from eomcheck.output import harmless
 
-NAME = "arm\x1b]0;owned\x07\x9b2J\x00\u202e"
+NAME = "arm\x1b]0;owned\x07\x9b2J\x00\u202e\r"
+
+
+def test_a_text_of_lines_and_tabs_keeps_these_alone():
+    assert harmless("a\n\tb") == "a\n\tb"
+    for one in "\r\v\f\b\x7f\x85\u2028\u2029\u202b\u2066\u2069\ud800":
+        assert harmless(f"a{one}b") == "a\ufffdb", ascii(one)
 
 
 @pytest.mark.parametrize("width", [20, 140])
@@ -25,7 +32,7 @@ def test_a_table_and_its_title_and_note_control_no_terminal(width, monkeypatch):
     terminal.print_sheets([Sheet("x", NAME, ("scene", "claim", "number"), rows, note=NAME)])
     printed = text.getvalue()
     assert printed.count("owned") == 4
-    assert not set(printed) & set("\x1b\x07\x9b\x00\u202e")
+    assert not set(printed) & set("\x1b\x07\x9b\x00\u202e\r")
 
 
 def test_a_page_holds_no_control_character():
@@ -33,7 +40,7 @@ def test_a_page_holds_no_control_character():
     environment = templating.environment()
     environment.loader = jinja2.DictLoader({"x.html.j2": "<p>{{ name }}</p>\n"})
     page = environment.get_template("x.html.j2").render(name=NAME + "<b>")
-    assert page == "<p>arm\ufffd]0;owned\ufffd\ufffd2J\ufffd\ufffd&lt;b&gt;</p>\n"
+    assert page == "<p>arm\ufffd]0;owned\ufffd\ufffd2J\ufffd\ufffd\ufffd&lt;b&gt;</p>\n"
 
 
 def test_a_file_of_junit_is_xml_whatever_a_scene_is_called(tmp_path):

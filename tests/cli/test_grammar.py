@@ -155,7 +155,7 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["simulate", "paper"], "END = 'paper', expected a time"),
         (["simulate", "paper", "coil", "1"], "expected one scene"),
         (["simulate", "paper", "1", "--scale", "0"], "--scale says nothing without --draws"),
-        (["simulate", "paper", "1", "--seed", "1"], "--seed says nothing without --draws"),
+        (["simulate", "paper", "1", "--seed", "0"], "--seed says nothing without --draws"),
         (["simulate", "paper", "1", "--plot", "x.png"], "--plot says nothing without --draws"),
         (["simulate", "paper", "1", "--integrator", "DOP85"], "did you mean 'DOP853'"),
         (["draw", "scene", "x.png", "--frames", "9"], "--frames says nothing in a picture"),

@@ -19,10 +19,12 @@ from eomcheck import cli
 from eomcheck.cli.study import GROUPS, command_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
+from eomcheck.lab.fuzzing.strata import strata_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import study_of
 from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import Snake
 
 URDF = str(Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf")
 PLANAR = str(Path(__file__).parents[2] / "docs" / "guides" / "planar.py") + ":Planar"
@@ -239,6 +241,14 @@ CASES: dict[str, dict[str, Case]] = {
         **PATIENT,
         "scene": ("--scene sleigh", {"plan.kind": "Sleigh", "name": "sleigh"}),
         "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
+        "links of a range": (
+            "--links 1..3",
+            {"strata": [x.name for x in strata_of(Snake, (1, 2, 3))]},
+        ),
+        "links as usual": (
+            "--states 2",
+            {"strata": [x.name for x in strata_of(Snake, range(1, 13))]},
+        ),
         "engine": ("--engine none", {"plan.engines": [], "plan.wide": False}),
         "engine of ours": (
             "--engine casadi",

@@ -18,7 +18,7 @@ from eomcheck.console import progress, stoppable
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import STATES
 from eomcheck.lab.store.records import Records
-from eomcheck.output import NAMES, plain
+from eomcheck.output import NAMES, plain, unfailing
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]
 VALIDATE = "validate", "--scene", "sleigh", "--examples", "1"
@@ -60,6 +60,28 @@ def test_output_that_is_lost_on_its_way_is_said_and_the_file_is_there(tmp_path: 
     assert run.returncode == 2
     assert errors(said) == b"eomcheck: standard output cannot be written: No space left on device\n"
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_output_that_is_lost_is_told_unless_its_reader_has_gone(gone, monkeypatch, capsys):
+    reading, writing = os.pipe()
+    os.close(reading)
+    if not gone:
+        os.close(writing)
+        if not Path("/dev/full").is_char_device():
+            pytest.skip("no such device here")
+        writing = os.open("/dev/full", os.O_WRONLY)
+    code = 0
+    with os.fdopen(writing, "w", encoding="utf-8") as lost:
+        monkeypatch.setattr(sys, "stdout", lost)
+        try:
+            with unfailing():
+                print("a table")
+        except SystemExit as stop:
+            code = stop.code
+        monkeypatch.undo()
+    said = "eomcheck: standard output cannot be written: No space left on device\n"
+    assert (code, capsys.readouterr().err) == ((0, "") if gone else (2, said))
 
 
 @pytest.mark.night

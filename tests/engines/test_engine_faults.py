@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -130,6 +131,17 @@ def raising(self, q, v, t=0.0):
     return {}["missing"]
 
 
+def writing(place: int) -> dict[str, Callable]:
+    """Return an acceleration that writes into one of its arguments once it has its answer."""
+
+    def acceleration(self, *given):
+        found = planar().acceleration(self, *given)
+        given[place].fill(7.0)
+        return found
+
+    return {"acceleration": acceleration}
+
+
 class Odd:
     def __getattr__(self, name):
         raise ValueError(name)
@@ -165,6 +177,14 @@ def test_an_answer_that_is_none_fails_with_engine_method_and_state(name):
     assert first.detail.startswith(f"Changed: {method}")
     assert first.observed == np.inf and first.ratio == np.inf
     assert first.state is not None and first.state.q.tolist() == Q.tolist()
+
+
+@pytest.mark.parametrize("place", range(5), ids=["q", "v", "Q", "a", "gamma"])
+def test_an_engine_that_writes_into_what_it_is_handed_fails_wherever_it_does(place):
+    found = failures(changed(**writing(place)))
+    says = "Changed: acceleration changes an array that it is handed"
+    assert set(found) == {"engine-acceleration", "engine-multipliers"}
+    assert all(detail.startswith(says) for detail in found.values())
 
 
 def test_one_method_that_breaks_does_not_end_the_run():

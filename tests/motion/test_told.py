@@ -22,6 +22,8 @@ from eomcheck.kernels.layout import FAILURE_TIME
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import reference_cases, reference_runs
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
+from eomcheck.mechanics.described.build import mechanism
+from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.motion import crossing, errors, reference, trajectory
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.many import OUTPUTS, simulate_many
@@ -104,6 +106,21 @@ def test_a_motion_whose_energy_overflows_failed_and_says_so():
     many = simulate_many(SLEIGH, "kane", 1e-3, u0=np.array([fast, [1.0, 0.5]]))
     assert many.status.tolist() == ["failed", "finished"]
     assert many.reason.tolist() == ["the energy overflows", ""]
+
+
+def test_a_motion_whose_energy_overflows_at_its_first_times_only_failed_as_well():
+    links, damped = [Link("ground"), Link("block", 1.0)], {"axis": (1.0, 0.0, 0.0), "damping": 1.0}
+    joints = [Joint("x", "prismatic", "ground", "block", **damped)]
+    scene = mechanism("Damped", links, joints, gravity=None)()
+    fast, overflows = np.array([2.5e154]), ("failed", "the energy overflows")
+    for times, expected in (([0.0, 0.5, 1.0], overflows), ([1.0], ("finished", ""))):
+        here: Any = {"output_times": np.array(times)}
+        one = simulate(scene, "kane", 1.0, u0=fast, **here)
+        many = simulate_many(scene, "kane", 1.0, u0=np.array([fast, [1.0]]), **here)
+        assert (one.status, one.reason) == expected
+        assert (many.status[0], many.reason[0]) == expected
+        assert np.isfinite(many.energy[0]).tolist() == [t > 0.5 for t in times]
+        assert many.status[1] == "finished" and np.isfinite(many.energy[1]).all()
 
 
 def test_of_many_motions_each_has_its_own_counts_and_its_share_of_the_time():

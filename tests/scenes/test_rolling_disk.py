@@ -15,6 +15,7 @@ from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import applicable
+from eomcheck.mechanics.sketch import Body
 from eomcheck.scenes import RollingDisk
 
 SCENE_KIND = RollingDisk
@@ -91,6 +92,17 @@ def test_in_steady_rolling_the_speeds_stay_as_they_are(key: str, lean: float, ro
     u = np.array([0.0, roll, disk.steady_turn() * np.cos(lean)])
     assert np.abs(rate_of_speeds(disk, lean, u, key)).max() < 1e-12
     assert np.abs(rate_of_speeds(disk, lean, u + np.array([0.0, 0.0, 0.1]), key)).max() > 1e-2
+
+
+@pytest.mark.parametrize("roll", [-8.0, 8.0])
+@pytest.mark.parametrize("lean", [-0.5, 0.3])
+def test_of_two_steady_turns_a_disk_starts_with_the_slower_one(lean: float, roll: float):
+    disk = RollingDisk(mass=2.0, lean=lean, roll=roll)
+    product = disk.mass * disk.gravity * disk.radius / (disk.across * np.cos(lean))  # of both
+    _, v = disk.initial_state()
+    assert v[2] == disk.steady_turn()
+    assert 0 < v[2] ** 2 < product
+    assert np.sign(v[2]) == -np.sign(lean * roll)
 
 
 def test_every_formulation_keeps_the_disk_on_its_circle(mover: str):
@@ -171,6 +183,22 @@ def test_the_gyroscopic_part_is_there_and_matters():
     at.bodies = without
     kane = at.acceleration(eomcheck.FORMULATIONS["kane"]).vdot
     assert np.abs(kane - acceleration(disk, "au", q, v).vdot).max() > 0.1
+
+
+# ---- How it is drawn -----------------------------------------------------------------------------
+
+
+def test_the_mark_on_the_rim_rests_where_it_touches_the_ground():
+    disk = RollingDisk()
+    q = np.array([*PLACE, 0.6, np.pi])
+    v, h = velocity(disk, q, [0.5, -6.0, 1.5]), 1e-6
+
+    def mark(at: np.ndarray) -> np.ndarray:
+        (body,) = [part for part in disk.sketch(at).parts if isinstance(part, Body)]
+        return np.asarray(body.points[-1])
+
+    assert abs(mark(q)[2]) < 1e-14
+    assert np.abs(mark(q + h * v) - mark(q - h * v)).max() / (2 * h) < 1e-7
 
 
 # ---- What is refused -----------------------------------------------------------------------------
