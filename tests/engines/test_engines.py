@@ -140,6 +140,18 @@ def test_a_library_that_is_missing_is_an_engine_error_that_names_it(key, monkeyp
             use()
 
 
+def test_casadi_keeps_models_of_snakes_with_and_without_springs_and_dampers_apart(monkeypatch):
+    """Two that have as many numbers: one with a spring, one with a damper."""
+    monkeypatch.setattr(casadi_engine, "_MODELS", {})
+    q, v = np.array([0.3, -5.0, 0.5, 0.75]), np.array([1.0, 0.2, -0.5, 1.5])
+    for spring, damper in [(4.0, 0.0), (0.0, 4.0), (3.0, 2.0), (0.0, 0.0)]:
+        terms = [spring] if spring else None, [0.125, -0.5], [damper] if damper else None
+        scene = Snake([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], terms[0], terms[1], damping=terms[2])
+        moment = spring * 0.25 + damper * 2.0
+        forces = casadi_engine.CasadiEngine(scene).forces(q, v)
+        assert forces.tolist() == [0.0, 0.0, moment, -moment]
+
+
 # ---- One link, by hand ---------------------------------------------------------------------------
 
 ANGLES = pytest.mark.parametrize("theta", [0.0, 0.7, 2.5, -1.2])
