@@ -187,6 +187,24 @@ def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatc
     assert found.verdict("reversed_file") == "differs"
 
 
+def opposite(path: Path, wrong: list[str]) -> Parting:
+    """Return a robot whose accelerations differ by two dampers, of `wrong` with the wrong sign."""
+    at = parting(path)
+    damped = frozenset({"shoulder", "slide"})
+    missing = np.array([-1.0 if name in wrong else name in damped for name in at.joints])
+    theirs = at.ours | {"q̈": at.ours["q̈"] + missing}
+    return at._replace(description=at.description._replace(damped=damped), theirs=theirs)
+
+
+@pytest.mark.parametrize("wrong", [[], ["shoulder"], ["slide"], ["shoulder", "slide"], ["wrist"]])
+def test_dampers_are_left_out_only_where_all_that_differs_is_against_the_velocity(tmp_path, wrong):
+    at = opposite(tmp_path / "arm.urdf", wrong)
+    assert at.leaves_out_damping == (not wrong)
+    turned = opposite(tmp_path / "arm.urdf", ["shoulder"])
+    v = np.array([-1.0, 1.0, 1.0])
+    assert turned._replace(v=v).leaves_out_damping
+
+
 def free(path: Path) -> Path:
     """Write the arm on a base that has inertia; return `path`."""
     arm(path).write_text(path.read_text().replace('<link name="base"/>', body("base")))
@@ -413,6 +431,26 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     assert "all that answered agree to rounding where decided" in printed
     found.decided["pinocchio"] = False
     assert found.verdict("pinocchio") == "inconclusive"
+
+
+@pytest.mark.parametrize("unsure", [0, 1])
+def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
+    monkeypatch, tmp_path, unsure
+):
+    right, seen = Run.look_at, []
+
+    def blind(self, *how):
+        found = right(self, *how)
+        seen.append(found)
+        if len(seen) - 1 != unsure:
+            return found
+        return [replace(one, verdict="inconclusive") for one in found]
+
+    monkeypatch.setattr(Run, "look_at", blind)
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+    found = compare(scene, ["pinocchio"], states=2)
+    assert len(seen) == 2 and set(found.unsure.values()) == {1}
+    assert all(0 <= table[0, 1] < 1e-9 for table in found.apart.values())
 
 
 def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():

@@ -221,7 +221,7 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
     def result(number: int, why: dict[str, str]) -> Result:
         counts, key = Counter({"states": 1}), ("equivalence", "kane")
         best = {key: [Candidate(0.5 + number / 8, of[:2])]}
-        return Result(number, STRATUM, best, counts, [failed[0], *failed], why)
+        return Result(number, STRATUM, best, counts, [failed[0], *failed], why, 4.0, 1.0)
 
     with Records(tmp_path / "r.db") as records:
         first = Campaign(plan(), "snake", (STRATUM,), records)
@@ -239,6 +239,9 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
         }
     )
     assert second.resumed == 3 and second.finds == first.finds
+    assert [(one.seconds, one.cpu_seconds, one.rounds) for one in (first, second)] == [
+        (12.0, 3.0, 3)
+    ] * 2
     heights = [{key: best.height for key, best in one.worst.items()} for one in (first, second)]
     assert heights == [{("equivalence", "kane"): 0.75}] * 2
 

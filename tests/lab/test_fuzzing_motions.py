@@ -51,6 +51,15 @@ def one_round(kind, **options):
     return plan(kind, **options).run(Round(0, strata_of(kind, (2,))[0], {}))
 
 
+def test_the_largest_error_so_far_is_unknown_once_one_is():
+    errors = np.array([[1.0, 3.0, 2.0, 4.0], [1.0, 3.0, np.nan, 4.0], [np.nan, 3.0, 2.0, 4.0]])
+    expected = [[1.0, 3.0, 3.0, 4.0], [1.0, 3.0, np.nan, np.nan], [np.nan] * 4]
+    assert np.array_equal(growth.largest_so_far(errors), expected, equal_nan=True)
+    difference = np.stack((-2 * errors, 0 * errors), axis=2)
+    found = growth.grown(difference, np.full((3, 4, 2), 2.0))
+    assert np.array_equal(found, expected, equal_nan=True)
+
+
 # ---- What is right -------------------------------------------------------------------------------
 
 

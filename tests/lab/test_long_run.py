@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.lab.test_tables import trajectory
 from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
@@ -13,6 +14,7 @@ from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import long_run
 from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, record_of
 
+ENDS = "end", "largest"
 SHORT = {"t_end": 6.0, "formulation": ["au", "kane"]}
 
 
@@ -29,6 +31,16 @@ def test_no_output_time_is_one_at_which_the_velocity_was_just_projected():
     off = np.abs(times / long_run.INTERVAL - np.rint(times / long_run.INTERVAL))
     assert times[-1] < 1000.0 and (np.diff(times) > 0).all()
     assert off.min() > 1e-6
+
+
+def test_errors_are_those_at_the_end_and_the_largest_before(monkeypatch):
+    start = long_run._start_energy(trajectory().scene)
+    found = trajectory(energy=start * (1 + np.array([0.1, -0.3, 0.2])))
+    monkeypatch.setattr(long_run, "simulate", lambda *arguments, **options: found)
+    settings = {"formulation": "kane", "remedy": "none", "t_end": 2.5, "tolerance": 1e-6}
+    errors = long_run._long_run(settings).errors
+    ends = [errors[f"{name}_{of}"] for name in ("constraint", "energy") for of in ENDS]
+    assert ends == pytest.approx([2e-3, 4e-3, 0.2, 0.3])
 
 
 @pytest.mark.night

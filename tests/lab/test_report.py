@@ -12,6 +12,7 @@ from tests import reports
 from tests.cli.test_cli import run
 
 from eomcheck import CLAIMS, check
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
 from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.markdown import write_markdown
@@ -20,7 +21,7 @@ from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_pa
 from eomcheck.lab.report.sections import sections_of
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.style import STYLES
-from eomcheck.lab.store.findings import RUNS, STATES, kept_in
+from eomcheck.lab.store.findings import RUNS, STATES, kept_in, kept_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.validation import look_at_kinds
@@ -118,6 +119,18 @@ def test_the_code_kept_with_a_failing_state_shows_the_failure(bad: Path):
     again = check(found["scene"], found["q"], found["v"], claims=["kinetic-energy"], engines=[])
     assert [finding.verdict for finding in again] == ["failed"]
     assert again[0].observed == row.observed
+
+
+def test_the_code_kept_with_a_state_asks_the_engines_that_were_on_trial_there():
+    scene = reports.Sleigh.example()
+    q, v = scene.initial_state()
+    found = check(scene, q, v, claims=["mass-matrix"], engines=["casadi"])
+    kept = kept_of(found, "sleigh", 0)
+    assert len(kept) == len(found) == 1 and found[0].engine is None
+    assert "engines=" not in kept[0].python
+    tried = [replace(one, engine=CasadiEngine) for one in found]
+    (kept,) = kept_of(tried, "sleigh", 0)
+    assert "import CasadiEngine" in kept.python and "engines=[CasadiEngine]" in kept.python
 
 
 def test_counts_come_back_from_records_as_they_were(tmp_path: Path):

@@ -13,6 +13,7 @@ from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
 import eomcheck
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.lanes import LaneCase, liftable
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import judging, rounds, screening
 from eomcheck.lab.fuzzing.draws import drawn
@@ -173,6 +174,15 @@ def test_a_state_with_a_term_that_is_not_finite_is_told_of_as_such(name: str):
     assert found.unseen == list(range(len(cases)))
 
 
+def test_of_several_structures_the_states_that_are_not_finite_are_those_told_of():
+    slow = [(scene, State(*scene.initial_state(), 0.0)) for scene in map(Snake.coil, (2, 3))]
+    fast = [(scene, state._replace(v=state.v + 1e200)) for scene, state in slow]
+    cases = [slow[0], slow[1], fast[1], slow[0], slow[1], fast[0], fast[1]]
+    found = screened(cases, FORMULAE, ("kinetic-energy",), every=0)
+    assert sorted(found.unseen) == [2, 5, 6]
+    assert found.verdicts["passed"] == 4
+
+
 # ---- The truth at its time -----------------------------------------------------------------------
 
 
@@ -242,6 +252,31 @@ def test_an_error_a_little_above_its_bound_is_a_silent_one(share, whose, monkeyp
 
     monkeypatch.setattr(judging, "acceleration", answer)
     assert fault_of(finding).whose == whose
+
+
+class OnTrial(CasadiEngine):
+    key = "on_trial"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "engine", "whose"),
+    [
+        ({"kinetic-energy"}, None, judging.SCENE),
+        (set(), None, judging.ENGINE),
+        (None, None, judging.ENGINE),
+        ({"kinetic-energy"}, OnTrial, judging.ENGINE),
+    ],
+)
+def test_an_engine_of_ours_is_blamed_only_where_nothing_of_the_scene_is_disproved(
+    monkeypatch, wrong, engine, whose
+):
+    ((scene, state),) = ordinary(Snake, 1)
+    monkeypatch.setattr(judging, "unproved", lambda scene: wrong)
+    own = Finding("kinetic-energy", "scene", scene, state, 1.0, 0.1, "failed", "made up")
+    finding = replace(own, claim="mass-matrix", subject="casadi", engine=engine)
+    assert fault_of(finding).whose == whose
+    others = {None: judging.UNKNOWN, False: judging.ALARM, True: judging.SCENE}
+    assert fault_of(own).whose == others[wrong if wrong is None else bool(wrong)]
 
 
 # ---- Kept failures of all claims -----------------------------------------------------------------

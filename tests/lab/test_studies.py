@@ -26,6 +26,7 @@ from eomcheck.lab.studies import (
     DRAWN,
     STUDIES,
     accuracy,
+    agreement,
     engines,
     motion,
     study_of,
@@ -123,6 +124,20 @@ def test_no_formulation_is_as_far_from_the_reference_as_a_flipped_sign():
     assert all(one.observed <= one.allowed for one in rows)
     # At rest the flipped sign is that of zero.
     assert median(one.faulty / one.allowed for one in rows) > 1e3
+
+
+@pytest.mark.parametrize("of_reference", [True, False])
+def test_rounding_of_the_reference_and_of_the_formulation_is_allowed(monkeypatch, of_reference):
+    def sensitivity(at, formulation):
+        return 1e6 if (formulation.key == REFERENCE) == of_reference else 0.0
+
+    study = study_of("agreement")
+    right = rows_of(study.run(links="2", per_size=1), Agreement)
+    monkeypatch.setattr(agreement, "acceleration_sensitivity", sensitivity)
+    rows = rows_of(study.run(links="2", per_size=1), Agreement)
+    assert len(rows) == len(right) > 3
+    assert len({one.allowed for one in rows}) == 1
+    assert all(one.allowed > 10 * known.allowed for one, known in zip(rows, right, strict=True))
 
 
 def test_snakes_at_rest_leave_no_table_of_agreement_empty():

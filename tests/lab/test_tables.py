@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eomcheck.claims.finding import Proof
+from eomcheck.claims.finding import Finding, Proof
+from eomcheck.claims.run import Run
+from eomcheck.claims.selection import Selection
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.finds import Find
@@ -18,7 +20,8 @@ from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate
-from eomcheck.lab.report import comparison, findings, fuzzing, many, motions, proofs
+from eomcheck.lab.parting import Why
+from eomcheck.lab.report import accelerations, comparison, findings, fuzzing, many, motions, proofs
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
 from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
@@ -31,6 +34,7 @@ from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.store.findings import PROOFS, RUNS
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.record import Record
+from eomcheck.mechanics.records import State
 from eomcheck.motion.many import Trajectories
 from eomcheck.motion.trajectory import Trajectory
 from eomcheck.scenes import SCENES, FlyballGovernor, Sleigh, Snake
@@ -205,6 +209,19 @@ def test_of_failures_the_worst_is_printed_and_the_others_are_counted(capsys):
     assert second.startswith("[im] failed on sleigh, state 3")
 
 
+@pytest.mark.parametrize("inconclusive", [0, 1])
+@pytest.mark.parametrize("unseen", [0, 2])
+def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: int, unseen: int):
+    of = "bias", "au ~ el", SLEIGH, State(*SLEIGH.initial_state(), 0.0), 0.5, 1.0
+    verdicts: list[Any] = ["passed"] * 3 + ["inconclusive"] * inconclusive
+    some = [Finding(*of, x, "compared") for x in [*verdicts, *["not looked at"] * unseen]]
+    selection = Selection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
+    findings.print_runs({"sleigh": Run(findings=some, ends=[len(some)])}, selection)
+    open_ = ", 1 inconclusive" * inconclusive + ", 2 not looked at" * bool(unseen)
+    last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
+    assert last == f" passed{open_}, 0 failed."
+
+
 # ---- The verdict of a report ---------------------------------------------------------------------
 
 
@@ -222,6 +239,11 @@ def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: P
     assert (
         "<li>property-tested: 4 findings at 1 states, 2 inconclusive, 1 not looked at</li>" in page
     )
+
+
+def test_states_are_counted_scene_by_scene_and_proofs_are_none():
+    rows = [kept(), kept(), kept(case=8), kept(scene="sleigh"), proof(1e-20, 4, 30.0)]
+    assert Judged(tuple(rows)).states == 3
 
 
 @pytest.mark.parametrize("statuses", [("done", "failed"), ("failed", "done")])
@@ -400,6 +422,15 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         "four was left out: not there",
     ]
     assert (made.agree, made.unanswered) == (False, ["three"])
+    known, unknown = Why("leaves out the damping", "no damping"), Why("something else")
+    for whys, word in (
+        ([known], "no damping"),
+        ([known, known._replace(label="fewer digits")], "no damping, fewer digits"),
+        ([known, unknown], "differs"),
+        ([unknown, known], "differs"),
+    ):
+        made.why["two"] = whys
+        assert made.verdict("two") == word
     made.faults = {}
     assert made.agree
 
@@ -482,6 +513,18 @@ def test_a_line_tells_end_effort_and_the_largest_errors_of_a_motion(monkeypatch,
     damped = trajectory(scene=scene, q=zeros, v=zeros, constraint_residual=None)
     motions.print_trajectories([damped])
     assert table(sheets[1])[0]["energy left"] == "4.75 J of 5 J"
+
+
+def test_of_an_acceleration_the_matrix_with_the_smallest_rcond_is_named(monkeypatch):
+    sheets = shown(monkeypatch, accelerations)
+    scene = SCENES["four-bar-chain"].example()
+    accelerations.print_accelerations(scene, keys=["el", "gw", "em"])
+    heads = "formulation", "matrix", "smallest rcond"
+    assert [tuple(row[x] for x in heads) for row in table(sheets[0])] == [
+        ("el", "M_El", "0.13"),
+        ("gw", "a M^-1 aT", "0.25"),
+        ("em", "a_1", "0.67"),
+    ]
 
 
 def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_in_them(
