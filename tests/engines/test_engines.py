@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import tomllib
 from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, kane
+from eomcheck.numbers.contract import Array
 from eomcheck.scenes import Snake
 
 every_engine = pytest.mark.parametrize("key", ENGINES)
@@ -150,6 +152,34 @@ def test_casadi_keeps_models_of_snakes_with_and_without_springs_and_dampers_apar
         moment = spring * 0.25 + damper * 2.0
         forces = casadi_engine.CasadiEngine(scene).forces(q, v)
         assert forces.tolist() == [0.0, 0.0, moment, -moment]
+
+
+class Lengths(NamedTuple):
+    """Parameters of a chain of some links, and of the springs between them."""
+
+    length: Array
+    stiffness: Array
+
+
+def test_casadi_keeps_models_of_parameters_of_other_lengths_apart(monkeypatch):
+    made = list[int]()
+
+    def model(scene):
+        made.append(Chain.lengths)
+        return {}
+
+    class Chain(Snake):
+        lengths: ClassVar[int] = 1
+
+        def parameters(self, numbers):
+            return Lengths(np.zeros(Chain.lengths), np.zeros(3 - Chain.lengths))
+
+    monkeypatch.setattr(casadi_engine, "_MODELS", {})
+    monkeypatch.setattr(casadi_engine, "_symbolic_model", model)
+    for count in (1, 2, 1):
+        Chain.lengths = count
+        casadi_engine.CasadiEngine(Chain.example())
+    assert made == [1, 2]
 
 
 # ---- One link, by hand ---------------------------------------------------------------------------

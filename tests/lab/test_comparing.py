@@ -281,6 +281,19 @@ def test_joints_with_the_opposite_axis_are_named_though_others_have_the_same_M(
     assert said.sentence.count(",") + 1 == min(len(turned), n - len(turned))
 
 
+@pytest.mark.parametrize("scale", [1e-13, 1.0, 1e6])
+def test_an_armature_is_named_at_its_joint_alone_whatever_the_size_of_inertias(tmp_path, scale):
+    own = scale * np.diag([1.0, 1e-4, 1e-7])
+    ours = {"M": own, "bias": np.ones(3), "gravity": np.ones(3), "q̈": np.ones(3)}
+    added = np.diag([0.0, 2e-8 * scale, 2e-15 * scale])
+    theirs = ours | {"M": own + added + np.diag([1e-15 * scale, 0.0, 0.0])}
+    names = "shoulder", "slide", "wrist"
+    at = Parting(described(arm(tmp_path / "arm.urdf")), names, np.ones(3), ours, theirs, {})
+    assert [one.sentence for one in reasons(at)] == [
+        "adds to the diagonal of M alone, as an armature does: slide"
+    ]
+
+
 # ---- Nobody is blamed, and rounding is no difference ---------------------------------------------
 
 LINKAGE = """<mujoco><worldbody><body name="a"><joint name="a" axis="0 1 0" damping="0.1"/>

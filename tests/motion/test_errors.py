@@ -71,6 +71,19 @@ def test_an_error_at_one_time_is_found_with_its_size():
     assert found.mescd == pytest.approx(-np.log10(mixed), rel=1e-6)
 
 
+def test_beside_a_reference_at_rest_in_the_origin_errors_are_none_or_infinite():
+    q, v = np.zeros_like(REFERENCE.q), np.zeros_like(REFERENCE.v)
+    still = replace(REFERENCE, q=q, v=v)
+    found = errors_of(exact(still), still)
+    assert (found.final_relative, found.largest_relative, found.mescd) == (0.0, 0.0, np.inf)
+    assert errors_of(replace(exact(still), atol=0.0), still).mescd == np.inf
+    moved = exact(still)
+    moved.q[-1, 0] = 1e-9
+    found = errors_of(moved, still)
+    assert (found.final_relative, found.largest_relative) == (np.inf, np.inf)
+    assert found.mescd == pytest.approx(7.0)
+
+
 def test_nothing_is_judged_below_what_the_reference_itself_is_known_to():
     differences = np.zeros(len(REFERENCE.times))
     differences[3] = 1e-9

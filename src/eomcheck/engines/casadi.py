@@ -35,7 +35,7 @@ class CasadiEngine(Engine):
         super().__init__(scene)
         parameters = scene.parameters(FLOAT64)
         self._parameters = _flatten(parameters)
-        key = (type(scene), scene.n, scene.r, tuple(value is None for value in parameters))
+        key = (type(scene), scene.n, scene.r, tuple(map(_shape, parameters)))
         if key not in _MODELS:
             with warnings.catch_warnings():
                 # Scenes of one's own may call numpy's functions, and casadi tells of its next ones.
@@ -151,7 +151,11 @@ def _solved(A: Array, b: Array) -> Array:
 
 
 _MODELS: dict[tuple, dict[str, Any]] = {}
-"""Models made so far, by kind of scene, size, and which parameters are absent."""
+"""Models made so far, by kind of scene, size, and shapes of the parameters that are present."""
+
+
+def _shape(value: Any) -> tuple[int, ...] | None:
+    return None if value is None else np.shape(value)
 
 
 def _flatten(parameters) -> Array:

@@ -50,7 +50,9 @@ def _armature(at: Parting) -> Iterator[Why]:
     error = at.error("M")
     beside = error - np.diag(np.diagonal(error))
     if largest(beside) <= CLOSE * largest(at.ours["M"]) and at.same("bias"):
-        where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > 1e-12)]
+        rounding = ROUNDED * largest(at.ours["M"])
+        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.ours["M"])))
+        where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
         yield Why(f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}")
 
 

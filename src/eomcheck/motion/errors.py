@@ -132,14 +132,15 @@ def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
         raise InputError(f"output times {trajectory.times}, expected those of {reference.name}")
     true = np.hstack((reference.q, reference.v))
     error = np.abs(np.hstack((trajectory.q, trajectory.v)) - true)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         mixed = error[-1] / (trajectory.atol / trajectory.rtol + np.abs(true[-1]))
+        mixed[error[-1] == 0.0] = 0.0
         digits = float(-np.log10(mixed.max()))
     return Errors(
         float(error[-1].max()),
         float(error.max()),
-        float(error[-1].max() / np.abs(true[-1]).max()),
-        float(error.max() / np.abs(true).max()),
+        _relative(error[-1].max(), np.abs(true[-1]).max()),
+        _relative(error.max(), np.abs(true).max()),
         digits,
         _largest_energy_error(trajectory),
         float(constraint_error(trajectory).max()) if trajectory.scene.r else math.nan,
@@ -150,7 +151,11 @@ def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
 def _largest_energy_error(trajectory: Trajectory) -> float:
     if not trajectory.scene.conserves_energy:
         return math.nan
-    error, top = np.abs(energy_error(trajectory)).max(), np.abs(trajectory.energy).max()
+    return _relative(np.abs(energy_error(trajectory)).max(), np.abs(trajectory.energy).max())
+
+
+def _relative(error: float, top: float) -> float:
+    """Error per largest true number; where all are 0, 0 or infinite."""
     return float(error / top) if top > 0 else (0.0 if error == 0 else math.inf)
 
 
