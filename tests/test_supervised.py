@@ -11,6 +11,8 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -217,6 +219,37 @@ def test_a_call_off_the_main_thread_that_does_not_return_is_interrupted(remote):
     gone = "own.f gave no answer in {} s"
     assert in_thread(both) == (gone.format(1), "done", gone.format(0.2), "done")
     assert time.monotonic() - began < 10
+
+
+def test_a_call_off_the_main_thread_without_an_answer_is_not_made_again(remote, monkeypatch):
+    monkeypatch.setattr(calls, "_board", SimpleNamespace(barred={"own.g": (1, "died")}))
+    gone = "own.f gave no answer in 1 s"
+    assert in_thread(said, "own.f", busy, 4.0) == gone
+    assert in_thread(said, "own.f", pytest.fail) == gone
+    assert in_thread(said, "own.g", busy, 0.0) == "done"
+    assert in_thread(said, "own.g", pytest.fail) == "own.g died"
+
+
+def said(name: str, *what: Any) -> str:
+    """What a call returns, or the text of its error."""
+    try:
+        return calls.call(name, *what)
+    except CallError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("early", [[], [signal.SIGTERM]])
+def test_signals_are_handed_on_once_whenever_they_come(early, monkeypatch):
+    sent, heard = [], []
+    monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
+    with supervisor._handing_on(heard) as hand_on_to:
+        for number in early:
+            signal.raise_signal(number)
+        assert not sent
+        hand_on_to(5)
+        signal.raise_signal(signal.SIGINT)
+    assert sent == [(5, number) for number in heard]
+    assert heard == [*early, signal.SIGINT]
 
 
 def test_nested_calls_off_the_main_thread_count_once(remote):

@@ -14,7 +14,7 @@ Whatever calls such code does it through `call`, whose contract has five rules:
    Python code can be interrupted.
 4. A function in which a process died or gave no answer is not called again: from the call on that
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
-   death comes to a finding.
+   death comes to a finding. A worker elsewhere outlives the command, and calls it again.
 5. The floating-point rounding mode, and whether subnormal numbers are flushed to zero, are restored
    after each call. A call that changed them comes out as a `CallError`, which says too what it
    raised; but for imports, of which libraries compiled with -ffast-math do so, and for errors that
@@ -119,7 +119,7 @@ class Board:
         self.counts[key] += 1
         if key in self.barred and number >= self.barred[key][0]:
             raise CallError(name, self.barred[key][1])
-        self.limit = patience() * (FIRST if slow or not number else 1)
+        self.limit = _limit(number, slow)
         word = key.encode()
         self._map[_HEAD.size : _HEAD.size + len(word)] = word
         self.busy = True
@@ -140,6 +140,11 @@ class Board:
             raise _NoAnswer
 
 
+def _limit(number: int, slow: bool) -> float:
+    """Seconds that a call may take, of which there were so many before."""
+    return patience() * (FIRST if slow or not number else 1)
+
+
 def _shortened(name: str) -> str:
     """Name of a function in `_LONGEST` bytes; the end of a longer one tells functions apart."""
     word, half = name.encode(), _LONGEST // 2 - 2
@@ -154,19 +159,23 @@ class ThreadWatch:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.names: set[str] = set()
+        self.counts: Counter[str] = Counter()
         self.running: dict[int, tuple[float, bool]] = {}
         """Ident of a thread -> when its call is over its limit, s, and whether it was told."""
         self.thread: threading.Thread | None = None
 
     def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
         """Return function(*arguments), watched while it runs."""
-        here = threading.get_ident()
+        here, key = threading.get_ident(), _shortened(name)
+        barred = {} if _board is None else _board.barred
         with self.lock:
             nested = here in self.running and not self.running[here][1]
-            limit = patience() * (FIRST if slow or name not in self.names else 1)
+            number = self.counts[key]
+            limit = _limit(number, slow)
             if not nested:
-                self.names.add(name)
+                self.counts[key] += 1
+                if key in barred and number >= barred[key][0]:
+                    raise CallError(name, barred[key][1])
                 self.running[here] = time.monotonic() + limit, False
             if self.thread is None:
                 self.thread = threading.Thread(target=self._watch, daemon=True)
@@ -181,7 +190,9 @@ class ThreadWatch:
                     self.running.pop(here, None)
                     _raise_in(here, None)  # one that is on its way
         except _NoAnswer:
-            raise CallError(name, f"gave no answer in {limit:g} s") from None
+            what = f"gave no answer in {limit:g} s"
+            barred[key] = 0, what
+            raise CallError(name, what) from None
 
     def _watch(self) -> None:
         while True:

@@ -25,7 +25,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -121,16 +121,14 @@ def supervise(
     told = {VERDICT: f"{write} {read}", BOARDS: str(folder), **(environment or {})}
     watch, heard = _Watch(folder), list[int]()
     try:
-        with _handing_on(heard) as pids:
+        with _handing_on(heard) as hand_on_to:
             process = subprocess.Popen(
                 command,
                 env=os.environ | told,
                 pass_fds=(write, read),
                 start_new_session=True,
             )
-            pids.append(process.pid)
-            for number in heard:
-                os.kill(process.pid, number)
+            hand_on_to(process.pid)
             os.close(write)
             os.close(read)
             text = b""
@@ -186,22 +184,29 @@ def _kill_group(process: subprocess.Popen) -> None:
 
 
 @contextmanager
-def _handing_on(heard: list[int]) -> Iterator[list[int]]:
-    """Hand SIGINT and SIGTERM on inside the block, to the processes added to what it yields."""
-    pids: list[int] = []
+def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
+    """Hand SIGINT and SIGTERM on inside the block to a process, once its number is known."""
+    pids, early = list[int](), list[int]()
 
     def hand_on(number: int, _: object) -> None:
         heard.append(number)
+        if not pids:
+            early.append(number)
         for pid in pids:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
+
+    def to(pid: int) -> None:
+        pids.append(pid)  # from here on signals are handed on as they come, each once
+        while early:
+            os.kill(pid, early.pop(0))
 
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number, handler in before.items():
         if handler not in (signal.SIG_IGN, None):
             signal.signal(number, hand_on)
     try:
-        yield pids
+        yield to
     finally:
         for number, handler in before.items():
             if handler is not None:

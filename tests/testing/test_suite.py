@@ -465,6 +465,7 @@ ONE = testing.Functions(1, bias=lambda q, v: 0 * q)
         ({"subject": "casadi", "against": Snake}, InputError, "only functions are compared"),
         ({"subject": "casadi", "examples": 0}, InputError, "examples = 0"),
         ({"subject": "casadi", "seed": 0.5}, InputError, "seed = 0.5"),
+        ({"subject": ONE, "seed": -1}, InputError, "seed = -1, expected a whole number of at"),
     ],
 )
 def test_bad_arguments_are_told_in_a_sentence(given, error, says):

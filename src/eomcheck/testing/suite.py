@@ -73,7 +73,8 @@ def parametrize_with_claims(
         EngineError: pytest is not installed.
     """
     pytest = required("pytest", "test")
-    examples, seed = whole_number("examples", examples), whole_number("seed", seed, least=None)
+    examples = whole_number("examples", examples)
+    seed = whole_number("seed", seed, 0 if isinstance(subject, Functions) else None)
     trials = _trials(subject, scenes, against)
 
     def decorate(function: F) -> F:
