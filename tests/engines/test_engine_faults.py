@@ -49,7 +49,7 @@ def test_the_right_engine_passes_at_random_states(kind):
 # ---- Faults of the model -------------------------------------------------------------------------
 
 ROTATION = "[[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]"
-MASS = "return sum(m * J.T @ J + i * np.outer(spin, spin) for m, i, J, _, spin in bodies)"
+MASS = "return M + np.diag(self.tree.armature)"
 BIAS = "return sum(m * J.T @ rest for m, _, J, rest, _ in self.bodies(q, v))"
 MODEL = {
     "transposed_rotation": (ROTATION, f"{ROTATION}).T + 0 * (0", "mass-matrix", "sign"),
@@ -60,16 +60,16 @@ MODEL = {
     "armature": (MASS, f"{MASS} + 0.01 * np.eye(len(q))", "mass-matrix", "found"),
     "no_inertia": (" + i * np.outer(spin, spin)", "", "mass-matrix", "(θ_3, θ_3): found"),
     "mass_in_gram": ("sum(m * J.T @ J", "sum(1000 * m * J.T @ J", "mass-matrix", "found"),
-    "angle_in_degrees": ("angle + x[j]", "angle + np.degrees(x[j])", "mass-matrix", "found"),
-    "angle_sign": ("angle + x[j]", "angle - x[j]", "mass-matrix", "sign"),
-    "other_coordinates": ("return T @ q, T", "return q.copy(), T", "mass-matrix", "found"),
-    "other_velocities": ("T @ q, T, ", "T @ q, np.eye(len(T)), ", "mass-matrix", "found"),
+    "angle_in_degrees": ("rotation(x[j])", "rotation(np.degrees(x[j]))", "mass-matrix", "found"),
+    "angle_sign": ("rotation(x[j])", "rotation(-x[j])", "mass-matrix", "sign"),
+    "other_coordinates": ("return T @ q +", "return q.copy() +", "mass-matrix", "found"),
+    "other_velocities": ("shift, T, ", "shift, np.eye(len(T)), ", "mass-matrix", "found"),
     "gravity_in_bias": ("J.T @ rest", "J.T @ (rest + [0, 9.81])", "bias", "row y: found"),
     "no_bias": (BIAS, "return np.zeros(len(q))", "bias", "missing"),
-    "float32_mass": (MASS, f"{MASS}.astype(np.float32)", "mass-matrix", "single precision"),
+    "float32_mass": (MASS, f"return ({MASS[7:]}).astype('f')", "mass-matrix", "single precision"),
     "float32_bias": (BIAS, f"{BIAS}.astype('f')", "bias", "single precision"),
     "upper_half": (MASS, f"return np.triu({MASS[7:]})", "mass-matrix", "found 0, expected"),
-    "multipliers_sign": ("x[len(q) :]", "-x[len(q) :]", "engine-multipliers", "sign"),
+    "multipliers_sign": ("x[n:]", "-x[n:]", "engine-multipliers", "sign"),
     "drift_sign": ("[F, -gamma]", "[F, gamma]", "engine-acceleration", "found"),
     "forces_forgotten": ("Q - self.bias", "-self.bias", "engine-acceleration", "found"),
 }

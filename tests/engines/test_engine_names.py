@@ -256,9 +256,9 @@ def test_nothing_compared_is_never_a_pass(tmp_path):
     source = PLANAR.read_text(encoding="utf-8")
     path = tmp_path / "planar_shy.py"
     # It says that it represents small scenes, and then none that is drawn or the example.
-    old = "return tree is not None and list"
+    old = "return bool((z"
     assert source.count(old) == 1
-    source = source.replace(old, "return scene.n == 3 and tree is not None and list")
+    source = source.replace(old, "return scene.n == 3 and bool((z")
     path.write_text(source, encoding="utf-8")
     few = ["--links", "4..5", "--examples", "2", "--formulation", "kane"]
     found = command("--engine", f"{path}:Planar", "--scene", "snake", *few)
