@@ -108,6 +108,71 @@ def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
     assert all(x.verdict != "failed" for x in check_functions(3, **given, states=8))
 
 
+FEW = """
+import sys
+sys.path.insert(0, {guides!r})
+import cart
+import numpy as np
+from eomcheck.testing import Functions
+
+def T(q, v):
+    return cart.T(q, v) - cart.U(q)
+
+def half(q):
+    if q[0] > 0:
+        raise ValueError("no value")
+    return cart.M(q)
+
+few = Functions(3, M=cart.M, bias=cart.bias, qdd=cart.qdd, name="few")
+energies = Functions(3, T=T, U=cart.U, name="energies", ranges=(-1, 1))
+partly = Functions(3, M=half, ranges=(-1, 1))
+"""
+
+
+def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
+    mine, monkeypatch, capsys
+):
+    Path(mine).write_text(FEW.format(guides=str(GUIDES)))
+    how = "--states", "1", "--no-climb", "--family", "ordinary"
+    asked = "answers,bias-even,motion,kinetic-energy,reference"
+    assert run("--scene", f"{mine}:few", *how, "--claim", asked, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out.partition("no find\n")[2].splitlines()
+    about = "few: M, bias, qdd"
+    why = "M q̈ + B is not 0, and no force is given: gravity, U, R or Q would tell"
+    number = "a number that all functions share, such as a mass, a length or g"
+    assert said == [
+        f"motion [forces] inconclusive in all states: {why}",
+        f"reference [few] not looked at on {about} ({number}: against would tell)",
+        f"reference [few] not looked at on {about} "
+        "(checked q in [-1, 1], v in [-1, 1]: `ranges` for more)",
+    ]
+    asked = "energy-quadratic,reference"
+    assert run("--scene", f"{mine}:energies", *how, "--claim", asked, monkeypatch=monkeypatch) == 0
+    table, _, said = capsys.readouterr().out.partition("no find\n")
+    rest = "T(q, 0) changes with q; is the potential energy in it? bias, qdd or against would tell"
+    first, second = said.splitlines()
+    assert first == f"energy-quadratic [T at rest] not looked at in any state: {rest}"
+    assert second.startswith("reference [energies] not looked at on energies: T, U (a number that")
+    assert "skipped: " not in table
+
+
+def test_what_is_told_in_some_states_is_no_caveat_and_the_others_are_kept(mine, tmp_path: Path):
+    Path(mine).write_text(FEW.format(guides=str(GUIDES)))
+    symmetric = FunctionsPlan(f"{mine}:partly", 0, ("mass-matrix-symmetric",), climbing=False)
+    campaign = Campaign(symmetric, "mine", [ALL])
+    campaign.run(states=16)
+    skipped = "mass-matrix-symmetric [M]"
+    assert campaign.open == {skipped: "not looked at in any state: M breaks: ValueError: no value"}
+    assert symmetric.caveats(campaign.counts, campaign.open) == []
+    open_ = FunctionsPlan(f"{mine}:few", 0, ("motion",), climbing=False, batch=2)
+    with Records(tmp_path / "r.db") as records:
+        Campaign(open_, "mine", [ALL], records).run(states=2)
+    with Records(tmp_path / "r.db") as records:
+        again = Campaign(open_, "mine", [ALL], records)
+    (said,) = open_.caveats(again.counts, again.open)
+    assert said.startswith("motion [forces] inconclusive in all states: ")
+
+
 def test_what_is_looked_at_stays_within_the_ranges():
     narrow = Functions(2, M=lambda q: np.eye(2), ranges=[(0.0, 2.0), (-3.0, -1.0), (0, 1), (5, 6)])
     random = np.random.default_rng(0)

@@ -40,7 +40,7 @@ def failed(change, **options):
         ("M", lambda q: np.ones(3), "M, answers an array of shape (3,), expected (3, 3)"),
         ("gravity", lambda q: None, "gravity, answers None, expected an array of numbers"),
         ("gravity", lambda q: "g", "gravity, answers a str, expected an array of numbers"),
-        ("gravity", lambda q: 1j * q, "gravity, answers a ndarray, expected an array of numbers"),
+        ("gravity", lambda q: 1j * q, "gravity, answers complex numbers, expected an array of rea"),
         ("bias", lambda q, v: 1 // 0, "bias, ZeroDivisionError: integer division or modulo by z"),
         ("T", lambda q, v: q, "T, answers an array of shape (3,), expected ()"),
         ("qdd", lambda q, v: [[1], 2], "qdd, answers a list, expected an array of numbers"),
@@ -55,6 +55,53 @@ def test_a_function_that_breaks_is_named_and_the_others_are_looked_at(name, wron
     others = {x.subject for x in found if x.claim == "answers" and x.verdict == "passed"}
     assert others == set(CART_FUNCTIONS) - {name}
     assert any(x.claim not in ("answers", "arguments-unchanged") for x in found)
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [
+        ([1j, 0, 0], "complex numbers, expected an array of real numbers"),
+        (["a", "b", "c"], "a list of str, expected an array of numbers"),
+        (np.array([True, False, True]), "an array of bool, expected an array of numbers"),
+        (np.array(["a", "b", "c"]), "an array of str, expected an array of numbers"),
+        (["a", 1, 2], "a list, expected an array of numbers"),
+        ([[1], 2, 3], "a list, expected an array of numbers"),
+        ({"a": 1.0}, "a dict, expected an array of numbers"),
+    ],
+)
+def test_an_answer_of_a_wrong_type_is_told_with_the_type_of_its_entries(answer: Any, kind: str):
+    (found,) = failed({"gravity": lambda q: answer}, states=1, claims=["answers"])
+    assert found.detail == f"gravity, answers {kind}"
+
+
+def test_why_a_function_does_not_answer_is_told_once():
+    def broken(q, v):
+        raise TypeError("unsupported")
+
+    found = check_functions(**(given("cart") | {"bias": broken}), states=2)
+    about = [x.detail for x in found if "bias" in x.detail and x.claim != "reference"]
+    assert about[0] == "bias, TypeError: unsupported"
+    assert len(about) > 5 and {*about[1:]} == {"bias does not answer"}
+    alone = check_functions(
+        3, M=CART.M, bias=broken, states=2, claims=["bias-even", "bias-quadratic"]
+    )
+    why = ["bias breaks: TypeError: unsupported", "bias does not answer"]
+    assert sorted(x.detail for x in alone) == sorted(why)
+
+
+def test_claims_go_on_without_a_function_that_another_stands_in_for():
+    def broken(*_):
+        raise TypeError("unsupported")
+
+    def verdicts(**changed: Any) -> dict[str, str]:
+        found = check_functions(**(given("cart") | changed), states=2)
+        return {x.claim: x.verdict for x in found if x.verdict != "not looked at"}
+
+    assert verdicts(bias=broken)["gravity-velocity"] == "passed"
+    without = verdicts(M=broken)
+    assert {without[x] for x in ("bias-power", "motion", "power-balance")} == {"passed"}
+    assert verdicts(M=broken, bias=None)["motion"] == "passed"
+    assert "motion" not in verdicts(M=broken, T=None)
 
 
 CART_FUNCTIONS = [x for x in given("cart") if x != "n"]

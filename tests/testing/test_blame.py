@@ -313,6 +313,101 @@ def test_equations_of_motion_that_hold_clear_all_they_read_but_the_acceleration(
     assert reads(without, "motion") == {"T", "bias", "qdd"}
 
 
+# ---- A kinetic energy that is none ---------------------------------------------------------------
+
+REST = "T(q, 0) changes with q; is the potential energy in it?"
+
+
+@pytest.mark.parametrize(
+    "more", [lambda q: -CART.U(q), lambda q: q[0] ** 2], ids=["a Lagrangian", "a term of q"]
+)
+def test_a_right_bias_is_cleared_where_the_kinetic_energy_has_another_one(more: Callable):
+    changed = {"T": lambda q, v: CART.T(q, v) + more(q), "claims": None}
+    first, *others = failures("cart", "M bias gravity T U", **changed)
+    wrong = "kinetic energy T is wrong: bias-of-energy fails, bias-of-mass-matrix passes"
+    assert first.detail.startswith(f"{wrong}; {REST}; bias, row "), first.detail
+    assert (first.cause, others) == ("T", [])
+    assert first.detail.endswith("; the difference does not depend on v")
+    assert "in its place" not in first.detail
+
+
+def test_where_the_bias_is_not_cleared_the_energy_at_rest_is_named_beside_it():
+    changed = {"T": lambda q, v: CART.T(q, v) + q[0] ** 2}
+    first, *_ = failures("cart", "bias T", **changed)
+    either = "bias or kinetic energy T is wrong: M, qdd or against would tell"
+    assert first.detail.startswith(f"{either}; {REST}; ")
+    assert first.detail.endswith("; the difference does not depend on v")
+
+
+def test_a_lagrangian_is_suspect_of_the_equations_of_motion_that_follow_from_it():
+    (motion,) = failures("cart", "qdd T U R", T=lambda q, v: CART.T(q, v) - CART.U(q))
+    assert motion.cause == "qdd or T or U"
+    assert f"; {REST}; " in motion.detail
+
+
+def test_a_lagrangian_alone_is_told_as_nothing_that_can_be_judged():
+    given_ = {"n": 3, "U": CART.U, "states": 1, "claims": ["energy-quadratic"]}
+    for T in (CART.T, lambda q, v: CART.T(q, v) + 1.0):
+        assert [x.verdict for x in check_functions(T=T, **given_)] == ["passed"]
+
+    def lagrangian(q, v):
+        return CART.T(q, v) - CART.U(q)
+
+    _, told = check_functions(T=lagrangian, **given_)
+    assert (told.subject, told.verdict) == ("T at rest", "not looked at")
+    assert told.detail == f"{REST} bias, qdd or against would tell"
+    assert len(check_functions(T=lagrangian, bias=CART.bias, **given_)) == 1  # which tells
+
+
+def hoop(**changed: Callable) -> dict[str, Any]:
+    """Return the functions of two beads on a hoop that is turned at a constant rate."""
+    turn = 1.5
+
+    def pull(q: Any) -> Any:
+        return turn**2 * np.sin(q) * np.cos(q)
+
+    return {
+        "M": lambda q: 2.0 * np.eye(2),
+        "T": lambda q, v: v @ v + turn**2 * np.sin(q) @ np.sin(q),
+        "bias": lambda q, v: -2.0 * pull(q),
+        "qdd": lambda q, v: pull(q),
+    } | changed
+
+
+def test_a_system_that_a_clock_drives_has_no_failure_and_the_bias_of_its_energy():
+    found = check_functions(2, **hoop(), states=3)
+    assert not [x for x in found if x.verdict == "failed"]
+    verdicts = {x.claim: x.verdict for x in found}
+    assert verdicts["bias-of-mass-matrix"] == "not looked at"
+    assert verdicts["bias-of-energy"] == "passed"
+    (why,) = {x.detail for x in found if x.claim == "bias-of-mass-matrix"}
+    assert why == REST
+
+
+def test_terms_of_the_bias_are_told_beside_those_that_a_clock_leaves():
+    wrong = hoop(bias=lambda q, v: hoop()["bias"](q, v) + v**2 * [0.5, 0.0])
+    found = check_functions(2, **wrong, states=[([0.4, 0.9], [0.8, -0.3])])
+    first = next(x for x in found if x.verdict == "failed")
+    (term,) = (x for x in first.detail.split("; ") if "v[0]²" in x)
+    assert term == "row q[0], v[0]²: should vanish: got 0.5"
+
+
+def test_a_difference_at_rest_is_no_difference_that_does_not_depend_on_the_velocity():
+    def wrong(q, v):
+        return CART.bias(q, v) + np.array([0.3 + 0.2 * v[0] ** 2, 0.0, 0.0])
+
+    found = failures("cart", "M bias", [([0.3, 0.7, -0.4], [0.0, 0.0, 0.0])], bias=wrong)
+    (first,) = (x for x in found if x.claim == "bias-of-mass-matrix")
+    assert first.detail.endswith("; row q[0], v[0]²: should vanish: got 0.2")
+
+
+def test_a_mass_matrix_that_is_the_energys_settles_it_only_if_it_is_quadratic():
+    functions = Functions(2, **EVERY)
+    passed = Finding("kinetic-energy", "M", functions, None, 0.0, 1.0, "passed", "")
+    assert settled_by([passed], True) == dict.fromkeys(("M", "T"), "kinetic-energy")
+    assert settled_by([passed], False) == {"M": "kinetic-energy"}
+
+
 # ---- Which term ----------------------------------------------------------------------------------
 
 

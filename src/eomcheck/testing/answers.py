@@ -45,6 +45,8 @@ class Answers:
         """Names of functions that wrote into what they were handed."""
         self.repeated: set[str] = set()
         """Names of functions that were called again and again at one state."""
+        self.told: set[str] = set()
+        """Names of functions that do not answer somewhere, with the reason in a Finding."""
 
     def reads(self, name: str) -> str:
         """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""
@@ -90,14 +92,18 @@ class Answers:
             raw = np.asarray(_plain(answer))
             if np.ma.is_masked(answer):
                 raise BrokenError(name, "answers a masked array, of which entries are masked")
+            if raw.dtype.kind == "c":
+                raise BrokenError(
+                    name, "answers complex numbers, expected an array of real numbers"
+                )
             if raw.dtype.kind not in "fiuO":
                 raise TypeError
             array = np.array(raw, np.float64)
         except OverflowError:
             raise BrokenError(name, "answers a number that is too large for a double") from None
         except (TypeError, ValueError, RuntimeError):
-            kind = type(answer).__name__
-            raise BrokenError(name, f"answers a {kind}, expected an array of numbers") from None
+            what = f"answers {_type_of(answer)}, expected an array of numbers"
+            raise BrokenError(name, what) from None
         if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
             self.single[name] = str(raw.dtype)
         array = self._shaped(name, array)
@@ -125,6 +131,20 @@ def _bytes(arrays: dict[str, Any]) -> list[bytes]:
     with suppress(TypeError, ValueError, RuntimeError):
         return [np.asarray(_plain(array)).tobytes() for array in arrays.values()]
     return []
+
+
+def _type_of(answer: Any) -> str:
+    """Type of an answer in words, with that of its entries where all are of one that is no number.
+
+    "a list of str", "an array of bool".
+    """
+    kind = "an array" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
+    entries = np.ravel(answer).tolist() if isinstance(answer, np.ndarray) else answer
+    types = {type(x) for x in entries} if isinstance(entries, list | tuple) else set()
+    if len(types) != 1 or types & {int, float, list, tuple}:
+        return kind
+    (of,) = types
+    return f"{kind} of {of.__name__}"
 
 
 def _plain(answer: Any) -> Any:

@@ -20,10 +20,9 @@ from eomcheck.evaluation.tolerance import C
 from eomcheck.testing.answers import BrokenError
 from eomcheck.testing.derived import bias, inertia
 from eomcheck.testing.measured import Measured, exact
-from eomcheck.testing.of_motions import seen
 from eomcheck.testing.of_reference import FOLLOWS
-from eomcheck.testing.point import Point
-from eomcheck.testing.polarized import wrong_terms
+from eomcheck.testing.point import REST_ENERGY, Point
+from eomcheck.testing.polarized import CONSTANT, SCALES, Degrees, degrees_of, wrong_terms
 from eomcheck.testing.registry import FUNCTION_CLAIMS
 from eomcheck.testing.subject import INPUTS, Functions
 
@@ -60,9 +59,6 @@ SETTLES: dict[str, tuple[str, ...]] = {
 
 LISTED = 3
 """Number of claims that a sentence lists by name."""
-
-SCALES = 0.0, 1.0, -1.0, 2.0
-"""Multiples of v at which the residual of motion is measured."""
 
 
 class Conflict(NamedTuple):
@@ -123,7 +119,8 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
         for one in failed
     ]
     changed: dict[int, Finding] = {}
-    for blame in blames_of(found, conflicts):
+    natural = all(_natural(x) for x in (points[0], *where.values()) if x is not None)
+    for blame in blames_of(found, conflicts, natural):
         own = [one.finding for one in blame.conflicts]
         cause = " or ".join(blame.causes)
         polarized = ""
@@ -135,6 +132,9 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
                 told, cause=cause, follows="" if one is own[0] else own[0].claim
             )
         text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
+        rest = rest_energy(where.get(id(own[0]))) if "T" in blame.causes else ""
+        if rest:
+            text = f"{text}; {rest}" if text else rest
         if text:
             changed[id(own[0])] = replace(head, detail=f"{text}; {head.detail}")
     return [changed.get(id(one), one) for one in found]
@@ -146,8 +146,10 @@ def _terms_of(blame: Blame, failed: Finding, at: Point | None, polarized: str) -
         return ""
     if failed.claim == "motion":
         return "" if "off by" in failed.detail else _of_motion(at)
-    about = {"bias", "C"} & {*blame.causes}
-    return wrong_terms(failed, at) if about and not polarized else ""
+    if polarized or not {"bias", "C", "T"} & {*blame.causes}:
+        return ""
+    term = wrong_terms(failed, at)
+    return term if term == CONSTANT or {"bias", "C"} & {*blame.causes} else ""
 
 
 # ---- Suspects ------------------------------------------------------------------------------------
@@ -193,29 +195,13 @@ def suspects(functions: Functions, failed: Finding, at: Point | None) -> frozens
     found = reads(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
         return found
+    if _in_motion(at):
+        found |= {"T"}
     try:
         with np.errstate(all="ignore"):
             return found & _of_residual(at, found) or found
     except (BrokenError, np.linalg.LinAlgError):
         return found
-
-
-class Degrees(NamedTuple):
-    """Whether a quantity has terms that are constant, odd and even in v, without the constant."""
-
-    constant: bool
-    odd: bool
-    even: bool
-
-    @property
-    def text(self) -> str:
-        """Dependence of the residual of motion on v, "" where it is of several kinds."""
-        kinds = {
-            (True, False, False): "constant in v: a force",
-            (False, True, False): "odd in v: damping",
-            (False, False, True): "even in v, 0 at rest: bias",
-        }
-        return kinds.get((self.constant, self.odd, self.even), "")
 
 
 def residual(at: Point) -> Measured | None:
@@ -225,13 +211,6 @@ def residual(at: Point) -> Measured | None:
         return None
     left = inertia(at) @ at.of("qdd") + B - at.forces()
     return exact(at.free().T) @ left if at.has("a") else left
-
-
-def degrees_of(values: Sequence[Measured]) -> Degrees:
-    """Return the degrees of a quantity that is measured at `SCALES` times v."""
-    rest, ahead, behind, _ = values
-    odd, even = ahead - behind, ahead + behind - 2.0 * rest
-    return Degrees(*(bool(seen(x).any()) for x in (rest, odd, even)))
 
 
 def _measured_residuals(at: Point) -> tuple[list[Point], list[Measured]]:
@@ -279,8 +258,12 @@ def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
         "Q": Degrees(True, loads.odd, loads.even),
     }
     kept = set()
+    rest = {"T"} if here.rest_energy_changes() else set()
     for name in found:
         can = explains.get(name, Degrees(True, True, True))
+        if name == "T" and "T" in rest:
+            kept.add(name)
+            continue
         if name in ("M", "T"):
             even = qdd.even or not (here.has("bias") or here.has("C"))
             can = Degrees(qdd.constant, qdd.odd, even)
@@ -290,8 +273,31 @@ def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
             kept.add(name)
     if only:
         named = {"Q": {"Q"}, "gravity": {"gravity", "U", "bias"}, "damping": {"R"}}
-        kept &= {"qdd"}.union(*(named[name] for name in only))
+        kept &= ({"qdd"} | rest).union(*(named[name] for name in only))
     return frozenset(kept)
+
+
+def _in_motion(at: Point) -> bool:
+    """Whether the equations of motion have B of T, whose terms that are not quadratic M lacks."""
+    given = at.functions.function
+    return given("T") is not None and given("bias") is None and not _natural(at)
+
+
+def _natural(at: Point) -> bool:
+    """Whether T is quadratic in v, as far as it answers."""
+    try:
+        with np.errstate(all="ignore"):
+            return at.natural()
+    except BrokenError:
+        return True
+
+
+def rest_energy(at: Point | None) -> str:
+    """Return what is suspect of T at rest, "" for nothing."""
+    if at is None or _natural(at):
+        return ""
+    with np.errstate(all="ignore"):
+        return REST_ENERGY if at.rest_energy_changes() else ""
 
 
 def _in_proportion(values: Sequence[Measured], part: Sequence[Measured]) -> bool:
@@ -308,13 +314,18 @@ def _in_proportion(values: Sequence[Measured], part: Sequence[Measured]) -> bool
 # ---- Conclusions ---------------------------------------------------------------------------------
 
 
-def blames_of(found: list[Finding], conflicts: list[Conflict]) -> list[Blame]:
+def blames_of(found: list[Finding], conflicts: list[Conflict], natural: bool = True) -> list[Blame]:
     """Return the conclusions: the fewest functions that explain all failures.
 
     A failure with one suspect makes it certain. Of the others those are taken that are suspects of
     all that is not explained yet, without those that a claim which passes settles.
+
+    Args:
+        found: Findings of all claims.
+        conflicts: the failures.
+        natural: whether T is quadratic in v.
     """
-    settled, blames = settled_by(found), []
+    settled, blames = settled_by(found, natural), []
     certain = {name for one in conflicts if len(one.suspects) == 1 for name in one.suspects}
     order = list(INPUTS).index
     for name in sorted(certain, key=order):
@@ -337,8 +348,11 @@ def blames_of(found: list[Finding], conflicts: list[Conflict]) -> list[Blame]:
     return blames
 
 
-def settled_by(found: list[Finding]) -> dict[str, str]:
-    """Return function -> the first claim that passes and settles it."""
+def settled_by(found: list[Finding], natural: bool = True) -> dict[str, str]:
+    """Return function -> the first claim that passes and settles it.
+
+    M = ∂²T/∂v² settles T only if that is quadratic in v, `natural`.
+    """
     failed = {
         (x.claim, x.claim == "reference" and x.subject) for x in found if x.verdict == "failed"
     }
@@ -349,6 +363,8 @@ def settled_by(found: list[Finding]) -> dict[str, str]:
             continue
         names = reads(one.scene, one.claim, one.subject)
         for name in names if about else names & {*SETTLES.get(one.claim, ())}:
+            if name == "T" and not natural and not about:
+                continue
             settled.setdefault(name, one.claim)
     return settled
 

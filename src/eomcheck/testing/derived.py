@@ -14,7 +14,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.derivative import partial
 from eomcheck.testing.measured import Measured, contract, exact
-from eomcheck.testing.point import Point
+from eomcheck.testing.point import NOT_QUADRATIC, Point
 
 BUILT_IN = "constraints may be built into M, which then does not tell B"
 CLOCK = 0.25
@@ -24,14 +24,19 @@ CLOCK = 0.25
 # ---- Mass matrix ---------------------------------------------------------------------------------
 
 
+def of_matrix(at: Point) -> bool:
+    """Whether M tells the inertia: it is given, and T is not or M answers here."""
+    return at.has("M") and (not at.has("T") or at.answering("M"))
+
+
 def inertia(at: Point) -> Measured:
-    """Mass matrix (p, p): M if it is given, else ∂²T/∂v²."""
-    return at.of("M") if at.has("M") else second_differences(at)
+    """Mass matrix (p, p): M if it is given and answers, else ∂²T/∂v²."""
+    return at.of("M") if of_matrix(at) else second_differences(at)
 
 
 def inertia_rate(at: Point) -> Measured:
     """Rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
-    if at.has("M"):
+    if of_matrix(at):
         return at.along(at.dM())
     return at.kept("Ṁ of T", lambda: at.rate_of(_second_of(at)))
 
@@ -83,7 +88,7 @@ def bias(at: Point) -> Measured | None:
 
 def bias_of_inertia(at: Point) -> Measured | None:
     """Bias (p,) of M or else of T; None where neither tells it."""
-    if at.has("M") and at.natural():
+    if of_matrix(at) and at.natural():
         return bias_of_mass_matrix(at)
     return bias_of_energy(at) if at.has("T") and at.functions.of_lagrange else None
 
@@ -91,7 +96,7 @@ def bias_of_inertia(at: Point) -> Measured | None:
 def why_no_bias(at: Point) -> str:
     """Reason why `bias` is None."""
     if not at.natural():
-        return "T has terms that are not quadratic in v: bias would tell B"
+        return f"{NOT_QUADRATIC}: bias would tell B"
     if not at.functions.of_lagrange:
         return f"{BUILT_IN}: bias or C would, or holonomic=True if none are"
     return "M or T tells B only where there are as many speeds as coordinates: bias or C would"

@@ -60,6 +60,7 @@ def answers(at: Point) -> Iterator[Told]:
         try:
             at.answers(name, at.q, at.v)
         except BrokenError as broken:
+            at.answers.told.add(name)
             yield Told(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
         else:
             yield Told(name, 0.0, 0.0, "passed")

@@ -12,15 +12,18 @@ from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.derived import bias_of_energy, differences, inertia_rate, second_differences
 from eomcheck.testing.measured import Measured, exact
 from eomcheck.testing.of_terms import proportional, rows
-from eomcheck.testing.point import Point
+from eomcheck.testing.point import REST_ENERGY, Point
 from eomcheck.testing.registry import Blind, Sides, Skipped, Told, claim
 
 
 @claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
-def energy_quadratic(at: Point) -> Iterator[Sides]:
-    """T(3v) - 3 T(2v) + 3 T(v) - T(0) = 0."""
+def energy_quadratic(at: Point) -> Iterator[Sides | Skipped]:
+    """T(3v) - 3 T(2v) + 3 T(v) - T(0) = 0; T(q, 0) may change with q where a clock drives."""
     T = [at.moved(k * at.v).of("T") for k in range(4)]
     yield Sides("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
+    tells = [name for name in ("bias", "qdd", "against") if at.has(name)]
+    if not tells and at.rest_energy_changes():
+        yield Skipped("T at rest", f"{REST_ENERGY} bias, qdd or against would tell")
 
 
 @claim(

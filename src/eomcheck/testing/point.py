@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ FLIPS = 4
 
 STEPS, CLOSE = 50, 1e-10
 """Steps of Newton's method at most, and how small the last one has to be, relative to q."""
+
+NOT_QUADRATIC = "T has terms that are not quadratic in v"
+REST_ENERGY = "T(q, 0) changes with q; is the potential energy in it?"
 
 
 class Point:
@@ -52,6 +56,18 @@ class Point:
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
+
+    def answering(self, name: str) -> bool:
+        """Return whether the function `name` is given, and answers here."""
+
+        def look() -> bool:
+            with suppress(BrokenError):
+                self.answers(name, self.q, self.v)
+                return True
+            return False
+
+        given = self.functions.function(name) is not None
+        return given and self.kept(("answers", name), look)
 
     def has(self, name: str) -> bool:
         """Return whether a quantity can be had: one that is given, or follows at once."""
@@ -208,6 +224,20 @@ class Point:
             return all(abs(x.value) <= C * (x.error + here.error) for x in (rest, odd))
 
         return not self.has("T") or self.kept("natural", look)
+
+    def rest_energy_changes(self) -> bool:
+        """Whether T(q, 0) changes with q: where a clock drives the system, or by U in it."""
+
+        def look() -> bool:
+            rest = self.moved(np.zeros(len(self.v)))
+            slope = rest.by_q(rest.raw("T"))
+            return bool((np.abs(slope.value) > C * slope.error).any())
+
+        return not self.natural() and self.kept("T(q, 0) changes", look)
+
+    def why_not_natural(self) -> str:
+        """Reason why `natural` is False."""
+        return REST_ENERGY if self.rest_energy_changes() else NOT_QUADRATIC
 
     def consistent(self) -> Point | None:
         """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.

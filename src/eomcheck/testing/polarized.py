@@ -5,7 +5,7 @@ B is quadratic in v, so that its values at v = e_i and e_i + e_j give all coeffi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +16,17 @@ from eomcheck.numbers.contract import Array
 from eomcheck.testing.answers import BrokenError
 from eomcheck.testing.derived import bias_along, bias_of_energy, bias_of_inertia
 from eomcheck.testing.measured import Measured, exact
+from eomcheck.testing.of_motions import seen
 from eomcheck.testing.of_terms import rows
 from eomcheck.testing.point import Point
 
 LISTED = 3
 """Number of terms that are listed."""
+
+CONSTANT = "the difference does not depend on v"
+SCALES = 0.0, 1.0, -1.0, 2.0
+"""Multiples of v at which it is measured how a quantity depends on v."""
+
 
 OfV = Callable[[Array], Measured | None]
 
@@ -66,6 +72,12 @@ def wrong_terms(failed: Finding, at: Point) -> str:
         return ""
     try:
         with np.errstate(all="ignore"):
+            v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, as v at rest
+            off, expected = (_degrees(of, v) for of in (_difference(*pair), pair[1]))
+            if off.constant and not (off.odd or off.even):
+                return CONSTANT
+            if off.constant or off.odd or expected.constant or expected.odd:
+                pair = _quadratic_part(pair[0]), _quadratic_part(pair[1])
             terms = [*_terms(*pair, at.width_v)]
     except (BrokenError, np.linalg.LinAlgError):
         return ""
@@ -89,6 +101,59 @@ def _sides(claim: str, at: Point) -> tuple[OfV, OfV] | None:
             expected = given if at.has("bias") else (lambda v: bias_of_inertia(at.moved(v)))
             return lambda v: at.moved(v).of("C") @ exact(v), expected
     return None
+
+
+class Degrees(NamedTuple):
+    """Whether a quantity has terms that are constant, odd and even in v, without the constant."""
+
+    constant: bool
+    odd: bool
+    even: bool
+
+    @property
+    def text(self) -> str:
+        """Dependence of the residual of motion on v, "" where it is of several kinds."""
+        kinds = {
+            (True, False, False): "constant in v: a force",
+            (False, True, False): "odd in v: damping",
+            (False, False, True): "even in v, 0 at rest: bias",
+        }
+        return kinds.get((self.constant, self.odd, self.even), "")
+
+
+def degrees_of(values: Sequence[Measured]) -> Degrees:
+    """Return the degrees of a quantity that is measured at `SCALES` times v."""
+    rest, ahead, behind, _ = values
+    odd, even = ahead - behind, ahead + behind - 2.0 * rest
+    return Degrees(*(bool(seen(x).any()) for x in (rest, odd, even)))
+
+
+def _degrees(of: OfV, v: Array) -> Degrees:
+    """Return the degrees of a function of v; even, as of a bias, where it has no value."""
+    values = [x for x in (of(scale * v) for scale in SCALES) if x is not None]
+    return degrees_of(values) if len(values) == len(SCALES) else Degrees(False, False, True)
+
+
+def _difference(x: OfV, y: OfV) -> OfV:
+    """x - y, None where one of them has no value."""
+
+    def difference(v: Array) -> Measured | None:
+        left, right = x(v), y(v)
+        return None if left is None or right is None else left - right
+
+    return difference
+
+
+def _quadratic_part(of: OfV) -> OfV:
+    """Part that is even in v, without the constant."""
+
+    def part(v: Array) -> Measured | None:
+        ahead, back, rest = of(v), of(-v), of(0.0 * v)
+        if ahead is None or back is None or rest is None:
+            return None
+        return 0.5 * (ahead + back) - rest
+
+    return part
 
 
 def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], Measured]:

@@ -24,7 +24,7 @@ from eomcheck.testing import of_constraints, of_motions, of_reference  # isort: 
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.blame import concluded
 from eomcheck.testing.noise import NEAR
-from eomcheck.testing.point import Point
+from eomcheck.testing.point import NOT_QUADRATIC, Point
 from eomcheck.testing.reference import reference_of
 from eomcheck.testing.registry import FUNCTION_CLAIMS, FunctionClaim, Outcome, Sides, Told
 from eomcheck.testing.subject import (
@@ -87,7 +87,7 @@ def check_functions(
         M: M(q) -> mass matrix (n, n).
         bias: bias(q, v) -> B (n,), without gravity unless `bias_has_gravity=True` is given.
         gravity: gravity(q) -> ∂U/∂q (n,), on the left-hand side.
-        C: C(q, v) -> Coriolis matrix (n, n), C v = B.
+        C: C(q, v) -> Coriolis matrix (n, n), C v = B and Ṁ - 2 C skew-symmetric.
         qdd: qdd(q, v) -> acceleration (n,), with everything in it.
         T: T(q, v) -> kinetic energy, J.
         U: U(q) -> potential energy, J.
@@ -216,10 +216,15 @@ def beyond(
                 yield replace(one, verdict="inconclusive", detail=detail)
     if {"answers", "reference"} <= set(found):  # in a report about everything
         more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
-        detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
-        skipped: Verdict = "not looked at"
-        about = "reference", functions.name, functions, None
-        yield Finding(*about, 0.0, 0.0, skipped, skipped, detail)
+        yield _within(functions, more)
+
+
+def _within(functions: Functions, more: str = "") -> Finding:
+    """Return the Finding that says which ranges were checked: the default ones, and `more`."""
+    detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
+    skipped: Verdict = "not looked at"
+    about = "reference", functions.name, functions, None
+    return Finding(*about, 0.0, 0.0, skipped, skipped, detail)
 
 
 def _finite(answers: Answers, state: State) -> bool:
@@ -454,7 +459,7 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
     try:
         with np.errstate(all="ignore"):
             if claim.natural and not at.natural():
-                yield Skipped(claim.term, "T has terms that are not quadratic in v")
+                yield Skipped(claim.term, NOT_QUADRATIC)
                 return
             here = at.consistent() if claim.consistent else at
             if here is None:
@@ -463,8 +468,11 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
             yield from claim.look(here)
     except BrokenError as broken:
         if claim.id != "answers":
-            # Told by `answers` where it breaks at the state itself.
-            yield Skipped(broken.name, f"{broken.name} breaks: {broken.why}")
+            # Why only once: by `answers` where it breaks at the state itself, else here.
+            once = broken.name in at.answers.told
+            at.answers.told.add(broken.name)
+            why = "does not answer" if once else f"breaks: {broken.why}"
+            yield Skipped(broken.name, f"{broken.name} {why}")
     except np.linalg.LinAlgError as error:
         yield Skipped(claim.term, f"not computed here: {error}")
 
@@ -535,6 +543,22 @@ def words(subject: str) -> str:
     """Return what a subject is about, in words where it is a function."""
     name = subject.split(" ~ ")[0]
     return INPUTS[name].what if name in INPUTS else name
+
+
+def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
+    """Return what cannot be told of functions by some claims, whatever the states; calls none.
+
+    Args:
+        functions: the functions.
+        claims: ids, keys of `FUNCTION_CLAIMS`.
+    """
+    middle, _ = functions.half_ranges()
+    at = Point(Answers(functions), middle[: functions.n], middle[functions.n :])
+    ids = tuple(claims)
+    found = [one for id in ids for one in untold(functions, FUNCTION_CLAIMS[id], at)]
+    if functions.ranges is None and {"answers", "reference"} <= {*ids}:
+        found.append(_within(functions))
+    return found
 
 
 def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:

@@ -82,7 +82,7 @@ class Functions:
     gravity: Function | None = None
     """gravity(q) -> ∂U/∂q (p,), on the left-hand side; gravity(q, v) is called so too."""
     C: Function | None = None
-    """C(q, v) -> Coriolis matrix (p, p), C v = B."""
+    """C(q, v) -> Coriolis matrix (p, p), C v = B and Ṁ - 2 C skew-symmetric."""
     qdd: Function | None = None
     """qdd(q, v) -> acceleration (p,), with everything in it."""
     T: Function | None = None

@@ -49,6 +49,7 @@ class Campaign:
         finds: what fails, made small, by cause.
         failures: number of findings that failed, by claim and what it is about.
         lost: claims that lanes could not look at, and why.
+        open: claims and subjects of functions that were not decided at a state, and why.
         seconds: time spent in rounds, added up over processes.
         cpu_seconds: CPU time of it.
         rounds: number of rounds done.
@@ -65,6 +66,7 @@ class Campaign:
     finds: dict[tuple[str, ...], Find] = field(default_factory=dict)
     failures: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
+    open: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     rounds: int = 0
@@ -156,6 +158,7 @@ class Campaign:
         self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
         self.lost |= result.lost
+        self.open = result.open | self.open
         new = [find for one in result.failed if (find := self._found(one, late)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
@@ -224,6 +227,7 @@ class Campaign:
             series={
                 "failures": [[*key, count] for key, count in failures.items()],
                 "lost": [[*one] for one in result.lost.items()],
+                "open": [[*one] for one in result.open.items()],
             },
         )
         records.add(record)
@@ -239,6 +243,7 @@ class Campaign:
             for claim, cause, count in record.series.get("failures", ()):
                 self.failures[claim, cause] += count
             self.lost |= dict(record.series.get("lost", ()))
+            self.open = dict(record.series.get("open", ())) | self.open
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:

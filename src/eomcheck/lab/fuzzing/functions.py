@@ -6,7 +6,8 @@ is judged as `eomcheck.testing.check_functions` judges it. All states are within
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +19,22 @@ from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, li
 from eomcheck.lab.fuzzing.judging import Fault
 from eomcheck.lab.fuzzing.parameters import functions_named
 from eomcheck.lab.fuzzing.rounding import rounded
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.contract import Array
-from eomcheck.testing.run import functions_at
+from eomcheck.testing.run import caveats, functions_at
 from eomcheck.testing.subject import Functions
 
 STATES = 16
 """States drawn in a round, and as many climbed to."""
+
+
+SKIPPED = "skipped: "
+"""Begins names of counts of states at which a claim says nothing of a subject."""
+
+HOW = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "not looked at": SKIPPED}
+"""Verdict -> beginning of the name of its count by claim and subject."""
 
 
 class FunctionsPlan(NamedTuple):
@@ -89,6 +98,22 @@ class FunctionsPlan(NamedTuple):
                 self._look(result, higher)
         return result
 
+    def caveats(self, counts: Counter[str], open_: Mapping[str, str]) -> list[str]:
+        """Return what the campaign could not tell, a line each, as `check_functions` says it.
+
+        Args:
+            counts: of the campaign.
+            open_: claims and subjects that were not decided at a state, and why.
+        """
+        states = counts["states"]
+        lines = [
+            f"{about} {why}"
+            for about, why in open_.items()
+            if counts[SKIPPED + about] == states
+            or (counts[OPEN + about] and not counts[DECIDED + about])
+        ]
+        return [*lines, *map(str, caveats(self.kind, self.claims))]
+
     def _look(self, result: Result, states: Sequence[State]) -> None:
         functions = self.kind
         heights: dict[tuple[str, str], Array] = {}
@@ -96,6 +121,12 @@ class FunctionsPlan(NamedTuple):
         for i, state in enumerate(states):
             for one in functions_at(functions, state, self.claims):
                 result.counts[one.verdict] += 1
+                about = f"{one.claim} [{one.subject}]"
+                result.counts[f"{HOW[one.verdict]}{about}"] += 1
+                if one.verdict == "inconclusive":
+                    result.open.setdefault(about, f"inconclusive in all states: {one.detail}")
+                elif one.verdict == "not looked at":
+                    result.open.setdefault(about, f"not looked at in any state: {one.detail}")
                 if one.verdict == "failed":
                     result.failed.append(one)
                 elif one.verdict == "passed":

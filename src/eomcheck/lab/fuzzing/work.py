@@ -100,6 +100,7 @@ class Result:
         counts: states by family, and by how they were looked at; verdicts in lanes.
         failed: findings that failed, by `eomcheck.check`.
         lost: claims that lanes could not look at, and why.
+        open: claims and subjects of functions that were not decided at a state, and why.
         seconds: how long it took.
         cpu_seconds: CPU time of it, less where it had to share its core.
     """
@@ -110,6 +111,7 @@ class Result:
     counts: Counter[str] = field(default_factory=Counter)
     failed: list[Finding] = field(default_factory=list)
     lost: dict[str, str] = field(default_factory=dict)
+    open: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
 

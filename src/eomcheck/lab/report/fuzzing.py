@@ -11,6 +11,7 @@ from eomcheck.console import console
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import FAMILIES
+from eomcheck.lab.fuzzing.functions import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.replay import Replayed
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
@@ -64,7 +65,9 @@ def summary_sheet(campaign: Campaign) -> Sheet:
     rows += [
         (name, str(x))
         for name, x in sorted(counts.items())
-        if x and name not in shown and not name.startswith((CROSSED, STOPPED, OPEN, DECIDED))
+        if x
+        and name not in shown
+        and not name.startswith((CROSSED, STOPPED, OPEN, DECIDED, SKIPPED))
     ]
     undecided = sorted(name.removeprefix(OPEN) for name in counts if name.startswith(OPEN))
     rows += [
@@ -138,7 +141,7 @@ def print_replayed(results: Sequence[Replayed]) -> None:
 
 
 def print_campaign(campaign: Campaign) -> None:
-    """Print what a campaign came to; of each find the code that shows it."""
+    """Print what a campaign came to: of each find the code that shows it; what was not told."""
     sheets = [summary_sheet(campaign), strata_sheet(campaign), crossings_sheet(campaign)]
     print_sheets([*(sheet for sheet in sheets if sheet is not None), worst_sheet(campaign)])
     if campaign.finds:
@@ -147,3 +150,6 @@ def print_campaign(campaign: Campaign) -> None:
             print(f"# {find}\n{find.python}")
     else:
         print("no find")
+    if isinstance(campaign.plan, FunctionsPlan):
+        for line in campaign.plan.caveats(campaign.counts, campaign.open):
+            say(printable(line))
