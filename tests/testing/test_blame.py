@@ -339,10 +339,25 @@ def test_where_the_bias_is_not_cleared_the_energy_at_rest_is_named_beside_it():
     assert first.detail.endswith("; the difference does not depend on v")
 
 
-def test_a_lagrangian_is_suspect_of_the_equations_of_motion_that_follow_from_it():
-    (motion,) = failures("cart", "qdd T U R", T=lambda q, v: CART.T(q, v) - CART.U(q))
-    assert motion.cause == "qdd or T or U"
+@pytest.mark.parametrize(
+    ("names", "cause"), [("qdd T U R", "qdd or T or U"), ("M gravity qdd T U R", "qdd or T")]
+)
+def test_a_lagrangian_is_suspect_of_the_equations_of_motion_that_follow_from_it(
+    names: str, cause: str
+):
+    (motion,) = failures("cart", names, T=lambda q, v: CART.T(q, v) - CART.U(q))
+    assert motion.cause == cause
     assert f"; {REST}; " in motion.detail
+
+
+def test_gravity_in_the_bias_and_in_the_kinetic_energy_is_not_a_wrong_acceleration():
+    changed = {
+        "T": lambda q, v: CART.T(q, v) - CART.U(q),
+        "bias": lambda q, v: CART.bias(q, v) + CART.gravity(q),
+    }
+    first, *_ = failures("cart", "M bias gravity qdd T U R", **changed)
+    assert (first.claim, first.cause) == ("motion", "bias or qdd")
+    assert f"; {REST}; " in first.detail
 
 
 def test_a_lagrangian_alone_is_told_as_nothing_that_can_be_judged():
@@ -401,11 +416,25 @@ def test_a_difference_at_rest_is_no_difference_that_does_not_depend_on_the_veloc
     assert first.detail.endswith("; row q[0], v[0]²: should vanish: got 0.2")
 
 
-def test_a_mass_matrix_that_is_the_energys_settles_it_only_if_it_is_quadratic():
+def test_a_bias_that_lacks_what_a_clock_leaves_is_not_cleared_by_the_mass_matrix():
+    """A mass on a turntable: Coriolis' force is in T, not in M."""
+
+    def T(q, v):
+        return (v[0] - 1.5 * q[1]) ** 2 + (v[1] + 1.5 * q[0]) ** 2
+
+    model = {"M": lambda q: 2.0 * np.eye(2), "T": T, "bias": lambda q, v: 0.0 * q}
+    first, *_ = (x for x in check_functions(2, **model, states=2) if x.verdict == "failed")
+    assert first.cause == "bias or T"
+    assert first.detail.startswith("bias or kinetic energy T is wrong: qdd or against would tell")
+    assert "potential energy" not in first.detail
+
+
+def test_a_claim_settles_nothing_that_is_unsettled():
     functions = Functions(2, **EVERY)
     passed = Finding("kinetic-energy", "M", functions, None, 0.0, 1.0, "passed", "")
-    assert settled_by([passed], True) == dict.fromkeys(("M", "T"), "kinetic-energy")
-    assert settled_by([passed], False) == {"M": "kinetic-energy"}
+    assert settled_by([passed]) == dict.fromkeys(("M", "T"), "kinetic-energy")
+    assert settled_by([passed], {("kinetic-energy", "T")}) == {"M": "kinetic-energy"}
+    assert settled_by([passed], {("motion", "T")}) == settled_by([passed])
 
 
 # ---- Which term ----------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ odd, the bias one that is even and vanishes at rest, the mass matrix what the ac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -119,8 +119,8 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
         for one in failed
     ]
     changed: dict[int, Finding] = {}
-    natural = all(_natural(x) for x in (points[0], *where.values()) if x is not None)
-    for blame in blames_of(found, conflicts, natural):
+    unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
+    for blame in blames_of(found, conflicts, unsettled):
         own = [one.finding for one in blame.conflicts]
         cause = " or ".join(blame.causes)
         polarized = ""
@@ -132,7 +132,8 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
                 told, cause=cause, follows="" if one is own[0] else own[0].claim
             )
         text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
-        rest = rest_energy(where.get(id(own[0]))) if "T" in blame.causes else ""
+        about = "T" in blame.causes or ("bias" in blame.causes and not blame.certain)
+        rest = rest_energy(where.get(id(own[0]))) if about else ""
         if rest:
             text = f"{text}; {rest}" if text else rest
         if text:
@@ -249,8 +250,9 @@ def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
     only = [name for name, of in parts.items() if _in_proportion(values, of)]
     damping = degrees_of(parts["damping"]) if "damping" in parts else Degrees(False, True, False)
     loads = degrees_of(parts["Q"]) if "Q" in parts else Degrees(True, False, False)
+    rest = {"T"} if here.rest_energy_changes() else set()
     explains = {
-        "bias": Degrees(False, False, True),
+        "bias": Degrees(bool(rest), False, True),
         "C": Degrees(False, False, True),
         "gravity": Degrees(True, False, False),
         "U": Degrees(True, False, False),
@@ -258,7 +260,6 @@ def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
         "Q": Degrees(True, loads.odd, loads.even),
     }
     kept = set()
-    rest = {"T"} if here.rest_energy_changes() else set()
     for name in found:
         can = explains.get(name, Degrees(True, True, True))
         if name == "T" and "T" in rest:
@@ -292,6 +293,20 @@ def _natural(at: Point) -> bool:
         return True
 
 
+def unsettled_by(points: Sequence[Point]) -> set[tuple[str, str]]:
+    """Return claims that settle less where T is not quadratic in v, each with a function.
+
+    M = ∂²T/∂v² tells nothing of other terms of T, which may be the potential energy; the bias that
+    is that of T then has gravity. With terms linear in v a clock drives the system, and M alone
+    does not tell B.
+    """
+    if all(map(_natural, points)):
+        return set()
+    found = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
+    even = all(one.even() for one in points if not _natural(one))
+    return found if even else found | {("bias-of-mass-matrix", "bias")}
+
+
 def rest_energy(at: Point | None) -> str:
     """Return what is suspect of T at rest, "" for nothing."""
     if at is None or _natural(at):
@@ -314,7 +329,11 @@ def _in_proportion(values: Sequence[Measured], part: Sequence[Measured]) -> bool
 # ---- Conclusions ---------------------------------------------------------------------------------
 
 
-def blames_of(found: list[Finding], conflicts: list[Conflict], natural: bool = True) -> list[Blame]:
+def blames_of(
+    found: list[Finding],
+    conflicts: list[Conflict],
+    unsettled: Set[tuple[str, str]] = frozenset(),
+) -> list[Blame]:
     """Return the conclusions: the fewest functions that explain all failures.
 
     A failure with one suspect makes it certain. Of the others those are taken that are suspects of
@@ -323,9 +342,9 @@ def blames_of(found: list[Finding], conflicts: list[Conflict], natural: bool = T
     Args:
         found: Findings of all claims.
         conflicts: the failures.
-        natural: whether T is quadratic in v.
+        unsettled: see `settled_by`.
     """
-    settled, blames = settled_by(found, natural), []
+    settled, blames = settled_by(found, unsettled), []
     certain = {name for one in conflicts if len(one.suspects) == 1 for name in one.suspects}
     order = list(INPUTS).index
     for name in sorted(certain, key=order):
@@ -348,10 +367,14 @@ def blames_of(found: list[Finding], conflicts: list[Conflict], natural: bool = T
     return blames
 
 
-def settled_by(found: list[Finding], natural: bool = True) -> dict[str, str]:
+def settled_by(
+    found: list[Finding], unsettled: Set[tuple[str, str]] = frozenset()
+) -> dict[str, str]:
     """Return function -> the first claim that passes and settles it.
 
-    M = ∂²T/∂v² settles T only if that is quadratic in v, `natural`.
+    Args:
+        found: Findings of all claims.
+        unsettled: claims and functions that they do not settle here, see `unsettled_by`.
     """
     failed = {
         (x.claim, x.claim == "reference" and x.subject) for x in found if x.verdict == "failed"
@@ -363,7 +386,7 @@ def settled_by(found: list[Finding], natural: bool = True) -> dict[str, str]:
             continue
         names = reads(one.scene, one.claim, one.subject)
         for name in names if about else names & {*SETTLES.get(one.claim, ())}:
-            if name == "T" and not natural and not about:
+            if (one.claim, name) in unsettled:
                 continue
             settled.setdefault(name, one.claim)
     return settled

@@ -225,15 +225,24 @@ class Point:
 
         return not self.has("T") or self.kept("natural", look)
 
+    def even(self) -> bool:
+        """Return whether T, where it is given, has no terms linear in v: those of a potential."""
+        if self.natural():
+            return True
+        odd = self.of("T") - self.moved(-self.v).of("T")
+        return bool(np.abs(odd.value) <= C * (odd.error + self.of("T").error))
+
     def rest_energy_changes(self) -> bool:
-        """Whether T(q, 0) changes with q: where a clock drives the system, or by U in it."""
+        """Whether T(q, 0) changes with q, and T is even in v: U is in it, or a clock drives it."""
 
         def look() -> bool:
             rest = self.moved(np.zeros(len(self.v)))
             slope = rest.by_q(rest.raw("T"))
             return bool((np.abs(slope.value) > C * slope.error).any())
 
-        return not self.natural() and self.kept("T(q, 0) changes", look)
+        if self.natural() or not self.even():
+            return False
+        return self.kept("T(q, 0) changes", look)
 
     def why_not_natural(self) -> str:
         """Reason why `natural` is False."""
