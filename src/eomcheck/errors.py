@@ -93,11 +93,14 @@ class UnknownNameError(InputError):
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return a hint at the name that looks most like one that is not known, "" if none does."""
+    """Return a hint at the name that looks most like one that is not known, "" if none does.
+
+    Dashes before an option say nothing about how alike two are.
+    """
     from difflib import get_close_matches
 
-    lower = {one.lower(): one for one in known}
-    near = get_close_matches(str(name).lower(), lower, 1, 0.61)
+    lower = {one.lower().lstrip("-"): one for one in known}
+    near = get_close_matches(str(name).lower().lstrip("-"), lower, 1, 0.65)
     return f" (did you mean {lower[near[0]]!r}?)" if near else ""
 
 

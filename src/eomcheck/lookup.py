@@ -119,6 +119,9 @@ def _class_in(module: ModuleType, name: str, kind: Kind[T], home: str) -> type[T
         return found
     if isinstance(found, type):
         raise InputError(f"{name} in {home!r} does not derive from eomcheck's {kind.base.__name__}")
+    instead = getattr(type(found), "instead", "") if calls.is_ours(type(found)) else ""
+    if kind.word == "scene" and instead:
+        raise InputError(f"{name} in {home!r} is no scene: {instead.format(f'{home}:{name}')}")
     own = [
         key
         for key, value in vars(module).items()

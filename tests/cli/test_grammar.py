@@ -16,6 +16,7 @@ import eomcheck
 from eomcheck import cli, console
 from eomcheck.cli.app import DOORS, EXIT_CODES
 from eomcheck.cli.complete import WRITTEN, keys
+from eomcheck.engines import engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
 from eomcheck.lab.options import listed, numbers, parameters
 from eomcheck.mechanics.parameters import with_parameters
@@ -219,8 +220,30 @@ def test_a_hint_is_given_where_one_name_is_near_and_else_none():
     assert did_you_mean("Kane", ["au", "kane"]) == " (did you mean 'kane'?)"
     assert did_you_mean("zzz", ["au", "kane"]) == ""
     assert did_you_mean(3, ["au"]) == ""
+    assert did_you_mean("--nonsense", ["--scene", "--seed"]) == ""
+    assert did_you_mean("--sceen", ["--seed", "--scene"]) == " (did you mean '--scene'?)"
+    assert did_you_mean("--s", ["--e"]) == "", "dashes are alike in all options"
     error = UnknownNameError("claim", "bia", eomcheck.CLAIMS)
     assert "did you mean 'bias'" in str(error)
+
+
+@pytest.mark.parametrize("command", ["validate", "prove"])
+def test_functions_where_a_scene_is_expected_are_told_where_to_go(
+    command, monkeypatch, capsys, tmp_path
+):
+    text = "from eomcheck.testing import Functions\ngood, other = Functions(2, T=max), 3\n"
+    (tmp_path / f"fun_{command}.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    name = f"fun_{command}.py:good"
+    assert run(command, "--scene", name, monkeypatch=monkeypatch) == 2
+    said = capsys.readouterr().err
+    assert f"good in 'fun_{command}.py' is no scene" in said
+    assert f"`eomcheck fuzz --scene {name}`" in said and "check_functions" in said
+    other = name.replace("good", "other")
+    assert run(command, "--scene", other, monkeypatch=monkeypatch) == 2
+    assert "has no scene 'other'; it has: none" in capsys.readouterr().err
+    with pytest.raises(InputError, match="has no engine 'good'; it has: none"):
+        engine_of(name)
 
 
 # ---- Lists ---------------------------------------------------------------------------------------

@@ -175,6 +175,22 @@ def test_an_import_that_vanishes_is_reported_and_not_tried_again(tmp_path: Path)
     assert run.stdout.splitlines() == ["once", died]
 
 
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        ("import sys; sys.exit(0)", "SystemExit: 0"),
+        pytest.param("while True: pass", "gave no answer in 5 s", marks=pytest.mark.night),
+    ],
+)
+def test_an_import_that_exits_or_gives_no_answer_is_bad_input(tmp_path: Path, body: str, why: str):
+    path = tmp_path / "silent.py"
+    path.write_text(f"{body}\n")
+    run = eom("validate", "--engine", f"{path}:Own", "--patience", "1")
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert sentence(run) == f"eomcheck: {str(path)!r} cannot be imported: {why}\n"
+
+
 def test_a_scene_that_raises_whatever_it_is_asked_is_a_failure(tmp_path: Path):
     kind = in_file(*trailer(tmp_path, "raises", "raise ValueError('no axle')").rsplit(":", 1))
     selection = Selection.of(engines=[], claims=["finite-terms"], scenes=[kind])

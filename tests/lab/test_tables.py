@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from eomcheck.claims.finding import Finding, Proof
+from eomcheck.claims.refusals import Drawn
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.engines import CasadiEngine
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.finds import Find
@@ -37,7 +39,7 @@ from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.records import State
 from eomcheck.motion.many import Trajectories
 from eomcheck.motion.trajectory import Trajectory
-from eomcheck.scenes import SCENES, FlyballGovernor, Sleigh, Snake
+from eomcheck.scenes import SCENES, FlyballGovernor, FourBarChain, Sleigh, Snake
 
 SLEIGH = Sleigh.example()
 
@@ -220,6 +222,29 @@ def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: i
     open_ = ", 1 inconclusive" * inconclusive + ", 2 not looked at" * bool(unseen)
     last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
     assert last == f" passed{open_}, 0 failed."
+
+
+def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
+    class Shy(CasadiEngine):
+        key = "shy"
+        represents = classmethod(lambda cls, scene: isinstance(scene, Sleigh))
+
+    state = State(*SLEIGH.initial_state(), 0.0)
+    empty = Run(drawn=[Drawn(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0])
+    skipped = Run(drawn=[Drawn(SLEIGH, state, ())], ends=[0])
+    found = Finding("bias", "au ~ shy", SLEIGH, state, 0.5, 1.0, "passed", "compared")
+    asked = Run(findings=[found], ends=[1], drawn=empty.drawn)
+    runs = {"four-bar-chain": empty, "sleigh": skipped, "snake": asked}
+
+    def said(**how: Any) -> list[str]:
+        findings.print_runs(runs, Selection.of(scenes=[SLEIGH], **how))
+        lines = capsys.readouterr().out.splitlines()
+        return [one for one in lines if "represents none" in one]
+
+    line = "not looked at: four-bar-chain, 3 states: shy represents none of them"
+    assert said(engines=[Shy], claims=["bias"]) == [line]
+    assert said(engines=[Shy], claims=["kinetic-energy"]) == []
+    assert said(engines=None, claims=["bias"]) == []
 
 
 # ---- The verdict of a report ---------------------------------------------------------------------

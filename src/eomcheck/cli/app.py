@@ -16,9 +16,10 @@ EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
     1: "a claim fails or a find is made, a motion does not reach its end, a formulation refuses, "
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
-    "(`constraints`), code that is not ours ends its process or gives no answer",
-    2: "bad input, a missing library, nothing decided about any library or engine (`compare`, "
-    "`validate --engine`), or results that could not be written",
+    "(`constraints`), code that is not ours ends its process, or gives no answer when it is called",
+    2: "bad input, an import that raises, exits or gives no answer, a missing library, nothing "
+    "decided about any library or engine (`compare`, `validate --engine`), or results that could "
+    "not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 

@@ -26,6 +26,7 @@ from eomcheck.cli.options import (
     check_folder,
     check_output,
     check_used,
+    engines_asked,
     raise_unread,
     records_or_none,
     records_to_report,
@@ -55,7 +56,14 @@ def validate(
         ),
     ] = None,
     given: Given = None,
-    examples: Annotated[int, typer.Option(help="Number of random scenes and states.")] = 120,
+    examples: Annotated[
+        int,
+        typer.Option(
+            help="Number of random scenes of a kind, each in one state, or of random states of one "
+            "scene. Beside them its example, or that scene, is looked at as it begins, and an "
+            "example in one random state too."
+        ),
+    ] = 120,
     seed: Seed = 0,
     engine: Engines = None,
     formulation: Formulations = None,
@@ -100,6 +108,7 @@ def validate(
     from eomcheck.named import ALL, ROBOTS, kinds_of, left_out, scene_of
     from eomcheck.random_mechanisms import RANDOM
 
+    engine = engines_asked(engine)
     engines = engines_among(engine)
     tried = tuple(filter(is_on_trial, engines))
     name, one = scene or (ALL if tried else "snake"), None

@@ -12,11 +12,13 @@ from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.complete import completing
 from eomcheck.cli.options import (
+    Engines,
     Formulations,
     Kept,
     Patience,
     Seed,
     check_used,
+    engines_asked,
     records_or_none,
 )
 from eomcheck.errors import InputError, UnwrittenError, WorkerError
@@ -65,16 +67,7 @@ def fuzz(
     links: Annotated[
         str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
     ] = None,
-    engine: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY,KEY",
-            help="Engine to compare with, several: a,b, or your own: FILE.py:CLASS. "
-            "Default those that no extra installs; none for no engine.",
-            callback=listed,
-            autocompletion=completing("engine", more=["none"]),
-        ),
-    ] = None,
+    engine: Engines = None,
     formulation: Formulations = None,
     claim: Annotated[
         list[str] | None,
@@ -248,7 +241,7 @@ def _selection(
     from eomcheck.engines import ALWAYS, version_of
 
     # Random robots have other parameters than their files, whose library could say nothing.
-    engines = [] if engine == ["none"] else ALWAYS if engine is None else engine
+    engines = ALWAYS if engine is None else engines_asked(engine)
     selection = Selection.of(formulation, engines, claim, scenes=[kind])
     if engine and engines:
         represented(selection.engines, (kind,))

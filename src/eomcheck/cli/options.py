@@ -59,9 +59,9 @@ Engines = Annotated[
     typer.Option(
         metavar="KEY,KEY",
         help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
-        "Default those that no extra installs.",
+        "Default those that no extra installs; none for no engine.",
         callback=listed,
-        autocompletion=completing("engine"),
+        autocompletion=completing("engine", more=["none"]),
     ),
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
@@ -102,6 +102,11 @@ def scene_asked(name: str, links: int | None, given: list[str] | None) -> Scene:
     from eomcheck.named import scene_of
 
     return scene_of(name, no_more_than(links), known)
+
+
+def engines_asked(names: list[str] | None) -> list[str] | None:
+    """Return the engines that `--engine` names; an empty list of "none", None if not given."""
+    return [] if names == ["none"] else names
 
 
 def check_used(where: str, **options: object) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -73,6 +73,10 @@ class Functions:
     of NumPy or of what NumPy can read. A vector may be a column (p, 1), a number an array of one.
     """
 
+    instead: ClassVar[str] = (
+        "functions are checked by `eomcheck fuzz --scene {}`, and in Python by check_functions"
+    )
+    """What to do where a scene is expected; {} is where they are."""
     n: int
     """Number of coordinates."""
     M: Function | None = None

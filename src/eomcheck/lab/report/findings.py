@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from eomcheck import __version__
+from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.console import console
-from eomcheck.engines import Engine, version_of
+from eomcheck.engines import Engine, represents, version_of
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
@@ -46,6 +47,8 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
         if wide:
             table = scene_sheet(claims, runs).without("statement", "evidence")
         print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
+        if selection.named and any(CLAIMS[claim].asks for claim in selection.claims):
+            print_unrepresented(runs, selection.engines)
     strata = {key: run.strata for key, run in runs.items() if run.drawn}
     if strata and (wide or len(runs) == 1):
         print_sheets([strata_sheet(strata)])
@@ -99,6 +102,17 @@ def print_failures(claims: Iterable[Judged]) -> None:
             row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
             more = f" (and {others} more of this claim)" if others else ""
             say(f"{row.claim} {row}{more}", "red")
+
+
+def print_unrepresented(runs: Mapping[str, Run], engines: Iterable[type[Engine]]) -> None:
+    """Print of which scenes an engine represents none that was looked at: nothing was compared."""
+    for key, run in runs.items():
+        subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
+        for engine in engines:
+            if engine.key in subjects or any(represents(engine, one.scene) for one in run.drawn):
+                continue
+            states = counted(run.cases, "state")
+            say(f"not looked at: {key}, {states}: {engine.key} represents none of them")
 
 
 def print_unresolved(claims: Iterable[Judged]) -> None:
