@@ -227,7 +227,10 @@ def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: i
 def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
     class Shy(CasadiEngine):
         key = "shy"
-        represents = classmethod(lambda cls, scene: isinstance(scene, Sleigh))
+
+        @classmethod
+        def represents(cls, scene):
+            return isinstance(scene, Sleigh)
 
     state = State(*SLEIGH.initial_state(), 0.0)
     empty = Run(drawn=[Drawn(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0])
