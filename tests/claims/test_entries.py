@@ -276,8 +276,12 @@ def test_the_entries_of_an_engine_on_trial_stay_hidden():
     assert by_proof(CLAIMS["equivalence"], [other], {}) == ([], [other])
     assert by_proof(CLAIMS["machine-code"], [left], {}) == ([], [left])
     skipped = of_flags(ALL, NONE, subject="B", verdict="not looked at")
-    known = {(type(SNAKE), SNAKE.structure): [skipped]}
-    assert by_proof(CLAIMS["bias"], [left], known) == ([], [left])
+    proved = replace(found[0], claim="bias", subject="B", verdict="passed")
+    for verdict in ("not looked at", "inconclusive"):
+        open_ = replace(skipped, verdict=verdict)
+        for about in ([open_], [proved, open_], [open_, proved]):
+            known = {(type(SNAKE), SNAKE.structure): about}
+            assert by_proof(CLAIMS["bias"], [left], known) == ([], [left])
 
 
 def test_a_run_that_ends_at_a_failure_lists_no_entries():

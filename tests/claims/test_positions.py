@@ -21,19 +21,25 @@ Columns = Callable[[Any, Any, Any], list[list[Any]]]
 
 
 def body(
-    columns: Columns, names: str, angles: slice, height: Callable | None = None, **more: Any
+    columns: Columns,
+    names: str,
+    angles: slice,
+    height: Callable | None = None,
+    turns: slice | None = None,
+    **more: Any,
 ) -> Scene:
     """Return a body in the plane, both of whose derivations are made of one velocity.
 
     Args:
         columns: function of (q, cos, sin of the angles): ∂V/∂v, a column a coordinate.
         names: of the coordinates.
-        angles: which are angles; ω is the sum of their rates.
+        angles: which are angles.
         height: function of (q, cos, sin), of which U is m g times; None where there is none.
+        turns: the angles of whose rates ω is the sum, by default all.
         more: further functions of the scene.
     """
     n = len(names.split())
-    turning = [int(i in range(n)[angles]) for i in range(n)]
+    turning = [int(i in range(n)[angles if turns is None else turns]) for i in range(n)]
 
     def of(angle):
         return (None, None) if angle is None else (angle.cos, angle.sin)
@@ -186,6 +192,24 @@ def test_the_motions_that_are_tried_turn_and_shift_the_scene():
     assert moved["rotation"].v == pytest.approx(turn @ v)
     assert moved["translation"].q == pytest.approx(q + np.array([3.0, -2.0, 0]))
     assert moved["translation"].v == pytest.approx(v)
+
+
+@pytest.mark.parametrize("first", [2, 3])
+def test_a_scene_is_turned_by_the_angles_that_turn_its_body_and_no_others(first: int):
+    """The other angle is one within the scene, and T depends on it."""
+
+    def columns(q, cos, sin):
+        within = 2 + sin[3 - first]
+        return [[within, 0], [0, within], [0, 0], [0, 0]]
+
+    scene = body(columns, "x y θ φ", slice(2, 4), turns=slice(first, first + 1))
+    q, v = scene.initial_state()
+    moved = {one.name: one.q for one in tried_motions(Evaluation(scene, q, v))}
+    assert moved["rotation"][2:] - q[2:] == pytest.approx([0.75 * (first == i) for i in (2, 3)])
+    found = eomcheck.check(scene, q, v, claims=["moved-energy"])
+    assert [(f.subject, f.verdict) for f in found if f.subject == "rotation"] == [
+        ("rotation", "passed")
+    ]
 
 
 # ---- Positions and heights -----------------------------------------------------------------------

@@ -14,18 +14,22 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.pivots import EPS
+from eomcheck.scenes import Snake
 
 AU = FORMULATIONS["au"]
+ORDINARY = State(Q, V)
 
 
-def judged(rcond: float, threshold: float) -> Finding:
-    """Return the Finding on a refusal of an ordinary state that says this of itself."""
+def judged(
+    rcond: float, threshold: float, key: str = "au", scene: Snake = SNAKE, state: State = ORDINARY
+) -> Finding:
+    """Return the Finding on a refusal of a state that says this of itself."""
 
     class Refusing(Evaluation):
         def acceleration(self, formulation, pivoted=False):
             raise RefusedError("M_Au", rcond, threshold, "no")
 
-    case = Case(Refusing(SNAKE, Q, V), (AU,), (), CLAIMS["refusals"])
+    case = Case(Refusing(scene, *state), (FORMULATIONS[key],), (), CLAIMS["refusals"])
     (finding,) = case.look(CLAIMS["refusals"])
     return finding
 
@@ -52,6 +56,16 @@ def test_a_refusal_above_its_threshold_is_in_vain(times: float, verdict: str):
 def test_what_rounding_decides_is_inconclusive(rcond: float, verdict: str):
     refusal = RefusedError("M_Au", 0.0, EPS, "no")
     assert refusals.judged(refusal, rcond * EPS)[0] == verdict
+
+
+@pytest.mark.parametrize(
+    ("key", "verdict"),
+    [("el", "passed"), ("em", "passed"), *((key, "failed") for key in ("au", "gw", "im", "uk"))],
+)
+def test_singular_first_columns_justify_refusals_of_who_splits_coordinates_alone(key, verdict):
+    straight = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
+    state = State(*straight.initial_state())
+    assert judged(0.0, 1e-14, key, straight, state).verdict == verdict
 
 
 def test_an_overflow_of_ordinary_numbers_is_in_vain():

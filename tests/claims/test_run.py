@@ -115,6 +115,19 @@ def test_a_run_counts_who_refused():
     run = Run()
     run.look_at(scene, State(*scene.initial_state()), Selection.of(engines=[]))
     assert run.refused == ("el", "em")
+    turned = scene.initial_state()[0] + np.array([0, 0, 0.3, 0.8])
+    run.look_at(scene, State(turned, np.zeros(4)), Selection.of(engines=[]))
+    assert run.refused == ()
+
+
+def test_a_state_that_is_refused_is_counted_once():
+    scene = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
+    q, v = scene.initial_state()
+    turned = State(q + np.array([0, 0, 0.3, 0.8]), np.zeros(4))
+    run = Run()
+    cases = [(scene, one) for one in (turned, State(q, v), turned)]
+    run.explore(cases, Selection.of(engines=[], claims=["refusals"]))
+    assert [one.refused for one in run.drawn] == [(), ("el", "em"), ()]
 
 
 @pytest.mark.parametrize(

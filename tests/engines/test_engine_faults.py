@@ -290,6 +290,17 @@ def test_without_constraints_nothing_of_them_is_missing():
     assert "generalized-forces" in unseen
 
 
+@pytest.mark.parametrize(("pull", "verdicts"), [(0.0, []), (-9.81, ["failed"])])
+def test_forces_that_only_the_engine_has_fail_and_zeros_are_no_finding(pull, verdicts):
+    scene = Sleigh.example()
+    engine = changed(forces=lambda self, q, v, t=0.0: np.array([0.0, pull, 0.0]))
+    found = eomcheck.check(
+        scene, *scene.initial_state(), engines=[engine], claims=["generalized-forces"]
+    )
+    assert [f.verdict for f in found] == verdicts
+    assert all("row y: found -9.81, expected 0: should vanish" in f.detail for f in found)
+
+
 def test_an_engine_without_acceleration_needs_not_say_what_it_solves_like():
     class Bare(Engine):
         version = classmethod(lambda cls: "bare 1")

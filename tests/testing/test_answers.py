@@ -370,6 +370,8 @@ def test_the_code_says_that_a_reference_without_a_name_is_to_be_put_in(against):
         ({"states": 2.5}, "states = 2.5, expected a number"),
         ({"ranges": (1.0, -1.0)}, "ranges = (1.0, -1.0), expected (low, high) with low < high"),
         ({"ranges": [(0, 1)] * 3}, "ranges = "),
+        ({"ranges": [(0, 1), (1, -1)]}, "ranges = [(0, 1), (1, -1)], expected (low, high) with"),
+        ({"ranges": [(2, 2), (0, 1)]}, "ranges = [(2, 2), (0, 1)], expected (low, high) with"),
         ({"ranges": "wide"}, "ranges = 'wide', expected"),
         ({"ranges": (0.0, np.inf)}, "ranges = "),
         ({"speeds": 1}, "speeds = 1 without qdot(q, u)"),

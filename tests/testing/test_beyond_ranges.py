@@ -9,8 +9,9 @@ import pytest
 from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding
-from eomcheck.testing import check_functions
+from eomcheck.testing import Functions, check_functions
 from eomcheck.testing.run import WIDE
+from eomcheck.testing.trials import FunctionsTrial
 
 CART = guide("cart")
 CLAIMS = ["answers", "double-precision", "gravity-of-potential", "reference", "answers-repeat"]
@@ -41,6 +42,18 @@ def test_what_fails_beyond_the_default_ranges_only_is_inconclusive_and_names_the
         "passed",
         "inconclusive",
     ]
+
+
+def test_a_test_of_what_fails_beyond_the_default_ranges_only_does_not_pass():
+    """It is inconclusive, and the text is that of the finding."""
+    found = [
+        FunctionsTrial(Functions(3, gravity=gravity, U=CART.U)).results(2, 0)
+        for gravity in (CART.gravity, wrapped)
+    ]
+    right, wrong = (each["gravity-of-potential"] for each in found)
+    assert right == ("passed", "")
+    assert wrong.verdict == "inconclusive"
+    assert "outside the ranges only, with q in [-π, π]: gravity, row q[" in wrong.text
 
 
 def test_what_fails_within_ranges_that_are_given_fails():
