@@ -101,6 +101,32 @@ def test_an_interrupted_validation_is_130_and_one_that_lost_a_worker_2(monkeypat
     assert "a worker died" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [
+        (ZeroDivisionError("by hand"), 1),
+        (GeneratorExit("by hand"), 1),
+        (SystemExit(2), 2),
+        (SystemExit(130), 130),
+        (SystemExit(None), 0),
+        (SystemExit(0), 0),
+    ],
+)
+def test_a_supervised_command_gives_the_code_it_ends_with_and_1_after_a_traceback(
+    end, code, monkeypatch, capsys
+):
+    def run():
+        raise end
+
+    given = []
+    monkeypatch.setattr(cli, "_run", run)
+    monkeypatch.setattr(cli.supervisor, "serve", lambda: 7)
+    monkeypatch.setattr(cli.supervisor, "give", lambda *told: given.append(told))
+    assert code_of(monkeypatch, "validate") == code
+    assert given == [(7, code)]
+    assert ("by hand" in capsys.readouterr().err) == (code == 1)
+
+
 class Proofs:
     """Proofs that came to something by hand."""
 

@@ -140,6 +140,24 @@ def test_bodies_may_be_points(key):
     assert [one.verdict for one in found] == ["passed"] * 2, found
 
 
+@pytest.mark.parametrize(
+    ("moments", "is_body"),
+    [
+        ((0.0, 0.3, 0.3), True),
+        ((0.1, 0.2, 0.1 + 0.2), True),
+        ((0.1, 0.2, 0.3 * (1 + 1e-14)), True),
+        ((0.1, 0.2, 0.3 * (1 + 1e-10)), False),
+        ((-1e-14, 1.0, 1.0), True),
+        ((-1e-10, 1.0, 1.0), False),
+    ],
+)
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
+def test_thin_rods_and_plates_are_bodies_and_what_is_beyond_them_is_none(moments, is_body, order):
+    (link, *_) = in_space(0)
+    inertia = np.diag([moments[i] for i in order])
+    assert TreeEngine.takes(link._replace(inertia=inertia)) is is_body
+
+
 @every_engine
 @pytest.mark.parametrize("seed", range(4))
 def test_joints_without_bodies_may_stand_anywhere_between_two(key, seed):

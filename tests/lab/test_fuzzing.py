@@ -22,7 +22,7 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
-from eomcheck.lab.fuzzing import judging, rounds
+from eomcheck.lab.fuzzing import draws, judging, rounds
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import drawn
 from eomcheck.lab.fuzzing.families import FAMILIES, FAST, ORDINARY, WIDE
@@ -87,6 +87,19 @@ def test_families_are_drawn_evenly_and_are_what_they_say():
     assert max(speeds[FAST]) > 1e50 and min(x for x in speeds[FAST] if x) < 1e-20
     ways = Counter(measured_strata(*case)["stiffness"] for case in cases)
     assert len(ways) > 1 and "absent" not in ways
+
+
+def test_cases_whose_velocity_keeps_no_constraint_leave_the_families_of_the_others(monkeypatch):
+    right = draws.consistent
+
+    def some(scenes, *how):
+        cases, kept = right(scenes, *how)
+        return cases[1::2], kept[1::2]
+
+    monkeypatch.setattr(draws, "consistent", some)
+    cases, families = drawn(Snake, STRATUM, FAMILIES, 16, np.random.default_rng(0))
+    assert len(cases) == len(families) == 8
+    assert set(families) == set(FAMILIES[1::2])
 
 
 def test_strata_are_all_numbers_of_links_with_and_without_what_may_be_absent():
@@ -258,15 +271,32 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
         {"ration": Ration()},
         {"batch": 8},
         {"wide": True},
+        {},
     ],
 )
-def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, other: dict[str, Any]):
+def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, other: dict[str, Any]):
+    """Neither with its states nor with what it found; the last is another scene's."""
+    fault = judging.Fault(judging.SCENE, "by hand")
+    kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
+    monkeypatch.setattr(Plan, "find", kept)
     here = plan(engines=("pinocchio",))
+    scene = Snake.paper()
+    case = scene, State(*scene.initial_state(), 0.0)
+    failed = [Finding("equivalence", "kane", *case, 1.0, 0.5, "failed", "compared: x")]
+    best = {("equivalence", "kane"): [Candidate(0.5, case)]}
+    found = Result(0, STRATUM, best, Counter({"states": 5}), failed, {"bias": "a loop"})
+
+    def known(campaign: Campaign) -> list[int]:
+        told = campaign.finds, campaign.failures, campaign.worst, campaign.lost
+        return [campaign.resumed, *map(len, (*told, campaign._populations))]
+
     with Records(tmp_path / "r.db") as records:
         first = Campaign(here, "snake", (STRATUM,), records)
-        first._take(Result(0, STRATUM, {}, Counter({"states": 5})), lambda: True)
-        assert Campaign(here, "snake", (STRATUM,), records).resumed == 5
-        assert Campaign(here._replace(**other), "snake", (STRATUM,), records).resumed == 0
+        first._take(found, lambda: True)
+        assert known(Campaign(here, "snake", (STRATUM,), records)) == [5, 1, 1, 1, 1, 1]
+        name = "snake" if other else "snakes"
+        second = Campaign(here._replace(**other), name, (STRATUM,), records)
+        assert known(second) == [0] * 6
 
 
 @pytest.mark.night

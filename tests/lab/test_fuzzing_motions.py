@@ -222,6 +222,23 @@ def test_a_formulation_that_is_off_by_a_millionth_is_a_find(monkeypatch):
     assert 5e-5 < failed.observed < 2e-4
 
 
+@pytest.mark.parametrize("pose", [31, 32, 33, TIMES])
+def test_a_motion_that_is_off_is_told_with_the_time_and_the_pose_before_it(monkeypatch, pose):
+    """A pose at the very time is one before it."""
+    middle = (TIMES - 1) // 2
+    assert middle == 32
+
+    def off(key, tolerance, y, energy):
+        y[:, middle] += 1e-4 * (key == "gw")
+        return y, energy
+
+    monkeypatch.setattr(motions, "crossings", lambda cases, *_: np.array([pose]))
+    (failed,) = spoilt(monkeypatch, off)
+    assert "than the others at t = 0.5 s" in failed.detail
+    assert failed.detail.endswith(f"before t = {pose / 64:.4g} s") == (pose <= middle)
+    assert failed.crossed == (None if pose == TIMES else pose / 64)
+
+
 def test_what_tolerance_explains_is_no_find(monkeypatch):
     def off(key, tolerance, y, energy):
         return y + 1e3 * tolerance * (key == "gw") * GROWING[:, None], energy

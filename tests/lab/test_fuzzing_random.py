@@ -152,6 +152,21 @@ def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
     assert "mechanism(" in kept.python
 
 
+@both
+def test_what_is_kept_of_a_random_scene_without_an_optional_parameter_makes_it_again(kind):
+    taken = set()
+    for scene in kind.structures(3):
+        q, v = scene.initial_state()
+        for name in scene.declared.keys() & {"damping", "gravity"}:
+            if getattr(scene, name) is None:
+                continue
+            without = scene.changed(**{name: None})
+            again, _ = case_of(kind, parameters_of(without), q, v, 0.0)
+            assert getattr(again, name) is None and repr(again) == repr(without)
+            taken.add(name)
+    assert taken == {"damping", "gravity"}
+
+
 @pytest.mark.night
 @both
 def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Path):

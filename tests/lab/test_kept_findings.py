@@ -13,12 +13,12 @@ from eomcheck.claims import Finding, State
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.store.findings import PROOFS, STATES, kept_in, kept_of, record_of
+from eomcheck.lab.store.findings import PROOFS, RUNS, STATES, kept_in, kept_of, record_of
 from eomcheck.lab.store.groups import select
 from eomcheck.lab.store.keeper import Keeper
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
-from eomcheck.scenes import Snake
+from eomcheck.scenes import Sleigh, Snake
 
 SNAKE = Snake.coil(2)
 STATE = State(np.arange(4.0), np.ones(4), 0.5)
@@ -39,6 +39,18 @@ def test_what_failed_passed_or_was_open_is_kept_as_it_was(tmp_path: Path):
     assert [(one.observed, one.allowed) for one in kept] == [
         (one.observed, one.allowed) for one in made
     ]
+
+
+def test_a_validation_takes_the_place_of_that_of_the_same_kind_alone(tmp_path: Path):
+    with Records(tmp_path / "r.db") as records:
+        for kind, made in ((Snake, [PASSED, FAILED]), (Sleigh, [OPEN]), (Snake, [FAILED])):
+            run = Run()
+            run.findings, run.ends = made, [*range(1, len(made) + 1)]
+            Keeper(records, kind, run, Selection.of(engines=[]), (1, 2), 1, 0).finish()
+        kept = [(one.scene, one.subject) for one in kept_in(records.all())]
+        runs = {one.settings["scene"]: one.status for one in records.all(RUNS)}
+    assert sorted(kept) == [("sleigh", "el"), ("snake", "au")]
+    assert runs == {"sleigh": "done", "snake": "done"}
 
 
 def test_findings_of_states_and_proofs_are_read_and_nothing_else():

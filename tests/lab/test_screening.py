@@ -112,6 +112,36 @@ def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, su
     assert bool(found.suspects) == suspect
 
 
+def test_a_true_error_is_told_of_the_state_at_which_it_was_found(monkeypatch):
+    """Of states of two structures, every other is enclosed: neither is numbered as in its batch."""
+    slow = [(scene, State(*scene.initial_state(), 0.0)) for scene in map(Snake.coil, (2, 3))]
+    cases = [slow[0], slow[0], slow[1], slow[1], slow[0], slow[1]]
+
+    def wrong_of_three(vdot, truth):
+        return np.full(len(vdot), 1.0 if len(vdot) == 5 else 0.0)
+
+    monkeypatch.setattr(screening, "true_error", wrong_of_three)
+    found = screened(cases, FORMULAE[:1], ("true-error",), every=2, first=1)
+    ((key, heights),) = found.heights.items()
+    assert key == (TRUTH, FORMULAE[0].key) and found.enclosed == 3
+    assert found.suspects == {3: {"true-error"}, 5: {"true-error"}}
+    assert np.flatnonzero(heights > 1.0).tolist() == [3, 5]
+
+
+@pytest.mark.parametrize("shares", [(0.5, 0.75, 0.25), (0.75, 0.25, 0.5), (0.25, 0.5, 0.75)])
+def test_of_the_subjects_of_a_claim_and_formulation_the_highest_counts(monkeypatch, shares):
+    right = LaneCase.look
+
+    def look(self, claims):
+        for one in right(self, claims):
+            for share in shares:
+                yield one._replace(observed=np.array([share, 0.125]) * one.allowed)
+
+    monkeypatch.setattr(LaneCase, "look", look)
+    found = screened(ordinary(Snake, 2), FORMULAE[:1], ("kinetic-energy",), every=0)
+    assert found.worst.tolist() == pytest.approx([0.75, 0.125])
+
+
 @pytest.mark.parametrize(("ratio", "enclosed"), [(0.35, 1), (0.25, 0)])
 def test_a_state_near_its_bound_is_enclosed_whatever_the_ration_says(monkeypatch, ratio, enclosed):
     right = LaneCase.look

@@ -10,8 +10,11 @@ from statistics import median
 import pytest
 from tests.widths import check_sheets_fit
 
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.run import Run
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
+from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.sections import sections_of
@@ -156,6 +159,25 @@ def test_motions_and_tolerances_are_measured_of_other_scenes_too():
     assert "scene" not in next(iter(study.cells()))
     with pytest.raises(InputError, match="sleigh has no number of links"):
         list(study.cells(scene="sleigh", links="3"))
+
+
+@pytest.mark.parametrize(("observed", "alarm"), [(0.5, False), (1.0, False), (1.5, True)])
+def test_tolerance_keeps_errors_over_rounding_and_not_over_what_is_allowed(
+    monkeypatch, observed, alarm
+):
+    """Errors of `allowed` are C times rounding; what decides nothing has no ratio."""
+    here = Sleigh.example()
+    of = here, State(*here.initial_state(), 0.0), observed, 1.0
+    found = [
+        Finding("bias", "casadi", *of, "passed" if observed <= 1 else "failed", "made up"),
+        Finding("bias", "au", *of, "inconclusive", "made up"),
+        Finding("refusals", "au", *of, "passed", "made up"),
+    ]
+    monkeypatch.setattr(Run, "explore", lambda run, *_: run.findings.extend(found))
+    study = study_of("tolerance")
+    (record,) = study.run(scene="sleigh", examples=1)
+    assert record.series == {"bias": [C * observed]}
+    assert study.alarm([record]) is alarm
 
 
 def test_a_motion_that_does_not_reach_its_end_has_no_time(monkeypatch):

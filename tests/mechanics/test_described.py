@@ -307,6 +307,19 @@ def test_a_pose_is_closed_if_it_closes_within_ten_of_it(apart, start):
     assert q == pytest.approx(start, abs=1e-14)
 
 
+@pytest.mark.parametrize(("order", "walk"), [("abdc", "abdc"), ("acbd", "acbd"), ("dcba", "acbd")])
+def test_coordinates_are_in_the_order_given_and_numbers_in_that_of_a_walk(order: str, walk: str):
+    """Deep before wide; of joints on one link in the order in which they are given."""
+    parents = {"a": "ground", "b": "a", "c": "a", "d": "b"}
+    stiffness = {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0}
+    joints = [
+        words.Joint(one, "revolute", parents[one], one, stiffness=stiffness[one]) for one in order
+    ]
+    scene: Any = mechanism("Branching", [GROUND, *map(rod, "abcd")], joints)()
+    assert "".join(scene.coordinate_names) == order
+    assert scene.stiffness.tolist() == [stiffness[one] for one in walk]
+
+
 AXES_OF_JOINTS = [
     *((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     *((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, -0.8)),

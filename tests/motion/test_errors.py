@@ -71,6 +71,20 @@ def test_an_error_at_one_time_is_found_with_its_size():
     assert found.mescd == pytest.approx(-np.log10(mixed), rel=1e-6)
 
 
+def test_errors_are_relative_to_the_end_and_to_the_largest_of_motions_that_end_slowly():
+    fast = REFERENCE.v.copy()
+    fast[2, 1] = 1e3
+    slow = replace(REFERENCE, v=fast)
+    moved = exact(slow)
+    moved.q[3, 2] += 1e-5
+    moved.v[-1, 0] -= 2e-7
+    found = errors_of(moved, slow)
+    last = max(np.abs(slow.q[-1]).max(), np.abs(slow.v[-1]).max())
+    assert last < 100.0
+    assert found.final_relative == pytest.approx(2e-7 / last, rel=1e-6)
+    assert found.largest_relative == pytest.approx(1e-8, rel=1e-6)
+
+
 def test_beside_a_reference_at_rest_in_the_origin_errors_are_none_or_infinite():
     q, v = np.zeros_like(REFERENCE.q), np.zeros_like(REFERENCE.v)
     still = replace(REFERENCE, q=q, v=v)

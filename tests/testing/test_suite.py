@@ -441,6 +441,12 @@ def test_expected_failures_of_the_command_line_go_before_those_of_the_test(sessi
     result.assert_outcomes(passed=2, skipped=5, xfailed=2)
 
 
+def test_options_of_a_session_are_those_of_that_session_alone(session, pytester):
+    (pytester.path / "here.txt").write_text(KNOWN, encoding="utf-8")
+    session(FEW, "--eomcheck-xfails", "here.txt", "--collect-only")
+    assert set(vars(pytest_plugin.OPTIONS).values()) == {None}
+
+
 ONE = testing.Functions(1, bias=lambda q, v: 0 * q)
 
 
