@@ -20,13 +20,15 @@ from eomcheck.errors import (
 )
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
+from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link, coupling
+from eomcheck.mechanics.records import State
 from eomcheck.numbers import banded, linear
-from eomcheck.scenes import Bicycle, Snake
+from eomcheck.scenes import Bicycle, FourBarChain, Snake
 from eomcheck.strategies import NEGLIGIBLE
 
 IN_SPEEDS = [f.key for f in FORMULATIONS.values() if f.in_speeds]
@@ -326,6 +328,23 @@ def test_the_condition_of_every_matrix_solved_is_recorded_under_its_name(key, mo
     rcond = acceleration(SNAKE, key, Q, V).rcond
     assert list(rcond) == solved_exactly
     assert all(0 < value <= 1 for value in rcond.values())
+
+
+@pytest.mark.parametrize(("key", "own"), [("kane", "M_Kane"), ("ml", "M_ML"), ("au", "M_Au")])
+def test_the_condition_of_speeds_by_a_partition_is_recorded_where_they_are_solved_for(key, own):
+    scene = FourBarChain.example()
+    state = State(*scene.initial_state())
+    alone = Evaluation(scene, *state)
+    expected = {own} if key == "au" else {"a_1", own}
+    rcond = alone.acceleration(FORMULATIONS[key]).rcond
+    assert set(rcond) == expected
+    lanes = LaneEvaluation([scene, scene], [state, state])
+    beside = lanes.acceleration(FORMULATIONS[key]).rcond
+    assert set(beside) == expected
+    if key != "au":
+        solved = alone.acceleration(FORMULATIONS["em"]).rcond["a_1"]
+        assert rcond["a_1"] == pytest.approx(solved)
+        assert beside["a_1"] == pytest.approx(solved)
 
 
 @every_formulation

@@ -312,8 +312,8 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
 
     Coordinates called x, y and z are places in fixed directions. Reasons against are a clock that
     drives bodies, bodies that do not move with the places or turn with them, and places in a frame
-    that turns; against a turn in the plane, lengths among the other coordinates, and bodies that do
-    not turn with the angles.
+    that turns; against a turn in the plane, lengths among the other coordinates, bodies that do not
+    turn with the angles, and bodies that do not tell by which angles.
     """
     scene, q, v, places = at.scene, at.q, at.v, _places(at.scene)
     if not places:
@@ -337,9 +337,9 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     level = J.shape[1] == 2 and turns.shape[1] == 1 and not places["z"]
     if not level or len(angles) + len(moved) < scene.n:
         return
-    heading = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))[0]
-    if largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
-        return  # a body that does not turn, or at another rate
+    heading, _, rank, _ = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))
+    if rank < len(angles) or largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
+        return  # a body that does not turn, or at another rate, or nobody says by which angles
     image = np.eye(scene.n)
     c, s = np.cos(plane.TURN), np.sin(plane.TURN)
     for x, y in zip(places["x"], places["y"], strict=True):
