@@ -198,6 +198,18 @@ def test_an_interrupted_study_says_where_it_goes_on(tmp_path: Path, monkeypatch,
     assert ("goes on with the others" in said) is (file is not None)
 
 
+def test_an_interruption_is_over_with_the_block_that_it_ends():
+    with pytest.raises(KeyboardInterrupt), stoppable():
+        signal.raise_signal(signal.SIGTERM)
+    again = False
+    try:
+        with stoppable(), progress("", 1) as advance:
+            advance()
+    except KeyboardInterrupt:  # which would end pytest
+        again = True
+    assert not again
+
+
 def test_an_interruption_that_something_swallows_comes_with_the_next_step(capfd):
     done = []
 

@@ -234,7 +234,16 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
     def result(number: int, why: dict[str, str]) -> Result:
         counts, key = Counter({"states": 1}), ("equivalence", "kane")
         best = {key: [Candidate(0.5 + number / 8, of[:2])]}
-        return Result(number, STRATUM, best, counts, [failed[0], *failed], why, 4.0, 1.0)
+        return Result(
+            number,
+            STRATUM,
+            best,
+            counts,
+            [failed[0], *failed],
+            why,
+            seconds=4.0,
+            cpu_seconds=1.0,
+        )
 
     with Records(tmp_path / "r.db") as records:
         first = Campaign(plan(), "snake", (STRATUM,), records)

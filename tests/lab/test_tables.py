@@ -559,19 +559,20 @@ def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_
     monkeypatch, capsys
 ):
     sheets = shown(monkeypatch, many)
-    m, times = 6, np.array([0.0, 3.0])
-    q = np.zeros((m, 2, 3))
-    q[:, 1] = np.arange(m)[:, None] + np.array([0.0, 10.0, 20.0])
+    m, times = 6, np.array([0.0, 2.0, 3.0])
+    q = np.zeros((m, 3, 3))
+    q[:, 2] = np.arange(m)[:, None] + np.array([0.0, 10.0, 20.0])
     q[5] = np.nan
-    energy = np.ones((m, 2)) * 2.0
+    energy = np.ones((m, 3)) * 2.0
     energy[:, 1] += np.array([0.1, -0.2, 0.3, -0.4, 0.5, np.nan])
-    residual = np.zeros((m, 2, 1))
+    energy[:, 2] += np.array([-0.05, 0.1, -0.15, 0.1, 0.25, np.nan])
+    residual = np.zeros((m, 3, 1))
     residual[:5, 0, 0] = [1e-3, 2e-3, 3e-3, 4e-3, 5e-3]
     status = np.array(["finished"] * 5 + ["failed"])
     reason = np.array([""] * 5 + ["too many steps"])
     one = np.ones(m, int)
     made = Trajectories(
-        *((SLEIGH,) * m, "kane", 1e-6, 1e-6, times, q, q, np.zeros((m, 2, 2)), energy, residual),
+        *((SLEIGH,) * m, "kane", 1e-6, 1e-6, times, q, q, np.zeros((m, 3, 2)), energy, residual),
         *(one, one, status, reason, 1.5),
     )
     many.print_many(made)

@@ -301,6 +301,35 @@ def test_a_rod_from_a_point_off_the_plane_of_all_joints_keeps_its_length():
     assert closed_position(scene, [1.0, 0.0]) == pytest.approx([0.8, 0.0], abs=1e-14)
 
 
+def edge_and_rod(parameters: Any) -> Description:
+    body = words.Link("body", parameters.mass[0])
+    edge = words.knife_edge("edge", "body", (0, 1, 0))
+    held = words.distance("held", "body", "ground", parameters.length[0], (0, 0, 0), (0, 0, 0))
+    joint = words.Joint("at", "planar", "ground", "body")
+    return Description([body], [joint], constraints=[edge, held], planar=True)
+
+
+class EdgeAndRod(Described, description=edge_and_rod, closed=True):
+    """A body on an edge and on a rod, of which the edge is declared first."""
+
+    mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,), default=(1.0,))
+    inertia: Any = parameter("I, central", "kg m²", "> 0", (0.1, 10.0), (1,), default=(1.0,))
+    length: Any = parameter("of the rod", "m", "> 0", (0.1, 10.0), default=2.0)
+
+    key, conserves_energy, angle_coordinates = "edge-and-rod", True, slice(2, None)
+    named_coordinates, named_constraints = ("x", "y", "θ"), ("edge", "held")
+    holonomic = slice(1, 2)
+
+    def initial_state(self):
+        return np.array([2.0, 0.0, np.pi / 2]), np.zeros(3)
+
+
+def test_a_position_is_held_by_its_own_row_wherever_that_is_declared():
+    scene = EdgeAndRod()
+    q = np.array([3.0, 4.0, 0.5])
+    assert np.hypot(*closed_position(scene, q)[:2]) == pytest.approx(2.0, rel=1e-14)
+
+
 @pytest.mark.parametrize(("apart", "start"), [(18.0, (9.0, -9.0)), (22.0, (0.0, 0.0))])
 def test_a_pose_is_closed_if_it_closes_within_ten_of_it(apart, start):
     q, _ = sliding(coupling("apart", "x", "y", 1.0, apart)).initial_state()

@@ -113,7 +113,10 @@ def test_every_identity_is_proved(tmp_path: Path):
 def test_gravity_is_that_of_the_file_unless_another_is_asked_for(tmp_path: Path):
     path = limb(tmp_path / "limb.xml")
     assert from_mjcf(path).gravity.tolist() == [0, 0, -9.81]  # type: ignore[attr-defined]
-    assert from_mjcf(path, gravity=None).gravity is None  # type: ignore[attr-defined]
+    assert repr(from_mjcf(path)) == f"from_mjcf({str(path)!r})"
+    without = from_mjcf(path, gravity=None)
+    assert without.gravity is None  # type: ignore[attr-defined]
+    assert repr(without) == f"from_mjcf({str(path)!r}, gravity=None)"
     own = from_mjcf(path, gravity=(1, 2, 3))
     assert own.gravity.tolist() == [1, 2, 3]  # type: ignore[attr-defined]
     assert repr(own) == f"from_mjcf({str(path)!r}, gravity=(1.0, 2.0, 3.0))"
