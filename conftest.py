@@ -1,6 +1,7 @@
 """hypothesis profiles: `ci` by default, `--hypothesis-profile fuzz` for long runs by hand."""
 
 import os
+import signal
 from collections import Counter
 from collections.abc import Callable
 from typing import TypeVar
@@ -17,6 +18,10 @@ for library in ("OPENBLAS", "MKL", "OMP"):
 # eomcheck.console is imported, which asks once; colours of pytest are chosen by --color.
 for told in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(told, None)
+
+# A shell that is no terminal's has what runs beside it ignore interrupts; tests raise them.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 T = TypeVar("T")
 

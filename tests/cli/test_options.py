@@ -186,7 +186,7 @@ CASES: dict[str, dict[str, Case]] = {
         "seed": ("--seed 9", {"look_at_kind.seed": 9}),
         "engine": ("--engine casadi", {"look_at_kind.selection": "~'engines': ['CasadiEngine']"}),
         "engine that is named": ("--engine casadi", {"look_at_kind.selection": "~'named': True"}),
-        "no engine": ("--engine none", {"look_at_kind.selection": "~'engines': []"}),
+        "engine none": ("--engine none", {"look_at_kind.selection": "~'engines': []"}),
         "engine of one's own": (
             f"--engine {PLANAR}",
             {"look_at_kinds.runs": "~'random-trees': {'findings'"},
