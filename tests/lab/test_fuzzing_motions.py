@@ -186,6 +186,27 @@ def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
     assert ALONE in claims
 
 
+def test_a_motion_alone_is_allowed_what_it_is_allowed_beside_others(monkeypatch):
+    right, together, judged, runs = motions._found, motions.moved, {}, {}
+
+    def found(claim, shown, observed, allowed, scale):
+        judged[claim, shown.key] = observed, allowed
+        return right(claim, shown, observed, allowed, scale)
+
+    def moved(cases, key, t_end, tolerance, *most):
+        found = together(cases, key, t_end, tolerance, *most)
+        runs[key, tolerance] = found.y
+        return found
+
+    monkeypatch.setattr(motions, "_found", found)
+    monkeypatch.setattr(motions, "moved", moved)
+    # Alone it comes to the same numbers.
+    monkeypatch.setattr(motions, "moved_alone", lambda case, key, t_end, x: runs[key, x])
+    judged_motions([turning()], FEW, 1.0, [(0, key) for key in FEW])
+    for key in FEW:
+        assert np.array_equal(judged[ALONE, key], judged[END_STATES, key], equal_nan=True)
+
+
 def round_of(number: int):
     """Return what a round of snakes with two links comes to."""
     return plan(Snake).run(Round(number, Stratum(2, ("damping",)), {}))

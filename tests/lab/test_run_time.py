@@ -21,6 +21,15 @@ def test_the_best_of_all_runs_counts_and_quartiles_are_no_less():
     assert 0 < found.seconds <= low <= high
 
 
+def test_the_cpu_time_is_that_of_the_best_run(monkeypatch):
+    runs = [(1.0, 0.2), (0.5, 0.45), (0.8, 0.1)]
+    wall, cpu = ([x for run in runs for x in (0.0, run[clock])] for clock in (0, 1))
+    monkeypatch.setattr(module.time, "perf_counter", lambda: wall.pop(0))
+    monkeypatch.setattr(module.time, "thread_time", lambda: cpu.pop(0))
+    found = run_time(lambda: None, runs=3)
+    assert (found.seconds, found.cpu_seconds) == (0.5, 0.45)
+
+
 def test_long_work_runs_less_often():
     assert run_time(lambda: None, long=0.0).runs == module.FEWEST
     assert run_time(lambda: None, runs=5, fewest=2, long=0.0).runs == 2
