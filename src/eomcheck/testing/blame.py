@@ -308,7 +308,7 @@ def unsettled_by(points: Sequence[Point]) -> set[tuple[str, str]]:
 
 
 def rest_energy(at: Point | None) -> str:
-    """Return what is suspect of T at rest, "" for nothing."""
+    """Reason why T is suspect at rest, "" for none."""
     if at is None or _natural(at):
         return ""
     with np.errstate(all="ignore"):

@@ -546,7 +546,7 @@ def words(subject: str) -> str:
 
 
 def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
-    """Return what cannot be told of functions by some claims, whatever the states; calls none.
+    """Caveats of some claims about functions that hold in every state; no function is called.
 
     Args:
         functions: the functions.

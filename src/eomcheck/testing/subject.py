@@ -76,7 +76,7 @@ class Functions:
     instead: ClassVar[str] = (
         "functions are checked by `eomcheck fuzz --scene {}`, and in Python by check_functions"
     )
-    """What to do where a scene is expected; {} is where they are."""
+    """Advice for a place where a scene is expected; {} stands for FILE:NAME."""
     n: int
     """Number of coordinates."""
     M: Function | None = None

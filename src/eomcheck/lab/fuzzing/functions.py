@@ -99,7 +99,7 @@ class FunctionsPlan(NamedTuple):
         return result
 
     def caveats(self, counts: Counter[str], open_: Mapping[str, str]) -> list[str]:
-        """Return what the campaign could not tell, a line each, as `check_functions` says it.
+        """Caveats of the campaign, a line each, in the words of `check_functions`.
 
         Args:
             counts: of the campaign.
