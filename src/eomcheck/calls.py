@@ -97,6 +97,23 @@ class Call(NamedTuple):
     slow: bool
 
 
+Barred = dict[str, tuple[int, str]]
+"""Name of a function, see `_shortened` -> (number, why): from that call on it is not called."""
+
+
+def _refuse(barred: Barred, name: str, key: str, number: int) -> None:
+    """Raise CallError if this call of a function is barred."""
+    if key in barred and number >= barred[key][0]:
+        raise CallError(name, barred[key][1])
+
+
+def _no_answer(barred: Barred, name: str, key: str, limit: float) -> CallError:
+    """Error of a function that gave no answer in `limit` s, which is barred from now on."""
+    why = f"gave no answer in {limit:g} s"
+    barred[key] = 0, why
+    return CallError(name, why)
+
+
 class Board:
     """A file that holds the call in progress in one process; readable after its death."""
 
@@ -106,7 +123,7 @@ class Board:
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), _SIZE)
         self.counts: Counter[str] = Counter()
-        self.barred: dict[str, tuple[int, str]] = {}
+        self.barred: Barred = {}
         self.busy = False
         self.limit = 0.0
 
@@ -117,8 +134,7 @@ class Board:
         key = _shortened(name)
         number = self.counts[key]
         self.counts[key] += 1
-        if key in self.barred and number >= self.barred[key][0]:
-            raise CallError(name, self.barred[key][1])
+        _refuse(self.barred, name, key, number)
         self.limit = _limit(number, slow)
         word = key.encode()
         self._map[_HEAD.size : _HEAD.size + len(word)] = word
@@ -127,9 +143,7 @@ class Board:
             _HEAD.pack_into(self._map, 0, time.monotonic(), self.limit, number, len(word), slow)
             return function(*arguments)
         except _NoAnswer:
-            what = f"gave no answer in {self.limit:g} s"
-            self.barred[key] = 0, what
-            raise CallError(name, what) from None
+            raise _no_answer(self.barred, name, key, self.limit) from None
         finally:
             self.busy = False
             self._map[: _HEAD.size] = bytes(_HEAD.size)
@@ -167,15 +181,14 @@ class ThreadWatch:
     def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
         """Return function(*arguments), watched while it runs."""
         here, key = threading.get_ident(), _shortened(name)
-        barred = {} if _board is None else _board.barred
+        barred: Barred = {} if _board is None else _board.barred
         with self.lock:
             nested = here in self.running and not self.running[here][1]
             number = self.counts[key]
             limit = _limit(number, slow)
             if not nested:
                 self.counts[key] += 1
-                if key in barred and number >= barred[key][0]:
-                    raise CallError(name, barred[key][1])
+                _refuse(barred, name, key, number)
                 self.running[here] = time.monotonic() + limit, False
             if self.thread is None:
                 self.thread = threading.Thread(target=self._watch, daemon=True)
@@ -190,9 +203,7 @@ class ThreadWatch:
                     self.running.pop(here, None)
                     _raise_in(here, None)  # one that is on its way
         except _NoAnswer:
-            what = f"gave no answer in {limit:g} s"
-            barred[key] = 0, what
-            raise CallError(name, what) from None
+            raise _no_answer(barred, name, key, limit) from None
 
     def _watch(self) -> None:
         while True:
@@ -336,14 +347,14 @@ def bar(name: str, number: int, why: str) -> None:
     os.environ[BARRED] = packed(unpacked(os.environ.get(BARRED, "{}")) | {name: (number, why)})
 
 
-def packed(barred: dict[str, tuple[int, str]]) -> str:
+def packed(barred: Barred) -> str:
     """Return name -> (number, why) as a text for an environment variable."""
     import json
 
     return json.dumps(barred)
 
 
-def unpacked(text: str) -> dict[str, tuple[int, str]]:
+def unpacked(text: str) -> Barred:
     """Barred calls, name -> (number, why), of a text made by `packed`."""
     import json
 
