@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import functools
 import re
 from collections import Counter
 from dataclasses import replace
@@ -17,6 +16,8 @@ from tests.mutants.__main__ import (
     Result,
     attempt,
     campaign,
+    command_of,
+    commands_of,
     files_of,
     open_questions,
     table,
@@ -24,30 +25,60 @@ from tests.mutants.__main__ import (
 )
 
 ALL = mutants()
-every = pytest.mark.parametrize("mutant", ALL, ids=lambda mutant: mutant.id)
+every_file = pytest.mark.parametrize("file", sorted({mutant.file for mutant in ALL}))
 
 # ---- The data ------------------------------------------------------------------------------------
 
 
-@functools.cache
-def syntax(file: str) -> str:
-    """The syntax tree of a file of the package."""
-    return ast.dump(ast.parse((PACKAGE / file).read_text(encoding="utf-8")))
+def statements(source: str) -> list[tuple[str, ast.stmt]]:
+    """Statements of a file, each with its text."""
+    lines, found = source.splitlines(), []
+    for one in ast.parse(source).body:
+        first = min(x.lineno for x in (one, *getattr(one, "decorator_list", ())))
+        found.append(("\n".join(lines[first - 1 : one.end_lineno]), one))
+    return found
 
 
-@every
-def test_every_fault_is_found_once_and_makes_another_program(mutant: Mutant):
-    assert ast.dump(ast.parse(mutant.planted())) != syntax(mutant.file)
+def another_program(planted: str, source: str) -> bool:
+    """Whether two texts are two programs. Only statements that differ are compared: it is quick."""
+    first, second = statements(planted), statements(source)
+    for end in (0, -1):
+        while first and second and first[end][0] == second[end][0]:
+            del first[end], second[end]
+    return [ast.dump(one) for _, one in first] != [ast.dump(one) for _, one in second]
 
 
-@every
-def test_every_catcher_is_there_and_names_something(mutant: Mutant):
-    text = files_of(mutant.catcher).decode()
-    assert text or mutant.catcher.startswith("python ")
-    assert mutant.named or mutant.equivalent
-    # What it prints is the name of a test of its own, if it is one.
-    if re.fullmatch(r"test_\w{8,}", mutant.named):
-        assert f"def {mutant.named}" in text
+@every_file
+def test_every_fault_is_found_once_and_makes_another_program(file: str):
+    source = (PACKAGE / file).read_text(encoding="utf-8")
+    for mutant in ALL:
+        if mutant.file == file:
+            assert another_program(mutant.planted(), source), mutant.id
+
+
+def test_a_comment_and_a_line_break_make_no_other_program():
+    source = "@cache\ndef f(x):\n    return g(x, 1)\n\n\nA = 1\n"
+    assert not another_program(source, source)
+    assert not another_program(source.replace("A = 1", "A = 1  # one"), source)
+    assert not another_program(source.replace("(x, 1)", "(\n        x, 1)"), source)
+    assert another_program(source.replace("(x, 1)", "(1, x)"), source)
+    assert another_program(source.replace("@cache", "@lru_cache"), source)
+    assert another_program(source.replace("A = 1", "A = 1\nA = 2"), source)
+    assert another_program(source.replace("A = 1\n", ""), source)
+    assert another_program("A = 1\n" + source.replace("A = 1\n", ""), source)
+
+
+@every_file
+def test_every_catcher_is_there_and_names_something(file: str):
+    for mutant in ALL:
+        if mutant.file != file:
+            continue
+        text = files_of(mutant.catcher).decode()
+        assert text or mutant.catcher.startswith("python "), mutant.id
+        assert mutant.named or mutant.equivalent, mutant.id
+        # What it prints is the name of a test of its own, if it is one.
+        if re.fullmatch(r"test_\w{8,}", mutant.named):
+            assert f"def {mutant.named}" in text, mutant.id
 
 
 def test_there_are_200_faults_and_60_in_the_harness_itself():
@@ -78,6 +109,31 @@ def test_a_fault_is_named_or_caught_or_survives():
     assert attempt(STALLED).outcome == "named"
     assert attempt(replace(STALLED, named="another text")).outcome == "caught"
     assert attempt(UNSEEN).outcome == "survived"
+
+
+def test_the_named_test_of_a_catcher_runs_first_and_then_the_whole_catcher():
+    named = "test_the_source_stays_as_it_is"
+    one = replace(STALLED, catcher="tests/test_mutants.py -x -k stays", named=named)
+    assert commands_of(one) == [
+        command_of(f"tests/test_mutants.py::{named} -x -k stays"),
+        command_of("tests/test_mutants.py -x -k stays"),
+    ]
+    for catcher in (f"tests/test_mutants.py::{named}", "tests/numbers/test_ball.py", CATCHER):
+        assert commands_of(replace(one, catcher=catcher)) == [command_of(catcher)]
+    two = "tests/test_mutants.py tests/numbers/test_ball.py"
+    assert commands_of(replace(one, catcher=two)) == [command_of(two)]
+    assert commands_of(replace(one, named="stays")) == [command_of(one.catcher)]
+
+
+def test_what_the_named_test_does_not_notice_the_rest_of_its_catcher_may(tmp_path: Path):
+    path = tmp_path / "test_it.py"
+    path.write_text(
+        "from eomcheck.numbers import pivots\n\n\ndef test_named():\n    pass\n\n\n"
+        "def test_other():\n    assert pivots.STALLED == 0.5\n"
+    )
+    one = replace(STALLED, catcher=f"{path} -p conftest -k named", named="test_named")
+    assert attempt(one).outcome == "survived"
+    assert attempt(replace(one, catcher=f"{path} -p conftest")).outcome == "caught"
 
 
 @pytest.mark.sampled(6)

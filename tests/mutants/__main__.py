@@ -3,9 +3,10 @@
     python -m tests.mutants [--kind harness] [--only id,...] [--quick] [--jobs 2] [--table FILE]
 
 A fault is *named* if its catcher fails and prints what it should, *caught* if it only fails, and
-has *survived* if nothing happens. Every catcher runs once on the source as it is, where it must
-pass. Results are kept as they come: the same command goes on where it was stopped, and runs again
-only what has changed. The exit code is 0 if every fault is named or explained.
+has *survived* if nothing happens. The test that is to fail runs first, and all of its catcher where
+it does not. Every catcher runs once on the source as it is, where it must pass. Results are kept as
+they come: the same command goes on where it was stopped, and runs again only what has changed. The
+exit code is 0 if every fault is named or explained.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -52,13 +54,23 @@ class Result:
     said: str = ""
 
 
-def command_of(catcher: str) -> list[str]:
-    """Return the command of a catcher."""
+def command_of(catcher: str, test: str = "") -> list[str]:
+    """Command of a catcher, or of one test of its file."""
     first, *rest = shlex.split(catcher)
     if first == "python":
         return [sys.executable, *rest]
     pytest = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "--all"]
-    return [*pytest, "--tb", "short", first, *rest]
+    return [*pytest, "--tb", "short", f"{first}::{test}" if test else first, *rest]
+
+
+def commands_of(mutant: Mutant) -> list[list[str]]:
+    """Commands to try in turn: the test that is named, which is quick, then the whole catcher."""
+    whole = command_of(mutant.catcher)
+    text = files_of(mutant.catcher).decode()
+    one_file = "::" not in mutant.catcher and mutant.catcher.count(".py") == 1
+    if one_file and re.fullmatch(r"test_\w+", mutant.named) and f"\ndef {mutant.named}(" in text:
+        return [command_of(mutant.catcher, mutant.named), whole]
+    return [whole]
 
 
 def run(command: list[str], package: Path, longest: float) -> tuple[int, str]:
@@ -106,7 +118,11 @@ def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
             (package / mutant.file).write_text(mutant.planted(package), encoding="utf-8")
         except LostFaultError as error:
             return Result(mutant.id, mutant.kind, "error", 0.0, str(error))
-        code, said = run(command_of(mutant.catcher), package, longest)
+        code, said = 0, ""
+        for command in commands_of(mutant):
+            code, said = run(command, package, longest)
+            if code not in (0, *NOTHING_RUN):
+                break
     seconds = time.perf_counter() - start
     if code == -1 or (code in NOTHING_RUN and not mutant.catcher.startswith("python")):
         return Result(mutant.id, mutant.kind, "error", seconds, said[-2000:])
