@@ -185,8 +185,17 @@ def test_a_campaign_goes_on_where_it_was_stopped(tmp_path: Path):
         ("stalled", "named"),
         ("unseen", "survived"),
     ]
+    said.clear()
+    here = replace(STALLED, catcher="tests/numbers/test_ball.py -k no_such_test")
+    campaign([here, UNSEEN], Kept(tmp_path / "others.jsonl"), 1, tell=tell, passing=True)
+    assert [line.partition(": ")[2] for line in sorted(said)] == [
+        f"the source as it is: {CATCHER}",
+        "stalled",
+        "unseen",
+    ]
+    said.clear()
     changed = campaign([replace(STALLED, after="STALLED = 0.7")], Kept(path), 1, tell=tell)
-    assert len(said) == 2 and {result.outcome for result in changed} == {"named"}
+    assert len(said) == 1 and {result.outcome for result in changed} == {"named"}
 
 
 # ---- What is said --------------------------------------------------------------------------------
