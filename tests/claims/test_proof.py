@@ -42,7 +42,7 @@ def what(findings: list[Finding]) -> list[tuple[str, str]]:
 # ---- What is proved ------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("key", "links"),
     [

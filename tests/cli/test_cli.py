@@ -36,6 +36,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     return stop.value.code or 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -266,6 +266,7 @@ def told(
     return study
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("group", "key"), STUDIES, ids=[" ".join(x) for x in STUDIES])
 def test_a_cell_that_failed_is_1_where_a_study_is_no_measurement_of_failures(
     group, key, monkeypatch, tmp_path

@@ -139,6 +139,7 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
 # ---- What says nothing is refused, what is misspelled is hinted at -------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -482,7 +482,7 @@ def test_no_option_is_left_out():
 @pytest.mark.parametrize(
     ("command", "option"), [(command, option) for command in CASES for option in CASES[command]]
 )
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 def test_every_option_changes_what_its_command_hands_on(command, option, here, monkeypatch):
     words, expected, *begin = CASES[command][option]
     base = begin[0] if begin else BASES.get(command, "")
@@ -520,6 +520,7 @@ def value_of(name: str, parameter: Parameter, place: int) -> tuple[list[str], An
     return [flag, f"some{place}"], Path(f"some{place}") if "Path" in text else f"some{place}"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("group", "key"), STUDIES, ids=[" ".join(x) for x in STUDIES])
 def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch):
     study, given, patient = study_of(key), dict[str, Any](), list[float]()

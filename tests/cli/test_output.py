@@ -130,6 +130,7 @@ def kept(records: Path) -> bool:
     return False
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_validation_that_is_told_to_end_writes_what_it_has(tmp_path: Path, number: int):
     file, records = tmp_path / "found.json", tmp_path / "found.db"

@@ -76,6 +76,7 @@ MODEL = {
 """Name -> text, what it becomes, the claim that fails first, and what is said."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", MODEL)
 def test_a_fault_of_the_model_is_caught_and_named(name, tmp_path):
     old, new, claim, says = MODEL[name]

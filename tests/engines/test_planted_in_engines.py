@@ -290,7 +290,7 @@ FAULTS = [
     ("fault", "key"),
     [pytest.param(one, key, id=f"{key}: {one.what}") for one in FAULTS for key in one.engines],
 )
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 def test_a_mistake_in_an_adapter_is_caught_and_named(fault: Fault, key: str):
     scene, state = ordinary(SCENES[fault.scene], 4)
     kind = fault.plant(ENGINES[key])

@@ -81,6 +81,7 @@ def assert_agree(first, second):
 # ---- Input ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(4)
 @every_formulation
 @pytest.mark.parametrize("name", ["q", "v"])
 @pytest.mark.parametrize("value", [np.zeros(4), np.zeros(6), np.zeros((5, 1)), 0.0, []])
@@ -91,6 +92,7 @@ def test_a_state_of_wrong_shape_is_refused_with_its_name_and_both_shapes(key, na
         assert part in str(caught.value)
 
 
+@pytest.mark.sampled(4)
 @every_formulation
 @pytest.mark.parametrize("name", ["q", "v"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -102,6 +104,7 @@ def test_a_state_that_is_not_finite_is_refused_with_its_place_and_value(key, nam
     assert f"{name}[3] = {value}" in str(caught.value)
 
 
+@pytest.mark.sampled(4)
 @every_formulation
 @pytest.mark.parametrize("name", ["q", "v"])
 @pytest.mark.parametrize("value", [["a"] * 5, None, [[1.0], 2.0, 3.0, 4.0, 5.0], [1j] * 5])
@@ -275,6 +278,7 @@ def test_near_parallel_wheels_are_refused_or_their_error_bound_tells(key, expone
         assert_agree(result, acceleration(snake, "au", q, v))
 
 
+@pytest.mark.sampled(4)
 @every_formulation
 @pytest.mark.parametrize("speed", [1e160, 1e200, 1e300])
 @pytest.mark.parametrize("consistent", [True, False])
@@ -355,6 +359,7 @@ def test_the_same_state_gives_the_same_bits_every_time(key):
     assert first.rcond == second.rcond
 
 
+@pytest.mark.sampled(5)
 @every_formulation
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.5, np.pi, -1.2])
 @pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2])

@@ -53,7 +53,7 @@ def installed(key: str) -> None:
 @pytest.mark.parametrize("key", READERS)
 @pytest.mark.parametrize("more", ["", FINGERS])
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, tmp_path: Path):
     installed(key)
     file = arm(tmp_path / "arm.urdf", more=more)

@@ -81,6 +81,7 @@ def test_the_very_functions_that_machine_code_is_made_of_have_these_counts(
     assert tuple(tally.systems) == counted.solves
 
 
+@pytest.mark.sampled(4)
 @formulations
 @pytest.mark.parametrize("links", range(1, 13))
 def test_operations_on_two_zeros_of_new_arrays_are_missed_by_em_at_one_link_and_nowhere_else(

@@ -258,7 +258,7 @@ def folder(path: Path) -> None:
     ids=lambda f: f.__name__,
 )
 @pytest.mark.parametrize("readonly", [False, True])
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_a_foreign_or_damaged_file_is_named_in_one_sentence_and_left_as_it_is(
     spoil, readonly, path: Path
 ):

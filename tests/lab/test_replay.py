@@ -61,6 +61,7 @@ def test_of_one_claim_all_is_decided_where_it_holds(monkeypatch, claim, outcome,
     assert reason == ("au: observed 0.001, allowed 2" if outcome == "inconclusive" else "")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [

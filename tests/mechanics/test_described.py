@@ -54,6 +54,7 @@ def failed(kind: type[Mechanism]) -> set[str]:
     return {f.claim for f in prove(kind(), points=1, seed=0) if f.verdict != "passed"}
 
 
+@pytest.mark.sampled(3)
 @every_kind
 def test_every_identity_is_proved(kind: type[Mechanism]):
     findings = prove(kind(), points=1, seed=0)
@@ -171,6 +172,7 @@ RIGHT = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("places", "wrong", "kind", "claim"),
     [

@@ -96,6 +96,7 @@ def test_windows_that_fold_two_at_a_time_are_noticed_though_no_sign_changes():
         assert 0.6 < found.times[-1] < 0.7144
 
 
+@pytest.mark.sampled(4)
 @kinds
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_what_is_looked_at_is_the_matrix_that_is_solved(kind, key):

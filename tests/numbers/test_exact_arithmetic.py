@@ -65,6 +65,7 @@ def is_exact(x) -> bool:
 # ---- The formulations ----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(4)
 @scenes
 @seeds
 @formulations()
@@ -76,6 +77,7 @@ def test_all_formulations_give_exactly_the_same_acceleration(
     assert equal(vdot, reference(scene, seed).vdot)
 
 
+@pytest.mark.sampled(4)
 @scenes
 @seeds
 @formulations()
@@ -89,6 +91,7 @@ def test_multipliers_come_out_where_the_formulation_says_so_and_are_exactly_the_
         assert equal(multipliers, reference(scene, seed).multipliers)
 
 
+@pytest.mark.sampled(4)
 @scenes
 @seeds
 @formulations()
@@ -99,6 +102,7 @@ def test_every_acceleration_satisfies_the_constraints_differentiated_exactly(
     assert equal(at.terms.a @ at.solution(formulation).vdot, -at.terms.gamma)
 
 
+@pytest.mark.sampled(4)
 @scenes
 @seeds
 @formulations(WITH_MULTIPLIERS)
@@ -122,6 +126,7 @@ def test_every_choice_of_dependent_coordinates_gives_exactly_the_same_accelerati
         assert equal(vdot, reference(scene, 0).vdot), dependent
 
 
+@pytest.mark.sampled(4)
 @scenes
 @formulations(IN_TERMS)
 def test_without_constraints_every_formulation_in_terms_solves_for_the_free_motion(
@@ -136,6 +141,7 @@ def test_without_constraints_every_formulation_in_terms_solves_for_the_free_moti
     assert equal(at.terms.M @ vdot, at.F)
 
 
+@pytest.mark.sampled(4)
 @scenes
 @formulations()
 def test_a_wrong_sign_in_the_constraint_drift_does_not_go_unnoticed(
@@ -308,6 +314,7 @@ def test_modified_lagrange_and_kane_have_the_same_matrix_and_right_hand_side(
         assert equal(b.force, at.speeds.W.T @ at.terms.Q)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("scene", [s for s in SMALL_SCENES if s.conserves_energy], ids=structure)
 @seeds
 @formulations()

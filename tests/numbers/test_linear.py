@@ -260,6 +260,7 @@ def test_scaling_brings_the_largest_entry_of_each_column_near_1(row):
         assert tiny or 0.499 < abs(entry) * factor < 1
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("exponent", range(-40, 41))
 def test_an_entry_that_is_a_power_of_two_is_scaled_alike_when_it_is_moved(exponent):
     """Found by hostile states: other scales are other pivots, with errors of another size."""
@@ -380,6 +381,7 @@ def test_machine_code_solves(size, columns):
     assert difference <= 2 * allowed_error(np.linalg.cond(A) * np.abs(x).max())
 
 
+@pytest.mark.sampled(4)
 @machine_sizes
 @columns
 @pytest.mark.parametrize("kind", ["zero", "equal rows", "zero column"])

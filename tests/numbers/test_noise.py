@@ -481,6 +481,7 @@ def tallied_product(A, B):
     return out
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", FORMULATIONS)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):

@@ -71,6 +71,7 @@ def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type
     assert subjects == {f"{f} ~ {engine}" for f in applicable(kind) for engine in engines}
 
 
+@pytest.mark.sampled(4)
 @every_formulation_of_every_kind
 def test_operations_are_counted_and_without_constraints_only_one_system_is_solved(
     kind: type[Scene], key: str

@@ -236,6 +236,7 @@ def test_a_period_of_as_many_calls_as_each_state_takes_shows():
     assert not missed
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("digits", [3, 4, 5, 6, 8])
 def test_a_cache_by_rounded_coordinates_fails(digits: int):
     kept: dict[Any, Any] = {}
@@ -418,7 +419,7 @@ def test_every_claim_is_tried():
 
 
 @pytest.mark.parametrize("id", WRONG)
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(6)
 def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
     right = looked_at(id, 0.0, claims=[id])
     assert right
@@ -431,7 +432,7 @@ def test_right_functions_pass_the_claim_and_wrong_ones_fail_by_it(id: str):
 
 
 @pytest.mark.parametrize("id", [id for id, wrong in WRONG.items() if wrong.counted])
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 def test_ten_times_what_is_allowed_fails_and_a_tenth_does_not(id: str):
     if id == "mass-matrix-positive":
         (allowed, per_eps), passes = (worst(id, 0.0).allowed, 2.0), "inconclusive"
