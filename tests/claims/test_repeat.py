@@ -126,6 +126,7 @@ def test_a_class_that_nobody_can_import_is_told():
     compile(code, "printed", "exec")
 
 
+@pytest.mark.night
 def test_a_class_of_a_package_that_is_not_installed_is_found_from_its_root():
     from tests.scenes.test_own_scene import Free
 
@@ -149,6 +150,7 @@ def test_a_class_of_a_package_within_a_package_is_found_from_its_root(tmp_path, 
     assert root in code
 
 
+@pytest.mark.night
 def test_an_engine_on_trial_and_our_scenes_are_found_again(tmp_path):
     path = with_fault(tmp_path, "planar_repeat", "rest - (spin", "rest + (spin")
     engine = engine_of(f"{path}:Planar")

@@ -292,6 +292,7 @@ def test_a_thousand_states_are_varied_and_seldom_at_rest():
     assert {state.t for state in states} == {0.0}
 
 
+@pytest.mark.night
 def test_symmetries_move_most_of_what_is_drawn():
     cases = drawn(strategies.scene_states(strategies.snakes(2, 4)), 200)
     moved: dict[str, list[bool]] = {}

@@ -160,6 +160,7 @@ def test_an_exception_whose_text_exits_is_described_all_the_same():
 # ---- Commands ------------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_command_whose_process_vanishes_reports_that_and_exits_with_1(tmp_path: Path):
     name = trailer(tmp_path, "vanishes", "import os; os._exit(0)")
     run = eom("acceleration", "--scene", name)
@@ -167,6 +168,7 @@ def test_a_command_whose_process_vanishes_reports_that_and_exits_with_1(tmp_path
     assert sentence(run) == "eomcheck: Trailer.drift ended its process with exit code 0\n"
 
 
+@pytest.mark.night
 def test_an_import_that_vanishes_is_reported_and_not_tried_again(tmp_path: Path):
     (tmp_path / "gone.py").write_text("print('once', flush=True)\nimport os; os._exit(0)\n")
     run = eom("validate", "--scene", f"{tmp_path / 'gone.py'}:Trailer")

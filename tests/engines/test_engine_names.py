@@ -219,6 +219,7 @@ def test_without_a_scene_every_scene_that_the_engine_represents_is_looked_at():
     assert "0 failed" in table
 
 
+@pytest.mark.night
 def test_an_engine_that_is_wrong_is_exit_code_1_and_named(tmp_path):
     path = with_fault(tmp_path, "planar_wrong", "rest - (spin", "rest + (spin")
     found = command("--engine", f"{path}:Planar", "--scene", "sleigh", "--examples", "3")
@@ -252,6 +253,7 @@ def test_what_cannot_be_loaded_or_represents_nothing_is_exit_code_2(arguments, s
     assert "Traceback" not in found.stderr and len(errors) == 1
 
 
+@pytest.mark.night
 def test_nothing_compared_is_never_a_pass(tmp_path):
     source = PLANAR.read_text(encoding="utf-8")
     path = tmp_path / "planar_shy.py"
@@ -266,6 +268,7 @@ def test_nothing_compared_is_never_a_pass(tmp_path):
     assert "engine planar: nothing could be compared with it" in found.stderr
 
 
+@pytest.mark.night
 def test_a_missing_library_is_exit_code_2(tmp_path):
     source = PLANAR.read_text(encoding="utf-8")
     old = 'return f"planar {np.__version__}"'

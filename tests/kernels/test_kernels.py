@@ -363,6 +363,7 @@ def loops(program: Program) -> int:
     return sum(item[0] == "loop" for item in program.items)
 
 
+@pytest.mark.night
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize("links", [MANY_LINKS + i for i in range(1, SHORTER[1] + 1)])
 @pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.linear])

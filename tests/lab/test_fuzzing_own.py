@@ -129,6 +129,7 @@ partly = Functions(3, M=half, ranges=(-1, 1))
 """
 
 
+@pytest.mark.night
 def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     mine, monkeypatch, capsys
 ):
@@ -223,6 +224,7 @@ def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch)
     assert finds(True) > 0 == finds(False)
 
 
+@pytest.mark.night
 def test_a_campaign_about_functions_goes_on_where_it_stopped(mine, tmp_path: Path):
     here = FunctionsPlan(f"{mine}:right", 0, ("bias-power", "motion"), batch=4)
     whole = Campaign(here, "mine", [ALL])
@@ -320,6 +322,7 @@ class Far(planar.Planar):
         return super().mass_matrix(q, t) * (1.001 if np.abs(q[2:]).max() > 8.0 else 1.0)
 
 
+@pytest.mark.night
 def test_an_engine_that_is_named_is_asked_at_wide_states_too():
     here, found = Round(0, Stratum(2, ("damping",)), {}), {}
     for wide in (False, True):

@@ -239,6 +239,7 @@ def test_workers_end_with_a_parent_that_is_killed(work, notes, tmp_path):
     assert within(10, lambda: not any(map(alive, done_by(notes))))
 
 
+@pytest.mark.night
 def test_a_script_without_its_guard_is_told_so_and_does_not_run_for_ever(work, notes, tmp_path):
     command = script(tmp_path, notes, "if True:", 0.0)
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)

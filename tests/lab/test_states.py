@@ -70,6 +70,7 @@ def test_two_processes_stop_where_one_does_and_at_the_same_smallest_failure():
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.night
 def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
     cases: list[int] = []
 

@@ -408,6 +408,7 @@ def test_the_spread_does_not_depend_on_what_was_asked_before(at):
     assert spreads(SEVERAL) == spreads(reversed(SEVERAL)) == alone
 
 
+@pytest.mark.night
 @pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_a_check_and_an_acceleration_state_one_bound_for_one_state(kind, monkeypatch):

@@ -108,6 +108,7 @@ def reduced_motion(method: str) -> np.ndarray:
     return found.y[:, -1]
 
 
+@pytest.mark.night
 def test_the_reduced_motion_does_not_depend_on_the_integrator():
     assert np.abs(reduced_motion("Radau") - reduced_motion("DOP853")).max() < 1e-8
 

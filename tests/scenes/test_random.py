@@ -324,6 +324,7 @@ def failures(scene, state) -> list[str]:
     return [str(one) for one in findings if one.verdict == "failed"]
 
 
+@pytest.mark.night
 def test_what_cannot_move_is_still_and_not_nearly_so():
     # A weld that lets one slide: rounding left 1e-17 rad/s, and gamma of nothing but that.
     ground = Link("ground")

@@ -47,6 +47,7 @@ def test_one_link_is_proved_too(kind: type[Scene]):
             assert [str(f) for f in findings if f.verdict == "failed"] == []
 
 
+@pytest.mark.night
 @pytest.mark.sampled(10)
 @kinds
 @settings(max_examples=5)

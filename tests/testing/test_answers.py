@@ -217,6 +217,7 @@ def test_the_state_of_a_finding_is_where_it_is_worst():
     assert found[0].state.q.tolist() == [0.9, 0.9, 0.9]
 
 
+@pytest.mark.night
 def test_the_same_seed_gives_the_same_findings_and_another_one_other_states():
     def told(seed):
         return [x.as_dict() for x in check_functions(**given("cart"), states=2, seed=seed)]

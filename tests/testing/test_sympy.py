@@ -121,6 +121,7 @@ def test_equations_by_kanes_method_pass(make):
 WRONG_INPUT = "a velocity or a load of wrong sign in the derivation: against would tell"
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.sampled(2)
 def test_that_a_load_of_wrong_sign_went_into_a_derivation_is_said_to_be_untold(sign):
