@@ -268,6 +268,31 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
     assert heights == [{("equivalence", "kane"): 0.75}] * 2
 
 
+def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(monkeypatch):
+    fault = judging.Fault(judging.SCENE, "by hand")
+    made: list[str] = []
+
+    def kept(self, failed, name, known=None):
+        made.append(failed.detail)
+        return find_of(failed, name, fault)
+
+    monkeypatch.setattr(Plan, "find", kept)
+    scene = Snake.paper()
+    case = scene, State(*scene.initial_state(), 0.0)
+    details = ["v̇: wrong sign", *5 * ["v̇: half"], "v̇: wrong sign", "v̇: 3 times", "v̇: 4 times"]
+    of = *case, 1.0, 0.5, "failed", "compared: x"
+    failed = [Finding("bias", "kane", *of, detail=one) for one in details]
+    campaign = Campaign(plan(), "snake", (STRATUM,))
+    campaign._take(Result(0, STRATUM, {}, Counter({"states": 9}), failed), lambda: True)
+    assert [one.detail for one in campaign.finds.values()] == [
+        "v̇: wrong sign",
+        "v̇: half",
+        "v̇: 3 times",
+    ]
+    # Made small three times each, and no more.
+    assert Counter(made) == {"v̇: wrong sign": 2, "v̇: half": 3, "v̇: 3 times": 1, "v̇: 4 times": 1}
+
+
 @pytest.mark.parametrize(
     "other",
     [

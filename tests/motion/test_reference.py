@@ -35,7 +35,7 @@ from eomcheck.motion.stored import load_reference, save_reference
 from eomcheck.numbers.ball import precision
 from eomcheck.numbers.linear import eliminate, solve
 from eomcheck.numbers.taylor import Expressions
-from eomcheck.scenes import Snake
+from eomcheck.scenes import Snake, TurntableBall
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"
 PATHS = sorted(FOLDER.glob("*.json"))
@@ -410,6 +410,21 @@ def test_constraints_that_move_are_followed(heyoka):
     assert first.energy is None
     assert second.drift is None
     assert max(difference(first, second)) < 1e-20
+
+
+def test_a_motion_starts_with_the_velocity_of_its_first_time(heyoka):
+    scene = TurntableBall(swing=1.0, frequency=3.0)
+    q0, _ = scene.initial_state()
+    times, u0 = [0.4, 0.45], np.array([20.0, 0.0, 0.5])
+    v0, other = (consistent_velocity(scene, q0, u0, t) for t in (0.4, 0.0))
+    assert (v0[:2] != other[:2]).any()
+    first = taylor_reference(scene, q0, u0, times)
+    second = extended_reference(scene, q0, v0, times, tolerance=LOOSE)
+    assert max(difference(first, second)) < 1e-17
+    with pytest.raises(InconsistentVelocityError):
+        extended_reference(scene, q0, other, times)
+    with pytest.raises(InputError, match="t0"):
+        consistent_velocity(scene, q0, u0, np.nan)
 
 
 class Horizontal(Free):

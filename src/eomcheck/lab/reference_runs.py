@@ -76,7 +76,7 @@ def produce(name: str, case: Case, shown: bool = True) -> Reference:
         first = taylor_reference(scene, q0, u0, times)
         limit = first.facts["longest_step"] / SHORTER
         again = taylor_reference(scene, q0, u0, times, longest_step=limit)
-        v0 = consistent_velocity(scene, q0, u0)
+        v0 = consistent_velocity(scene, q0, u0, times[0])
         second = extended_reference(scene, q0, v0, times, watch=watch)
     check = {
         "longest_step": limit,

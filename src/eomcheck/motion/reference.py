@@ -175,19 +175,25 @@ def _quad_decimals(x: Array) -> Array:
 # ---- The second: Lagrange's terms, extrapolation in 160 bits -------------------------------------
 
 
-def consistent_velocity(scene: Scene, q0, u0) -> Array:
-    """Return v = W u0 + offset (n,) in `flint.arb` numbers of `EXTENDED_BITS` without radius.
+def consistent_velocity(scene: Scene, q0, u0, t0: float = 0.0) -> Array:
+    """Velocity W u0 + offset (n,) in `flint.arb` numbers of `EXTENDED_BITS` without radius.
+
+    Args:
+        scene: the scene.
+        q0: coordinates (n,).
+        u0: generalized speeds (p,).
+        t0: time, s: of a scene that depends on it.
 
     Raises:
         InputError: wrong shapes, or values that are not finite.
         RefusedError: the scene has no generalized speeds.
     """
     q0, _ = scene.check_state(q0, np.zeros(scene.n))
-    u0 = finite_array("u0", u0, (scene.p,))
+    u0, t0 = finite_array("u0", u0, (scene.p,)), finite_array("t0", t0, ())
     scene.refuse_speeds(q0)
     balls = Balls()
     with precision(EXTENDED_BITS):
-        at = Quantities(scene, balls, balls.numbers(q0))
+        at = Quantities(scene, balls, balls.numbers(q0), balls.numbers(t0).item())
         at.u = balls.numbers(u0)
         return _stripped(at.v)
 

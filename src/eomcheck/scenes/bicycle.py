@@ -207,7 +207,7 @@ class Bicycle(Described, description=description, closed=True):
         return q, v
 
     def refuse_speeds(self, q: Array) -> None:
-        """Refuse |sin ψ| <= 4 eps: Euler's angles are singular where the rear frame lies fl"""
+        """Refuse |sin ψ| <= 4 eps: Euler's angles are singular where the rear frame lies flat."""
         sine = abs(float(np.sin(q[LEAN])))
         if sine <= 4 * EPS:
             detail = f"ψ = {float(q[LEAN])!r}: Euler's angles are singular, the axle is upright"

@@ -17,7 +17,7 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.errors import InputError
-from eomcheck.lab.fuzzing.finds import Find, cause_of
+from eomcheck.lab.fuzzing.finds import Find, cause_of, diagnosis_of
 from eomcheck.lab.fuzzing.parameters import case_of, parameters_of
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.fuzzing.strata import Stratum
@@ -32,7 +32,7 @@ STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
 """Names that Records are read by."""
 
 MOST_SHRUNK = 3
-"""Failures of one claim and subject that are made small; more of them tell nothing new."""
+"""Failures of one claim, subject and diagnosis that are made small; more tell nothing new."""
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Campaign:
         by_stratum: number of states of each structure.
         worst: by claim and formulation, the highest case.
         finds: what fails, made small, by cause.
-        failures: number of findings that failed, by claim and what it is about.
+        failures: number of findings that failed, by claim, and what it is about and says is wrong.
         lost: claims that lanes could not look at, and why.
         open: claims and subjects of functions that were not decided at a state, and why.
         seconds: time spent in rounds, added up over processes.
@@ -258,8 +258,9 @@ class Campaign:
 
 
 def _kind_of(failed: Finding) -> tuple[str, str]:
-    """Claim and cause of a failure, by which failures are counted."""
-    return failed.claim, " ".join(cause_of(failed))
+    """Claim and cause of a failure, by which failures are counted: none hides behind another's."""
+    words, found = " ".join(cause_of(failed)), diagnosis_of(failed)
+    return failed.claim, f"{words}: {found}" if found else words
 
 
 def _plain(state: State) -> tuple[list[float], list[float], float]:

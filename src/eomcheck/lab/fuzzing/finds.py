@@ -60,11 +60,7 @@ class Find:
     @property
     def key(self) -> tuple[str, ...]:
         """What tells causes apart: scene, claim, formulations, fault, and what is wrong."""
-        words = cause_of(self)
-        what = self.detail.rpartition(": ")[2] if ": " in self.detail else ""
-        what = what.removesuffix(EVERY_ROW)  # in all that do not vanish in this state
-        what = "" if any(c.isdigit() for c in what) else what
-        return self.scene, self.claim, " ".join(words), self.whose, what
+        return self.scene, self.claim, " ".join(cause_of(self)), self.whose, diagnosis_of(self)
 
     @property
     def case(self) -> Case:
@@ -95,6 +91,13 @@ def cause_of(one: Find | Finding) -> list[str]:
     if one.claim in CLAIMS and CLAIMS[one.claim].asks:
         words = [word for word in words if word not in FORMULATIONS]
     return sorted(words)
+
+
+def diagnosis_of(one: Find | Finding) -> str:
+    """Diagnosis in a detail that tells causes apart; "" if none, or if it holds numbers."""
+    found = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
+    found = found.removesuffix(EVERY_ROW)  # in all that do not vanish in this state
+    return "" if any(c.isdigit() for c in found) else found
 
 
 def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
