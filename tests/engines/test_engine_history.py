@@ -14,7 +14,9 @@ from eomcheck.claims import run
 from eomcheck.claims.case import OFTEN, ONCE
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.claims.speeds import kane_system
 from eomcheck.engines import Answers, Engine
+from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum
 
@@ -42,7 +44,7 @@ def failed(engine: type[Engine], claim: str) -> list[str]:
     return [one.detail for one in found if one.verdict == "failed"]
 
 
-PERIODS = [2, 7, 37]
+PERIODS = [2, 5, 7, 37]
 
 
 @pytest.mark.parametrize("period", PERIODS)
@@ -50,6 +52,63 @@ def test_an_answer_that_is_wrong_in_every_nth_call_fails(period: int):
     engine = counting("mass_matrix", lambda n: n % period == 0, lambda M: 1.001 * M)
     (detail,) = failed(engine, "mass-matrix")
     assert "mass matrix, entry" in detail
+
+
+@pytest.mark.parametrize(
+    ("method", "claim", "first"),
+    [
+        ("mass_matrix", "mass-matrix", 5),
+        ("bias", "bias", 5),
+        ("acceleration", "engine-acceleration", 4),
+    ],
+)
+def test_one_wrong_answer_fails_whichever_it_is_of_all_that_are_judged(method, claim, first):
+    def changed(right: Any) -> Any:
+        return right._replace(vdot=1.01 * right.vdot) if method == "acceleration" else 1.01 * right
+
+    for call in (first, first + 2):  # between them it is asked elsewhere
+        engine = counting(method, lambda n, call=call: n == call, changed)
+        assert failed(engine, claim), call
+    # No other state is judged: what is asked there may be anything.
+    assert not failed(counting(method, lambda n: n < first, changed), claim)
+
+
+def test_a_wrong_answer_in_the_first_call_at_each_state_fails_in_all_of_them():
+    class Cold(planar()):
+        last = None
+
+        def bias(self, q, v, t=0.0):
+            here = q.tobytes(), v.tobytes()
+            self.last, new = here, here != self.last
+            return super().bias(q, v, t) * (1.5 if new else 1.0)
+
+    found = eomcheck.validate(SCENE, examples=4, engines=[Cold], claims=["bias"])
+    moving = [one.verdict for one in found if one.state.v.any()]
+    assert moving
+    assert set(moving) == {"failed"}
+
+
+def test_a_wrong_remainder_of_kanes_equations_fails_whichever_answer_it_is():
+    class Remainder(Engine):
+        calls, wrong = 0, 0
+        version = classmethod(lambda cls: "ours 1.0")
+        represents = classmethod(lambda cls, scene: isinstance(scene, ChainPendulum))
+
+        def mass_matrix(self, q, t=0.0):
+            return Evaluation(self.scene, q, 0 * q).terms.M
+
+        def bias(self, q, v, t=0.0):
+            return Evaluation(self.scene, q, v).terms.B
+
+        def kane_inertia_remainder(self, q, v, t=0.0):
+            self.calls += 1
+            found = kane_system(Evaluation(self.scene, q, v))[1]
+            return (1.01 if self.calls == self.wrong else 1.0) * found, 0.0, 1.0
+
+    assert not failed(Remainder, "kane-n-matrix")
+    for call in (6, 8):
+        Remainder.wrong = call
+        assert failed(Remainder, "kane-n-matrix"), call
 
 
 def test_an_answer_that_is_wrong_after_a_hundred_calls_fails():

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -188,7 +189,14 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.taking_part:
         theirs_by = cache(partial(_sensitivity, case, engine, part))
-        said = answer(case, engine, *handed, excused=lambda by=theirs_by: by() == np.inf)
+        said = answer(
+            case,
+            engine,
+            *handed,
+            expected=partial(_expected, case, engine, part),
+            part=attrgetter(part),
+            excused=lambda by=theirs_by: by() == np.inf,
+        )
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
             continue
@@ -213,6 +221,16 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             here = case, engine, f"{formulation.key} ~ {engine.key}", ours, theirs, sensitivity
             finding = compared(*here, partial(_part_again, part, handed), names=(names,))
             yield _excused(case, engine, finding, Q) if part == "vdot" else finding
+
+
+def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
+    """Acceleration or multipliers of the formulation that an engine solves like, or another."""
+    with suppress(np.linalg.LinAlgError, RefusedError):
+        if (
+            found := getattr(case.at.acceleration(FORMULATIONS[engine.solves_like]), part)
+        ) is not None:
+            return found
+    return next((x for _, one in case.solutions if (x := getattr(one, part)) is not None), None)
 
 
 def _excused(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:

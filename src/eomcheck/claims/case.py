@@ -264,10 +264,14 @@ class Case(AtDoubles):
             found = term_of(e, term)
             return np.zeros(np.shape(theirs)) if found is None else found
 
+        def term_or_zero(e: Evaluation) -> Any:
+            found = term_of(e, term)
+            return 0.0 if found is None else found
+
         absent, sensitivity = term_of(self.at, term) is None, None
         state = (self.at.q, self.at.v, self.at.t)
         for engine in self.taking_part:
-            theirs = trial.answer(self, engine, *state)
+            theirs = trial.answer(self, engine, *state, expected=partial(term_or_zero, self.at))
             if isinstance(theirs, Finding) or isinstance(engine, type):
                 if not absent or theirs.verdict == "failed":
                     yield theirs

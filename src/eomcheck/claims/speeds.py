@@ -206,7 +206,13 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
     for engine in case.taking_part:
-        said = answer(case, engine, *case.state)
+        said = answer(
+            case,
+            engine,
+            *case.state,
+            expected=lambda: remainder(case.at),
+            part=lambda said: said[0],
+        )
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
             continue

@@ -190,14 +190,20 @@ def answer(
     case: Case,
     engine: Engine | type[Engine],
     *arguments: Any,
+    expected: Callable[[], Any],
+    part: Callable[[Any], Any] = lambda said: said,
     excused: Callable[[], bool] = lambda: False,
 ) -> Any:
     """Return what the engine says of what the claim asks; else the Finding that it says nothing.
+
+    An engine on trial is asked again and again: returned is the answer furthest from the scene's.
 
     Args:
         case: the state, and the claim that is looked at.
         engine: the engine, or its class if it could not be made.
         arguments: what its method is handed.
+        expected: gives what is expected of `part`; None if nothing is known here.
+        part: gives the quantity of an answer that is compared; None if the answer lacks it.
         excused: whether nothing could be judged here, whatever the answer.
     """
     assert case.claim is not None
@@ -212,7 +218,9 @@ def answer(
         answers = Answers(engine)
         if is_on_trial(kind):
             answers.disturb(method, *arguments)
-            return _answered_worst(answers, method, arguments, case.asked_again)
+            found = _answered(answers, method, arguments, case.asked_again)
+            known = expected()
+            return _worst(found, part, part(found[0]) if known is None else known)
         return answers.ask(method, *arguments)
     except EngineFault as fault:
         if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_on_trial(kind):
@@ -223,38 +231,35 @@ def answer(
         return case.finding(kind.key, *outcome, engine=kind)
 
 
-def _answered_worst(answers: Answers, method: str, arguments: tuple, times: int) -> Any:
-    """Return the answer that differs most from the first one, of an engine asked again and again.
+def _answered(answers: Answers, method: str, arguments: tuple, times: int) -> list[Any]:
+    """Answers of an engine that is asked again and again, all of which are to be right.
 
-    All of them are to be right: calls at other states come in between, at irregular intervals, so
-    that no period of calls passes by.
+    Calls at other states come in between, at irregular intervals, so that no period of calls
+    passes by.
 
     Raises:
         EngineFault: one of them is no answer.
     """
-    first = answers.ask(method, *arguments)
-    worst, by = first, 0.0
+    found = [answers.ask(method, *arguments)]
     random = np.random.default_rng(0)
     for k in range(times):
         if k == 0 or random.random() < BETWEEN:
             answers.ask_elsewhere(method, arguments, 1 + k % 7)
-        again = answers.ask(method, *arguments)
-        if (apart := _apart(again, first)) > by:
-            worst, by = again, apart
+        found.append(answers.ask(method, *arguments))
+    return found
+
+
+def _worst(found: Sequence[Any], part: Callable[[Any], Any], expected: Any) -> Any:
+    """Answer whose part is furthest from what is expected: the first one if all are alike."""
+    worst, by = found[0], -1.0
+    for one in found:
+        quantity = part(one)
+        if quantity is None or expected is None:
+            continue  # what one answer lacks another may have
+        apart = largest(np.asarray(quantity) - np.asarray(expected))
+        if apart > by:
+            worst, by = one, apart
     return worst
-
-
-def _apart(x: Any, y: Any) -> float:
-    """Return the largest difference of two answers, per size of the second, part by part."""
-    parts = zip(x, y, strict=True) if isinstance(y, tuple) else ((x, y),)
-    return max(
-        float(one is not other) if one is None or other is None else _per_size(one, other)
-        for one, other in parts
-    )
-
-
-def _per_size(x: Any, y: Any) -> float:
-    return largest(np.asarray(x) - np.asarray(y)) / (largest(y) or 1.0)
 
 
 def unseen(case: Case, kind: type[Engine], why: str) -> Finding:
