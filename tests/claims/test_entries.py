@@ -178,6 +178,25 @@ def test_an_entry_of_an_engine_on_trial_that_should_be_0_is_so_but_for_rounding(
     assert one.entries.count_hidden == 1
 
 
+def test_a_row_that_a_failure_shows_to_be_wrong_is_not_listed_as_unresolved():
+    case = Case(Evaluation(SNAKE, *MOVING), (), ())
+    case.claim = CLAIMS["equations-residual"]
+    how = {"names": NAMES, "scale": 1.0}
+    right, small = np.array([1.0, 1.0, 1e-16, 1e-16]), np.array([1.0, 1.0, 0.0, 0.0])
+    hidden = case.compare("x", right, small, 1.0, **how)
+    wrong = case.compare("x", right + np.array([0.0, 0.0, 1.0, np.nan]), small, 1.0, **how)
+    slight = case.compare("x", right + np.array([0.0, 0.5, 0.0, 0.0]), small, 1.0, **how)
+    assert [one.verdict for one in (hidden, wrong, slight)] == ["passed", "failed", "failed"]
+
+    def left(*findings: Finding) -> list[str]:
+        return [one.name for each in unresolved(findings).values() for one in each]
+
+    assert left(hidden) == ["x, row c", "x, row d"]
+    assert left(hidden, slight) == ["x, row c", "x, row d"]
+    assert left(hidden, wrong) == []
+    assert left(wrong) == left(slight) == []
+
+
 def test_what_vanishes_without_known_terms_has_no_entries():
     case = Case(Evaluation(SNAKE, *MOVING), (), ())
     case.claim = CLAIMS["equations-residual"]

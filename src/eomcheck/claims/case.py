@@ -339,8 +339,12 @@ class Case(AtDoubles):
         outcome = subject, observed, allowed, verdict, evidence, detail
         made = self.finding(*outcome, engine=engine)
         entrywise = entrywise and (sizes is not None or bool(np.any(expected)))
-        if verdict == "failed" or not names or not entrywise:
-            return made  # a failure is named by its row; what vanishes has no size of its own
+        if verdict == "failed" and names:
+            # What is wrong is resolved; of what else is hidden the failure says nothing.
+            wrong = ~(np.abs(found - expected) <= allowed)
+            return replace(made, entries=entries_of(names, wrong, np.zeros_like(wrong)))
+        if not names or not entrywise:
+            return made  # what vanishes has no size of its own
         zero: Any = False
         if engine is not None and trial.is_on_trial(engine):
             # Of the scene itself, what should be 0 is so but for the rounding of its own terms.
