@@ -12,7 +12,15 @@ from tests.claims.wrong import with_entry
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding
-from eomcheck.claims.entries import Left, entries_of, left_of, listed, lists, unresolved
+from eomcheck.claims.entries import (
+    Left,
+    entries_of,
+    left_of,
+    listed,
+    listing,
+    lists,
+    unresolved,
+)
 from eomcheck.claims.proof import by_proof
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
@@ -279,6 +287,17 @@ def test_of_many_entries_some_are_named_and_all_are_counted():
     (found,) = [listed(each) for each in unresolved([one]).values()]
     assert found.verdict == "inconclusive" and found.subject == "B"
     assert found.detail.endswith("B, entry (e, y); B, entry (f, x) and 2 more")
+
+
+@pytest.mark.parametrize(
+    ("count", "end"),
+    [(7, "row g"), (8, "row h"), (9, "row h and 1 more"), (10, "row h and 2 more")],
+)
+def test_eight_entries_are_named_and_those_beyond_are_counted(count: int, end: str):
+    names = [f"row {letter}" for letter in "abcdefghij"[:count]]
+    detail = listing(names, 3)
+    assert detail.startswith("not resolved in any of 3 states: row a; row b")
+    assert detail.endswith(f"; {end}")
 
 
 def test_the_entries_of_an_engine_on_trial_stay_hidden():

@@ -8,7 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from tests.claims.test_every_claim_fails import ABOUT, EMBEDDING, MACHINE_CODE, sample, shape_of
-from tests.claims.wrong import Part, share, wrong_formulation, wrong_scene
+from tests.claims.wrong import Part, share, with_entry, wrong_formulation, wrong_scene
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case
@@ -189,6 +189,26 @@ def _with_wrong_bias(terms):
         return found._replace(B=-found.B)
 
     return wrong
+
+
+@pytest.mark.parametrize("less", [0, 1])
+def test_velocities_that_are_not_finite_fail_in_lanes_and_are_not_taken_for_refused(less: int):
+    """Infinite, or infinite less infinite."""
+
+    def qdot(*arguments):
+        assert Snake.qdot is not None
+        right = Snake.qdot(*arguments)
+        huge = (right[0] + 2) * 2**1000 * 2**1000
+        return with_entry(right, (0,), lambda x: huge - less * huge)
+
+    Wrong = type("Wrong", (Snake,), {"qdot": staticmethod(qdot)})
+    cases = [
+        (Wrong(**{name: getattr(scene, name) for name in Snake.declared}), state)
+        for scene, state in scene_cases(Snake, (2, 2), 2, seed=1)
+    ]
+    for places, case in lane_cases(cases, ALL):
+        found = {one.subject: one for one in case.look(["speeds-velocity"])}["q̇"]
+        assert [NAMES[verdict] for verdict in found.verdict] == ["failed"] * len(places)
 
 
 def test_verdicts_by_number_are_those_of_judge():

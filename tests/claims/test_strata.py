@@ -35,6 +35,7 @@ from eomcheck.claims.strata import (
     state_cases,
     strata,
     strata_of,
+    value_of,
 )
 from eomcheck.cli.checking import validate
 from eomcheck.errors import InputError, RefusedError
@@ -173,6 +174,16 @@ def test_arrays_take_all_of_their_range_and_their_links_differ():
         there = values[np.any(values != 0, axis=1)]
         for i, j in combinations(range(there.shape[1]), 2):
             assert (there[:, i] != there[:, j]).all(), f"{name}, links {i} and {j}"
+
+
+@pytest.mark.parametrize("way", [POSITIVE, NEGATIVE, BOTH])
+@pytest.mark.parametrize(("low", "high"), [(-1.0, 3.0), (-3.0, 1.0)])
+def test_a_range_whose_ends_have_other_magnitudes_is_left_in_no_way(low, high, way):
+    random, ends = np.random.default_rng(0), {POSITIVE: (0.0, high), NEGATIVE: (low, 0.0)}
+    drawn = np.array([value_of(Range(low, high, (2,)), way, random) for _ in range(200)])
+    least, most = ends.get(way, (low, high))
+    assert least <= drawn.min() < 0.9 * least + 0.1 * most
+    assert 0.1 * least + 0.9 * most < drawn.max() <= most
 
 
 def assert_whole_range(values, one: Range, name: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from eomcheck.scenes import Snake, from_urdf
 
 TERMS = ("mass-matrix", "bias", "generalized-forces")
 ASKED = (*TERMS, "engine-acceleration")
+NUMBERS = re.compile(r": (?P<library>\S+) by the library, (?P<eomcheck>\S+) by eomcheck;")
 FEATURES = ["hinge", "slide", "ball", "free", "springref", "damping", "armature", "polycoef"]
 
 
@@ -85,6 +87,10 @@ def test_a_file_that_is_misread_fails_by_its_library_alone_and_nobody_is_blamed(
     assert "mass-matrix" in {one.claim for one in failed}
     either = "the file is read in two ways: either reading may be wrong"
     assert all(one.detail.endswith(either) for one in failed)
+    if change == "mass":
+        numbers = [NUMBERS.search(one.detail) for one in failed if one.claim == "mass-matrix"]
+        assert all(float(x["library"]) > float(x["eomcheck"]) for x in numbers if x)
+        assert all(numbers)
 
 
 def test_dampers_that_pinocchio_leaves_out_are_skipped_with_the_reason(tmp_path: Path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from tests.samples import LINKS
@@ -111,6 +113,30 @@ def test_velocities_and_kinetic_energy_are_left_out_by_no_scene():
     kind = type("Still", (Sleigh,), {"energies": staticmethod(lambda *_: (None, None))})
     with pytest.raises(InputError, match="energies: T is None, expected"):
         check_shapes(kind())
+
+
+def without_rows(where: Callable[[float], bool]) -> Scene:
+    """Return a sleigh whose terms leave out a, by the first coordinate."""
+
+    def terms(parameters, prepared, q, v):
+        found = Sleigh.terms(parameters, prepared, q, v)
+        return found._replace(a=None) if where(float(q[0])) else found
+
+    return type("Loose", (Sleigh,), {"terms": staticmethod(terms)}).example()
+
+
+def test_a_scene_with_constraints_leaves_out_their_jacobian_nowhere():
+    with pytest.raises(
+        InputError, match=r"Loose.terms: a is None, expected an array of .*\(1, 3\)"
+    ):
+        check_shapes(without_rows(lambda x: x > 0.0))
+    # Where shapes are looked at it is there.
+    state = [-0.1, 0.2, 0.3], [1.0, 0.5, 0.2]
+    claims = ["constraint-velocity"]
+    scene = without_rows(lambda x: x < 0.0)
+    (found,) = eomcheck.check(scene, *state, claims=claims, consistent=False)
+    assert found.verdict == "failed"
+    assert "constraints at velocity level, row edge: missing" in found.detail
 
 
 @pytest.mark.parametrize("function", ["terms", "speeds"])

@@ -29,7 +29,10 @@ ARRAYS: Any = (np.ndarray, Number)
 """Types of arrays and numbers that functions may return."""
 
 NEEDED = frozenset({"V", "ω", "M", "T", "u", "r", "Φ"})
-"""Symbols that every scene gives; c may be None where there are no constraints."""
+"""Symbols that every scene gives."""
+
+OF_CONSTRAINTS = frozenset({"a", "c"})
+"""Symbols that every scene with constraints gives."""
 
 _looked_at: set[tuple[type[Scene], str]] = set()
 
@@ -61,13 +64,14 @@ def check_shapes(scene: Scene) -> None:
 
 def _compare_shapes(scene: Scene) -> None:
     at = _somewhere(scene)
+    needed = NEEDED | OF_CONSTRAINTS if scene.r else NEEDED
     with np.errstate(all="ignore"):
         if scene.natural_speeds:
             with suppress(RefusedError):
                 map_record(partial(_check_shared, scene), at.kinematics)
         for function, name, found, shape in returned(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
-            if found is None and name not in NEEDED and (name != "c" or scene.r == 0):
+            if found is None and name not in needed:
                 continue
             if not isinstance(found, ARRAYS):
                 kind = "None" if found is None else f"a {type(found).__name__}"

@@ -107,7 +107,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     zero = np.zeros(at.scene.r, object)
     found = zero if a is None else a @ v if b is None else a @ v + b
     expected = zero if expected is None else expected
-    terms = size(a, v) + size(b)
+    terms = size(expected) if a is None else size(a, v) + size(b)
     yield Sides(subject, found, expected, (at.scene.constraint_names,), terms)
 
 
