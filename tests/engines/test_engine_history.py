@@ -73,6 +73,31 @@ def test_one_wrong_answer_fails_whichever_it_is_of_all_that_are_judged(method, c
     assert not failed(counting(method, lambda n: n < first, changed), claim)
 
 
+@pytest.mark.parametrize(("method", "claim"), [("mass_matrix", "mass-matrix"), ("bias", "bias")])
+def test_one_wrong_answer_of_an_engine_that_answers_with_its_own_array_fails(method, claim):
+    class Buffered(Engine):
+        version = classmethod(lambda cls: "ours 1.0")
+        represents = classmethod(lambda cls, scene: isinstance(scene, ChainPendulum))
+
+        def __init__(self, scene):
+            super().__init__(scene)
+            self.calls, self.own = 0, {"mass_matrix": np.zeros((2, 2)), "bias": np.zeros(2)}
+
+        def answer(self, name, right):
+            self.calls += name == method
+            wrong = name == method and self.calls == 5
+            self.own[name][:] = 1.01 * right if wrong else right
+            return self.own[name]
+
+        def mass_matrix(self, q, t=0.0):
+            return self.answer("mass_matrix", Evaluation(self.scene, q, 0 * q).terms.M)
+
+        def bias(self, q, v, t=0.0):
+            return self.answer("bias", Evaluation(self.scene, q, v).terms.B)
+
+    assert failed(Buffered, claim)
+
+
 def test_a_wrong_answer_in_the_first_call_at_each_state_fails_in_all_of_them():
     class Cold(planar()):
         last = None

@@ -321,6 +321,22 @@ def test_bad_input_is_one_sentence(
     assert not Path("report.html").exists()
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_nothing_of_a_validation_is_written_over_its_records(
+    there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    Path("link.db").symlink_to("r.db")
+    if there:
+        Records("r.db").close()
+    few = "--scene", "sleigh", "--examples", "1", "--engine", "none", "--formulation", "gw"
+    for option, path in (("--report", "r.db"), ("--report", "link.db"), ("--json", "./r.db")):
+        onto = "--records", "r.db", option, path
+        assert run("validate", *few, *onto, monkeypatch=monkeypatch) == 2
+        assert f"{str(Path(path))!r} holds the records themselves" in capsys.readouterr().err
+    assert Path("r.db").exists() == there
+
+
 def test_nothing_is_read_without_a_file():
     with pytest.raises(InputError, match="no records"):
         read([])

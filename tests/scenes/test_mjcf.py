@@ -96,6 +96,16 @@ def test_what_is_left_out_is_said_in_one_sentence(tmp_path: Path):
     assert "no-such-file" in (tmp_path / "limb.xml").read_text()  # a mesh that is not looked for
 
 
+@pytest.mark.parametrize(("contype", "conaffinity"), [(0, 0), (1, 0), (0, 2), (1, 2)])
+def test_a_shape_collides_if_either_of_its_masks_is_set(tmp_path: Path, contype, conaffinity):
+    masks = f'contype="{contype}" conaffinity="{conaffinity}"'
+    path = tmp_path / "shape.xml"
+    body = f'<body><joint/><geom size="0.1" {masks}/></body>'
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    collides = "Left out: shapes to collide (1)."
+    assert from_mjcf(path).made.left_out == (collides if contype or conaffinity else "")
+
+
 @pytest.mark.parametrize("fluid", ["", 'density="1.2"', 'viscosity="1e-5"'])
 def test_the_drag_of_a_fluid_is_left_out_whether_dense_or_viscous(tmp_path: Path, fluid: str):
     body = '<body><joint/><geom size="0.1" contype="0" conaffinity="0"/></body>'

@@ -370,6 +370,29 @@ def test_dampers_are_asked_in_the_directions_that_constraints_leave():
     assert [x.verdict for x in dissipation(damping)] == ["failed"]
 
 
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_motion_is_asked_in_every_direction_that_dependent_rows_of_constraints_leave(rows: int):
+    """One coordinate is held, by so many rows that say the same, and one of two is free."""
+
+    def verdicts(factor: float) -> list[tuple[str, str]]:
+        found = check_functions(
+            2,
+            M=lambda q: np.eye(2),
+            bias=lambda q, v: np.zeros(2),
+            gravity=lambda q: np.array([0.0, 1.0 + q[1] ** 2]),
+            qdd=lambda q, v: np.array([0.0, -factor * (1.0 + q[1] ** 2)]),
+            a=lambda q: np.outer(np.arange(1.0, rows + 1.0), [1.0, 0.0]),
+            claims=["motion"],
+            states=2,
+        )
+        return [(one.verdict, one.detail) for one in found if one.verdict != "not looked at"]
+
+    assert [verdict for verdict, _ in verdicts(1.0)] == ["passed"]
+    ((verdict, detail),) = verdicts(2.0)
+    assert verdict == "failed"
+    assert "row free direction 0" in detail
+
+
 def test_damping_that_rounding_hides_is_not_resolved():
     (found,) = dissipation(lambda q, v: 1e14 + v[0] ** 2, states=STATES["cart"])
     assert found.verdict == "inconclusive"

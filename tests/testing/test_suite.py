@@ -544,6 +544,22 @@ def test_random_scenes_of_a_kind_are_those_of_the_seed():
 CART = (ROOT / "docs" / "guides" / "cart.py").read_text(encoding="utf-8")
 
 
+def test_functions_are_looked_at_in_states_of_the_seed():
+    asked: set[tuple[float, ...]] = set()
+
+    def M(q):
+        asked.add(tuple(q))
+        return np.eye(len(q))
+
+    def drawn(seed: int) -> set[tuple[float, ...]]:
+        asked.clear()
+        FunctionsTrial(testing.Functions(2, M=M)).results(1, seed)
+        return set(asked)
+
+    assert drawn(7) == drawn(7)
+    assert drawn(7) - drawn(8)
+
+
 def test_functions_have_a_test_for_each_claim(session, pytester):
     shown(pytester, "test_cart.py")
     pytester.makepyfile(cart=CART)

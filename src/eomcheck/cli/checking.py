@@ -90,8 +90,8 @@ def validate(
     """
     bounds, known = interval("1..12" if links is None else links), parameters(given)
     check_count(examples=examples)
-    check_writable(json)
-    check_output(report, [records] if records else [])
+    for path in (json, report):
+        check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
     from eomcheck.claims.run import Run

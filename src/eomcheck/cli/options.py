@@ -147,10 +147,11 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
 
 
 def check_output(path: Path | None, records: list[Path]) -> None:
-    """Check that `path` can be written and is none of the files of records that are read."""
+    """Check that `path` can be written and is none of the files of records, there yet or not."""
     check_writable(path)
-    for one in records:
-        if path is not None and path.exists() and one.exists() and path.samefile(one):
+    for one in records if path is not None else ():
+        there = path.exists() and one.exists()
+        if path.samefile(one) if there else path.resolve() == one.resolve():
             raise InputError(f"{str(path)!r} holds the records themselves")
 
 
