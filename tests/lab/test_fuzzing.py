@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.unmended import unmended
 
-from eomcheck import strategies
+from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.lanes import NotInLanesError
 from eomcheck.claims.registry import Sides
@@ -35,10 +35,11 @@ from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
 from eomcheck.lab.fuzzing.smaller import shrunk
 from eomcheck.lab.fuzzing.strata import Stratum, strata_of
+from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.lab.fuzzing.work import Candidate, Result, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import SCENES, Snake, snake_terms
+from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake_terms
 
 ALL = tuple(one for one in CLAIMS if one != "coverage")
 KEYS = tuple(FORMULATIONS)
@@ -100,6 +101,24 @@ def test_cases_whose_velocity_keeps_no_constraint_leave_the_families_of_the_othe
     cases, families = drawn(Snake, STRATUM, FAMILIES, 16, np.random.default_rng(0))
     assert len(cases) == len(families) == 8
     assert set(families) == set(FAMILIES[1::2])
+
+
+@pytest.mark.parametrize("lost", [(), (1,), (0, 2, 3)])
+@pytest.mark.parametrize("scene", [Snake.coil(2), ChainPendulum.rods(2)], ids=["a", "no a"])
+def test_states_with_terms_that_are_not_finite_are_left_out_and_the_others_keep_their_places(
+    scene: Any, lost: tuple[int, ...]
+):
+    """Each has a position and a wished velocity of its own."""
+    count, n = 6, scene.n
+    states = [State(np.full(n, 0.1 * i), np.zeros(n), 0.0) for i in range(count)]
+    for i in lost:
+        states[i].q[-1] = np.nan
+    wished = np.array([velocity(scene, np.full(n, 0.1 * i), [0.2, i]) for i in range(count)])
+    cases, places = consistent([scene] * count, states, lambda at: wished)
+    assert places == [i for i in range(count) if i not in lost]
+    for (_, state), i in zip(cases, places, strict=True):
+        assert np.array_equal(state.q, states[i].q)
+        np.testing.assert_allclose(state.v, wished[i], atol=1e-12)
 
 
 def test_strata_are_all_numbers_of_links_with_and_without_what_may_be_absent():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +11,18 @@ import pytest
 from eomcheck import velocity
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import growth, judging, motion_starts, motions
+from eomcheck.lab.fuzzing import growth, judging, motion_finds, motion_starts, motions
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.families import ORDINARY
 from eomcheck.lab.fuzzing.file import read_finds, write_finds
-from eomcheck.lab.fuzzing.motion_finding import ALONE, END_STATES, ENERGY, python_of_motion
+from eomcheck.lab.fuzzing.motion_finding import (
+    ALONE,
+    END_STATES,
+    ENERGY,
+    MotionFinding,
+    python_of_motion,
+)
+from eomcheck.lab.fuzzing.motion_finds import fault_of_motion
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, informative
 from eomcheck.lab.fuzzing.motion_starts import started
 from eomcheck.lab.fuzzing.motions import failures_of_motion, judged_motions
@@ -212,22 +220,31 @@ def round_of(number: int):
     return plan(Snake).run(Round(number, Stratum(2, ("damping",)), {}))
 
 
-def spoilt(monkeypatch, spoil) -> list:
-    """Return what fails of a motion if `spoil(key, tolerance, y, energy)` has changed it."""
-    right = motions.moved
+def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
+    """Return what fails of a motion if `spoil(key, tolerance, y, energy)` has changed it.
+
+    By the formulations `alone` it is also looked at alone, and changed as "alone".
+    """
+    right, runs = motions.moved, {}
 
     def moved(cases, key, t_end, tolerance, most=MOST_STEPS):
         found = right(cases, key, t_end, tolerance, most)
         y, energy = spoil(key, tolerance, found.y.copy(), found.energy.copy())
+        runs[tolerance] = found
         return found._replace(y=y, energy=energy)
+
+    def by_itself(case, key, t_end, tolerance):
+        found = runs[tolerance]
+        return spoil("alone", tolerance, found.y.copy(), found.energy.copy())[0]
 
     for module in (growth, motions):
         monkeypatch.setattr(module, "moved", moved)
+    monkeypatch.setattr(motions, "moved_alone", by_itself)
     q = np.array([0.1, 0.2, 0.3])
     here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)
     case = here, State(q, np.asarray(velocity(here, q, [0.5, 0.1])), 0.0)
-    (found,) = judged_motions([case], FEW, 1.0)
-    assert len(found) == 2 * len(FEW)
+    (found,) = judged_motions([case], FEW, 1.0, [(0, key) for key in alone])
+    assert len(found) == 2 * len(FEW) + len(alone)
     return [x for x in found if x.verdict == "failed"]
 
 
@@ -299,6 +316,24 @@ def test_behind_a_pose_with_branches_nothing_is_said():
     assert branchings([case], y, 1.0).tolist() == [TIMES]
 
 
+@pytest.mark.parametrize(("pose", "fails"), [(39, False), (40, False), (41, True)])
+@pytest.mark.parametrize("claim", [END_STATES, ENERGY, ALONE])
+def test_what_differs_only_behind_a_pose_with_branches_is_no_failure(
+    monkeypatch, claim: str, pose: int, fails: bool
+):
+    """A motion may take either branch; the difference is at the 40th time and later."""
+    wrong = 1e-2 * (np.arange(TIMES) >= 40)
+    spoils = {END_STATES: "gw", ENERGY: "gw", ALONE: "alone"}
+
+    def off(key, tolerance, y, energy):
+        here = wrong * (key == spoils[claim])
+        return (y, energy + here) if claim == ENERGY else (y + here[:, None], energy)
+
+    monkeypatch.setattr(motions, "branchings", lambda cases, *_: np.array([pose]))
+    failed = spoilt(monkeypatch, off, ("kane",))
+    assert [x.claim for x in failed] == [claim] * fails
+
+
 def test_a_pose_with_branches_that_a_wrong_motion_comes_to_hides_no_failure(monkeypatch):
     """One goes astray and meets such a pose, another is wrong only later."""
     late, strayed = np.arange(TIMES) > 50, []
@@ -328,6 +363,40 @@ def test_poses_are_crossed_where_the_determinant_changes_its_sign():
     assert abs(y[0, place, 2]) <= 0.02 and place <= 40
     y[0, :40, 2] = np.linspace(-0.6, -0.1, 40)
     assert crossings([case], y, 1.0).tolist() == [TIMES]
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "whose"),
+    [
+        (("passed", "passed", "passed"), judging.SILENT),
+        (("passed", "passed", "inconclusive"), judging.SILENT),
+        (("passed", "passed", "failed"), judging.SILENT),
+        (("passed", "passed", "inconclusive", "failed"), judging.UNKNOWN),
+        (("passed", "inconclusive", "inconclusive"), judging.UNKNOWN),
+        (("inconclusive",) * 3, judging.UNKNOWN),
+        (("passed",), judging.UNKNOWN),
+        ((), judging.UNKNOWN),
+    ],
+)
+def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
+    monkeypatch, verdicts: tuple[str, ...], whose: str
+):
+    scene, state = turning()
+
+    def finding(claim: str, i: int, verdict: Any) -> MotionFinding:
+        observed = {"passed": 0.25 / 2**i, "inconclusive": np.nan}.get(verdict, 3.0)
+        named = claim, KEYS[i], scene, state, observed, 1.0, verdict
+        return MotionFinding(*named, "compared: all", t_end=1.0)
+
+    failed = finding(END_STATES, 0, "failed")
+    others = [finding(END_STATES, i, verdict) for i, verdict in enumerate(verdicts, 1)]
+    of_energy = [finding(ENERGY, i, "passed") for i in range(len(KEYS))]
+    monkeypatch.setattr(motion_finds, "judged_motions", lambda *_: [[failed, *others, *of_energy]])
+    fault = fault_of_motion(failed, KEYS)
+    assert fault.whose == whose
+    best = 0.12 if "passed" in verdicts else 0
+    agree = verdicts.count("passed")
+    assert fault.evidence == f"{agree} of {len(verdicts)} others agree to {best}"
 
 
 # ---- Campaigns -----------------------------------------------------------------------------------

@@ -21,8 +21,9 @@ from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
 from eomcheck.lab.report.records import columns, record_sheet
 from eomcheck.lab.store import cells as module
+from eomcheck.lab.store import provenance
 from eomcheck.lab.store.cells import run_cells
-from eomcheck.lab.store.provenance import blas_threads, machine, versions
+from eomcheck.lab.store.provenance import blas_threads, machine, sources, versions
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.settings import key_of
@@ -106,6 +107,23 @@ def test_versions_are_read_without_importing_libraries():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "llvmlite" in done.stdout.splitlines()[0]
     assert not done.stdout.splitlines()[1]
+
+
+@pytest.mark.parametrize("file", ["__init__.py", "rooms.py", "rooms/one.py", "rooms/deep/two.py"])
+def test_the_digest_of_the_sources_is_another_once_any_file_of_the_package_is(
+    file: str, tmp_path: Path, monkeypatch
+):
+    for name in ("__init__.py", "rooms.py", "rooms/one.py", "rooms/deep/two.py", "notes.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    monkeypatch.setattr(provenance.eomcheck, "__file__", str(tmp_path / "__init__.py"))
+    digest = sources.__wrapped__
+    before = digest()
+    assert len(before) == 16 and digest() == before
+    (tmp_path / "notes.txt").write_text("other notes")
+    assert digest() == before
+    (tmp_path / file).write_text("other code")
+    assert digest() != before
 
 
 def test_what_is_said_of_machine_and_versions_is_the_callers_own():

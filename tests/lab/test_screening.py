@@ -309,6 +309,32 @@ def test_an_engine_of_ours_is_blamed_only_where_nothing_of_the_scene_is_disprove
     assert fault_of(own).whose == others[wrong if wrong is None else bool(wrong)]
 
 
+class Overdamped(Snake, functions=()):
+    """A snake of which the dampers act twice: with dampers it is wrong."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        found = snake_terms.terms(parameters, prepared, q, v)
+        return found if parameters.damping is None else found._replace(Q=2 * found.Q)
+
+
+def test_what_is_proved_of_one_structure_says_nothing_of_another_or_of_another_kind():
+    damped = {"damping": [0.5]}
+    scenes = [
+        (Overdamped.coil(2), False),
+        (replace(Overdamped.coil(2), **damped), True),
+        (Snake.coil(2), False),
+        (replace(Snake.coil(2), **damped), False),
+    ]
+    judging._unproved.cache_clear()
+    for scene, wrong in scenes:
+        assert ("active-forces" in (judging.unproved(scene) or ())) == wrong
+    assert judging._unproved.cache_info().misses == 4
+    # Other numbers are the same structure, which is proved once.
+    assert judging.unproved(replace(scenes[1][0], damping=[0.7]))
+    assert judging._unproved.cache_info().misses == 4
+
+
 # ---- Kept failures of all claims -----------------------------------------------------------------
 
 

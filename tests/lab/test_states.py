@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.engines.planar import planar
 
+from eomcheck.claims import run
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
@@ -17,7 +19,7 @@ from eomcheck.lab.store.findings import kept_in
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.states import STATES_OF_ONE, looked_at, ours, place_for
 from eomcheck.lab.store.validation import look_at_kind
-from eomcheck.scenes import SCENES, Sleigh
+from eomcheck.scenes import SCENES, ChainPendulum, Sleigh
 
 SELECTION = Selection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])
 
@@ -97,6 +99,28 @@ def test_looks_come_in_the_order_of_the_cases(monkeypatch: pytest.MonkeyPatch):
         assert other is scene and same is state
         assert {f.scene.structure for f in seen.findings} == {scene.structure}
         assert all(np.array_equal(f.state.q, state.q) for f in seen.findings)
+
+
+def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(
+        states, "spread", lambda _, look, items: [(x, look(x)) for x in reversed(list(items))]
+    )
+    monkeypatch.setattr(run, "OFTEN", 9)
+    calls: list[int] = []
+
+    class Counting(planar()):
+        def mass_matrix(self, q, t=0.0):
+            calls.append(1)
+            return super().mass_matrix(q, t)
+
+    selection, asked = Selection.of(engines=[Counting], claims=["mass-matrix"]), []
+    for where in (None, "local:2"):
+        calls.clear()
+        look_at_kind(ChainPendulum, Run(), selection, (1, 1), 2, 0, lambda: None, where=where)
+        asked.append(len(calls))
+    assert asked[0] == asked[1] > 0
 
 
 def test_cases_are_drawn_as_they_are_looked_at(monkeypatch: pytest.MonkeyPatch):

@@ -42,10 +42,16 @@ from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.description import Described, Description
 from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.mechanics.described.quaternions import (
+    roll_pitch_yaw,
+    roll_pitch_yaw_of,
+    rotation,
+)
 from eomcheck.mechanics.described.words import Link, coupling, on_quadric, pin, square
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
+from eomcheck.numbers.linear import EPS
 
 every_kind = pytest.mark.parametrize("kind", ALL.values(), ids=ALL)
 
@@ -403,6 +409,39 @@ def test_a_motor_drives_its_joint_forwards_about_a_negative_axis():
     assert scene.potential(at.parameters, at.prepared, at.q) == pytest.approx(-0.25 * 0.7)
 
 
+# ---- Inertia and angles --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moments", [(0.0, 0.0, 0.3), (0.1, 0.3, 0.3), (0.3, 0.1, 0.2)])
+@pytest.mark.parametrize("carrier", [None, Link("a", moments=(0.0, 0.0, 0.2)), rod("a")])
+def test_a_link_without_mass_has_the_moments_of_inertia_that_it_is_given(moments, carrier):
+    rotor = Link("rotor", moments=moments)
+
+    def inertia(*links: Link) -> float:
+        first = turning("α", "ground", links[0].name)
+        fixed = [words.Joint("fixed", "fixed", "a", one.name) for one in links[1:]]
+        scene = mechanism("Rotor", [GROUND, *links], [first, *fixed])()
+        return Evaluation(scene, [0.3], [0.0]).terms.M[0, 0]
+
+    if carrier is None:
+        assert inertia(rotor) == moments[2]
+    else:
+        assert inertia(carrier, rotor) == pytest.approx(inertia(carrier) + moments[2], rel=4 * EPS)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("below", [0.0, 1e-17, 1e-12, 1e-9, 1e-6, 1e-3, 0.5, 1.5])
+def test_angles_of_a_rotation_make_it_again_however_near_the_pitch_is_to_a_quarter(sign, below):
+    for roll, yaw in ((0.3, -1.1), (-2.5, 3.0), (0.0, 0.0)):
+        pitch = sign * (np.pi / 2 - below)
+        R = rotation(roll_pitch_yaw(roll, pitch, yaw))
+        found = roll_pitch_yaw_of(R)
+        assert np.abs(rotation(roll_pitch_yaw(*found)) - R).max() <= 8 * EPS
+        assert found[1] == pytest.approx(pitch, abs=4 * EPS)
+    R[2, 0] = np.copysign(1.0 + EPS, R[2, 0])  # as rounding may leave it
+    assert np.isfinite(roll_pitch_yaw_of(R)).all()
+
+
 # ---- What is refused -----------------------------------------------------------------------------
 
 BETA = turning("β", "a", "b")
@@ -423,6 +462,8 @@ BETA = turning("β", "a", "b")
         ({"constraints": [on_quadric("p", "a", "b", (0, 0, 0), 1.0)]}, "bends and slopes are 0"),
         ({"constraints": [on_quadric("p", "a", "b", (1, np.nan, 0), 1.0)]}, "expected finite ones"),
         ({"constraints": [square("p", "a", (1, 0, 0), "a", (0, 1, 0))]}, "between 'a' and itself"),
+        ({"constraints": [pin("p", "a", "a")]}, "'p' is between 'a' and itself"),
+        ({"constraints": [coupling("p", "α", "α", 1.0)]}, "'p' is between 'α' and itself"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
         ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
         ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),

@@ -25,6 +25,7 @@ from eomcheck.evaluation.sensitivity import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
+from eomcheck.kernels.lane_solves import solve_banded_in_lanes
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
 from eomcheck.numbers.banded import (
@@ -41,6 +42,7 @@ from eomcheck.numbers.contract import Array
 from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import Degrees
 from eomcheck.numbers.entries import each
+from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import EPS, eliminate, singular_below, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
@@ -328,6 +330,24 @@ def test_moved_or_in_machine_code_a_matrix_that_refinement_does_not_solve_has_no
             assert np.isnan(solve_banded(bands, b, "A")).all()
 
 
+def test_in_lanes_a_matrix_that_refinement_does_not_solve_has_no_solution_and_others_have():
+    bad, good = factors_above_the_matrix(), system(14)
+    stacked = (np.stack(x, axis=-1) for x in zip(good, bad, good, strict=True))
+    bands, b = map(LaneArray, stacked)
+    with watching() as watch:
+        x = solve_banded_in_lanes(bands, b, "A").data
+    assert np.array_equal(np.isnan(x).all(axis=0), [False, True, False])
+    assert np.abs(x[:, 0] - solve_banded(*good, "A")).max() <= allowed_error(np.abs(x[:, 0]).max())
+    assert np.array_equal(x[:, 0], x[:, 2])
+    (solved,), (refused,) = watch.solves, watch.refused
+    assert refused.tolist() == [False, True, False]
+    assert (solved.rcond > singular_below(TERMS)).all(), "refused as singular, not by its error"
+    noise = LaneNoise(0)
+    with watching(noise):
+        moved = solve_banded_in_lanes(noise.array(bands), noise.array(b), "A").data
+    assert np.array_equal(np.isnan(moved).all(axis=0), [False, True, False])
+
+
 @sizes
 def test_a_common_matrix_is_refined_as_little_as_there_is(size):
     bands, b = system(size)
@@ -389,6 +409,11 @@ def test_a_solution_that_overflows_is_not_refused_for_its_backward_error(large):
     bands, b = system(8)
     for solve in (solve_it, machine_solve):
         assert not np.isfinite(solve(bands * 1e-10, b * large)).all()
+    with watching() as watch:
+        solve_banded_in_lanes(
+            LaneArray(bands[..., None] * 1e-10), LaneArray(b[:, None] * large), "A"
+        )
+    assert watch.refused[0].tolist() == [False]
 
 
 # ---- Exact numbers -------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ from eomcheck.claims.strata import (
     strata,
     strata_of,
 )
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
 from eomcheck.lab.draws import draw
@@ -40,12 +40,12 @@ from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.closures import KINDS
 from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_of, rotation
 from eomcheck.mechanics.described.topology import ROLLING
-from eomcheck.mechanics.described.words import COORDINATES, Joint, Link, weld
+from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, coupling, weld
 from eomcheck.mechanics.records import State
 from eomcheck.named import kinds_of
-from eomcheck.random_mechanisms import RANDOM
+from eomcheck.random_mechanisms import RANDOM, closing
 from eomcheck.random_mechanisms.closing import INDEPENDENT, UPRIGHT
-from eomcheck.random_mechanisms.description import poses
+from eomcheck.random_mechanisms.description import Description, poses
 from eomcheck.random_mechanisms.kinds import CONSTRAINTS
 from eomcheck.random_mechanisms.parts import body
 from eomcheck.random_mechanisms.trees import BRANCHED, ROOT, SHAPE
@@ -264,6 +264,36 @@ def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
         q = np.array([pose[name] for name in scene.coordinate_names])
         at = Evaluation(scene, q, np.zeros(scene.n), 0.0)
         assert np.abs(position_residual(at)).max(initial=0.0) < 1e-13
+
+
+def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(monkeypatch):
+    """Of two rows of length 1 at an angle φ the smallest singular value is √(1 - cos φ)."""
+    names = "α", "β", "γ"
+    links = [Link("ground"), *(Link(name, 1.0, moments=(1.0, 1.0, 1.0)) for name in names)]
+    joints = [Joint(name, "revolute", "ground", name) for name in names]
+    tree = Description(tuple(links), tuple(joints), pose=tuple((name, 0.3) for name in names))
+    tried: list[float] = []
+
+    def turned(name: str, angle: float) -> tuple[Constraint]:
+        return (coupling(name, "α", "β", np.tan(np.pi / 4 + angle)),)
+
+    def next_one(*_):
+        angle = tried.pop(0)
+        return turned(f"at {angle}", angle)
+
+    tree = tree._replace(constraints=turned("before", 0.0))
+    monkeypatch.setattr(closing, "_constraint", next_one)
+    here = "coupling", True, FromGenerator(np.random.default_rng(0))
+    angle = np.arccos(1.0 - INDEPENDENT**2)
+    tried[:] = 0.0, 0.9 * angle, 1.1 * angle, 0.5
+    found = closing.closed(tree, *here)
+    assert [one.name for one in found.constraints] == ["before", f"at {1.1 * angle}"]
+    assert tried == [0.5]
+    tried[:] = [*closing.ATTEMPTS * (0.9 * angle,), 0.5]
+    with pytest.raises(RefusedError, match="no independent coupling") as refused:
+        closing.closed(tree, *here)
+    assert tried == [0.5]
+    assert refused.value.rcond == pytest.approx(np.sqrt(1.0 - np.cos(0.9 * angle)))
 
 
 @pytest.mark.night
