@@ -19,7 +19,7 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.engines import Engine, engine_of, version_of
 from eomcheck.errors import InputError, described_error
-from eomcheck.lookup import in_file
+from eomcheck.lookup import in_file, outside
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
 
@@ -215,6 +215,22 @@ def test_a_scene_that_raises_while_states_are_drawn_and_did_not_fail_before_is_a
     run = Run()
     with pytest.raises(ZeroDivisionError):
         run.look_at_scene(Late(), Selection.of(engines=[], claims=["finite-terms"]), 3, 0)
+
+
+def test_an_exception_is_reported_of_the_function_of_the_file_that_raised_it(tmp_path: Path):
+    """Whatever called that function, and whatever of Python's own it called."""
+    path = tmp_path / "nested.py"
+    path.write_text(
+        "import json\n\n\n"
+        "class Nested:\n"
+        "    def asked(self):\n        return helper('no number')\n\n\n"
+        "def helper(text):\n    return json.loads(text)\n"
+    )
+    with pytest.raises(ValueError) as raised:
+        in_file(str(path), "Nested")().asked()
+    said = outside(raised.value)
+    assert said.startswith("nested.py: helper raised JSONDecodeError: Expecting value")
+    assert said.endswith("(nested.py, line 10)")
 
 
 def test_a_call_without_an_answer_is_reported_after_its_patience(tmp_path: Path):

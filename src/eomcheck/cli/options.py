@@ -149,7 +149,9 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
 def check_output(path: Path | None, records: list[Path]) -> None:
     """Check that `path` can be written and is none of the files of records, there yet or not."""
     check_writable(path)
-    for one in records if path is not None else ():
+    if path is None:
+        return
+    for one in records:
         there = path.exists() and one.exists()
         if path.samefile(one) if there else path.resolve() == one.resolve():
             raise InputError(f"{str(path)!r} holds the records themselves")
