@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.samples import ordinary
@@ -87,6 +89,16 @@ def test_one_that_goes_over_it_behind_its_last_output_failed_as_well():
     found = simulate_many(SLEIGH, "em", 1.0, q0=[START["q0"]], u0=[START["u0"]], output_times=[0.1])
     assert found.status.tolist() == ["failed"]
     assert np.isfinite(found.q).all()
+
+
+def test_a_pose_that_is_crossed_before_the_first_output_is_noticed():
+    start: Any = {"q0": [START["q0"]], "u0": [START["u0"]], "output_times": [0.5, 1.0]}
+    free = simulate_many(SLEIGH, "kane", 1.0, **start)
+    assert (free.q[0, :, 2] > 0).all()
+    found = simulate_many(SLEIGH, "em", 1.0, **start)
+    assert found.status.tolist() == ["failed"]
+    assert "between t = 0 s and 0.5 s" in found.reason[0]
+    assert np.isnan(found.q).all()
 
 
 def test_windows_that_fold_two_at_a_time_are_noticed_though_no_sign_changes():

@@ -248,6 +248,7 @@ def test_outputs_are_101_even_times_unless_asked_for():
     assert (found.q.shape, found.u.shape) == ((2, 101, scene.n), (2, 101, 2))
     assert found.constraint_residual is not None
     assert found.constraint_residual.shape == (2, 101, scene.r)
+    assert found.constraint_residual.any() and (found.constraint_residual >= 0).all()
     np.testing.assert_array_equal(found.q[:, 0], q0[:2])
 
 
@@ -350,7 +351,9 @@ def test_draws_say_what_does_not_go_with_them(options: list[str], message: str):
 RATES = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
 
 
-def integrated(rates: Callable, y0: np.ndarray, t_end: float, times=(), rtol: float = 1e-9):
+def integrated(
+    rates: Callable, y0: np.ndarray, t_end: float, times=(), rtol: float = 1e-9, most: float = 1e6
+):
     """Return the last states, the record, and the states at `times` of a right-hand side (t, y)."""
     size, width = y0.shape
     view = np.ctypeslib.as_array
@@ -370,7 +373,7 @@ def integrated(rates: Callable, y0: np.ndarray, t_end: float, times=(), rtol: fl
     out, room = np.zeros((len(times), *y0.shape)), np.zeros((dop853.ROWS, *y0.shape))
     address = ctypes.cast(function, ctypes.c_void_p).value
     dop853.dop853(width)(
-        *(address, 0, size, y.ctypes.data, record.ctypes.data, t_end, rtol, rtol, 1e6),
+        *(address, 0, size, y.ctypes.data, record.ctypes.data, t_end, rtol, rtol, most),
         *(times.ctypes.data, out.ctypes.data, room.ctypes.data),
     )
     return y, record, out[:-1]

@@ -102,6 +102,7 @@ def test_trajectories_carry_what_the_formulation_has(key: str):
     assert found.q.shape == found.v.shape == (3, 5)
     assert found.energy.shape == (3,)
     assert found.constraint_residual.shape == (3, 3)
+    assert (found.constraint_residual >= 0).all()
     assert (found.multipliers is not None) == FORMULATIONS[key].multipliers
     if found.multipliers is not None:
         at = acceleration(SOFT, key, found.q[1], found.v[1], consistent=False)

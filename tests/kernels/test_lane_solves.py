@@ -1,0 +1,139 @@
+"""Solves in lanes: refused, recorded and refined in every lane as the matrix is alone."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from tests.numbers.test_banded import factors_above_the_matrix, inside
+
+from eomcheck.errors import RefusedError
+from eomcheck.kernels.lane_solves import solve_banded_in_lanes, solve_in_lanes
+from eomcheck.numbers.banded import TERMS, WIDTH, solve_banded
+from eomcheck.numbers.lanes import LaneArray, LaneNoise
+from eomcheck.numbers.linear import Solve, singular_below, solve, watching
+from eomcheck.numbers.noise import STEP
+from eomcheck.numbers.pivots import EPS, LEAST_STEPS
+
+SIZE = 4
+
+
+def alone(function, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, Solve, bool]:
+    """Return the solution (NaN where refused), what is recorded, and whether it is refused."""
+    found = np.full(b.shape, np.nan)
+    with watching() as watch, suppress(RefusedError):
+        found = function(A, b, "A")
+    return found, watch.solves[0], bool(np.isnan(found).all())
+
+
+def together(function, A: list, b: list, **how) -> tuple[np.ndarray, Solve, np.ndarray]:
+    """Return the solutions, lanes in front, what is recorded, and which are refused."""
+    lanes = [LaneArray(np.stack(x, axis=-1)) for x in (A, b)]
+    with watching(**how) as watch:
+        found = function(*lanes, "A")
+    (recorded,), (refused,) = watch.solves, watch.refused
+    return np.moveaxis(found.data, -1, 0), recorded, refused
+
+
+def matrices() -> list[np.ndarray]:
+    """Return matrices well and badly scaled, nearly singular on either side, singular, infinite."""
+    random = np.random.default_rng(5)
+    A = random.uniform(-1.0, 1.0, (7, SIZE, SIZE))
+    A[0] += 3.0 * np.eye(SIZE)[[1, 2, 0, 3]]  # rows are exchanged
+    A[1] *= 10.0 ** random.uniform(-6, 6, (SIZE, 1)) * 10.0 ** random.uniform(-6, 6, SIZE)
+    for i, apart in ((2, 60), (3, 25)):  # rcond of 5 and 2.4 eps
+        A[i, 3] = A[i, :3].sum(axis=0)
+        A[i, 3, 0] += apart * EPS
+    A[4, 2] = A[4, 1]
+    A[5, 1, 2] = np.inf
+    return list(A)
+
+
+@pytest.mark.parametrize("columns", [(), (3,)])
+def test_each_lane_is_solved_recorded_and_refused_as_alone(columns: tuple):
+    A = matrices()
+    b = list(np.random.default_rng(6).uniform(-1.0, 1.0, (len(A), SIZE, *columns)))
+    found, told, refused = together(solve_in_lanes, A, b)
+    assert (told.name, told.size, told.refinements) == ("A", SIZE, 0)
+    assert refused.tolist() == [False, False, False, True, True, True, False]
+    for i in range(len(A)):
+        x, one, is_refused = alone(solve, A[i], b[i])
+        assert refused[i] == is_refused
+        assert found[i] == pytest.approx(x, rel=1e-12, nan_ok=True)
+        assert told.rcond[i] == pytest.approx(one.rcond, rel=1e-6, abs=1e-30)
+        assert told.rcond[i] > singular_below(SIZE) or is_refused
+        if np.isfinite(A[i]).all() and one.rcond > 0:
+            assert told.sign[i] == one.sign
+            assert told.log_determinant[i] == pytest.approx(one.log_determinant)
+            assert told.pivots is not None and one.pivots is not None
+            assert (told.pivots[i] - 1).tolist() == one.pivots.tolist()
+
+
+def test_lanes_of_which_no_condition_is_wanted_are_solved_whatever_it_is():
+    A = matrices()
+    found, told, refused = together(solve_in_lanes, A, [np.ones(SIZE)] * len(A), conditions=False)
+    assert not refused.any() and (told.rcond == 1.0).all()
+    assert np.isfinite(found[[0, 1, 2, 3, 6]]).all()
+
+
+def test_moved_lanes_are_near_those_that_are_not():
+    A = matrices()
+    b = [np.ones(SIZE)] * len(A)
+    exact, told, _ = together(solve_in_lanes, A, b)
+    for like in (None, {"A": told}):
+        found, moved, refused = together(solve_in_lanes, A, b, noise=LaneNoise(3), like=like)
+        assert not refused.any() and np.isnan(found[5]).all()
+        change = np.abs(found - exact).max(axis=1) / np.abs(exact).max(axis=1)
+        for i in (0, 1):
+            assert STEP / 4 < change[i] < 10 * STEP / told.rcond[i]
+            assert moved.sign[i] == told.sign[i]
+            assert 0 < abs(moved.log_determinant[i] - told.log_determinant[i]) < 1e-9
+
+
+def bands() -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return bands: common, far apart, that refinement does not solve, singular, not finite."""
+    stalled, right = factors_above_the_matrix()
+    size = len(right)
+    random = np.random.default_rng(7)
+    A = np.where(inside(size), random.uniform(-1.0, 1.0, (7, size, WIDTH)), 0.0)
+    b = random.uniform(-1.0, 1.0, (7, size))
+    random = np.random.default_rng(20)  # of 400 the one that needs more than one step
+    A[1] = np.where(inside(size), random.uniform(-1.0, 1.0, A[1].shape), 0.0)
+    A[1] *= 10.0 ** random.uniform(-10, 10, A[1].shape)
+    b[1] = random.uniform(-1.0, 1.0, size)
+    A[2], b[2] = stalled, right
+    A[3, 5] = 0.0
+    A[4, 5, 2] = np.nan
+    b[5] = 0.0
+    A[6] *= 1e-9 ** np.arange(size)[:, None]
+    return list(A), list(b)
+
+
+def test_each_band_is_refined_recorded_and_refused_as_alone():
+    A, b = bands()
+    found, told, refused = together(solve_banded_in_lanes, A, b)
+    assert refused.tolist() == [False, False, True, True, True, False, False]
+    assert told.rcond[2] > singular_below(TERMS)
+    steps = told.refinements.tolist()
+    assert steps[0] == LEAST_STEPS < steps[1]
+    for i in range(len(A)):
+        x, one, is_refused = alone(solve_banded, A[i], b[i])
+        assert refused[i] == is_refused
+        assert found[i] == pytest.approx(x, rel=1e-9, nan_ok=True)
+        assert told.rcond[i] == pytest.approx(one.rcond, rel=1e-6)
+        if one.rcond > 0:
+            assert steps[i] == one.refinements
+            assert told.sign[i] == one.sign
+            assert told.log_determinant[i] == pytest.approx(one.log_determinant)
+
+
+def test_moved_bands_have_no_solution_where_refinement_stalls():
+    A, b = bands()
+    exact, told, _ = together(solve_banded_in_lanes, A, b)
+    found, moved, refused = together(solve_banded_in_lanes, A, b, noise=LaneNoise(3))
+    assert not refused.any()
+    assert np.isnan(found).all(axis=1).tolist() == [i in (2, 4) for i in range(7)]
+    change = np.abs(found[0] - exact[0]).max() / np.abs(exact[0]).max()
+    assert STEP / 4 < change < 10 * STEP / told.rcond[0]
+    assert (moved.sign[:2] == told.sign[:2]).all()
