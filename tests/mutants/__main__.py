@@ -25,6 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from compileall import compile_dir
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -115,9 +116,12 @@ def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
         package = Path(folder) / PACKAGE.name
         shutil.copytree(PACKAGE, package)
         try:
-            (package / mutant.file).write_text(mutant.planted(package), encoding="utf-8")
+            planted = package / mutant.file
+            planted.write_text(mutant.planted(package), encoding="utf-8")
         except LostFaultError as error:
             return Result(mutant.id, mutant.kind, "error", 0.0, str(error))
+        for compiled in planted.parent.glob(f"__pycache__/{planted.stem}.*"):
+            compiled.unlink()  # of the source as it is
         code, said = 0, ""
         for command in commands_of(mutant):
             code, said = run(command, package, longest)
@@ -239,6 +243,7 @@ def campaign(
         names[key] = one.id
     results = [result for key in work for result in kept.known.get(key, ())]
     left = {key: job for key, job in work.items() if key not in kept.known}
+    compile_dir(PACKAGE, quiet=2)  # each copy is imported by a process of its own
     with ThreadPoolExecutor(jobs) as pool:
         running = {pool.submit(job): key for key, job in left.items()}
         try:
