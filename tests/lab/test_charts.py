@@ -1,0 +1,312 @@
+"""Charts: every point, share, mark and choice, of Records and panels that are made by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import inf, nan
+from typing import Any
+
+import pytest
+
+from eomcheck.evaluation.tolerance import C
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.by_plotly import json_of
+from eomcheck.lab.show.chart import Chart, File, in_rows, keys_of
+from eomcheck.lab.show.drawn_heat import draw_heat
+from eomcheck.lab.show.drawn_panel import draw_panel
+from eomcheck.lab.show.figures import HOLLOW
+from eomcheck.lab.show.heat import Box, Heat
+from eomcheck.lab.show.panel import Axis, Band, Line, Panel
+from eomcheck.lab.show.pyplot import plt
+from eomcheck.lab.show.style import STYLES
+from eomcheck.lab.show.text import grouped, seconds_text
+from eomcheck.lab.show.ticks import tick
+from eomcheck.lab.store.groups import record_of_rows
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.studies import study_of
+from eomcheck.lab.studies.accuracy import Delivered
+from eomcheck.lab.studies.agreement import Agreement
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (2.0, "2 s"),
+        (1.0, "1 s"),
+        (0.25, "250 ms"),
+        (1e-3, "1 ms"),
+        (4.56789e-5, "45.7 µs"),
+        (1e-6, "1 µs"),
+        (7.5e-8, "75 ns"),
+    ],
+)
+def test_times_are_told_in_the_largest_unit_of_which_there_is_one(seconds: float, text: str):
+    assert seconds_text(seconds) == text
+    assert grouped(1234567).split() == ["1", "234", "567"]
+
+
+# ---- Charts of studies ---------------------------------------------------------------------------
+
+
+def drawn(key: str, *found: Record) -> dict[tuple[str, ...], list[Line]]:
+    """Return the lines of each panel of the charts of a study."""
+    charts = list(study_of(key).charts(found))
+    return {name: list(x.lines) for one in charts for name, x in one.panels.items()}
+
+
+def points(lines: list[Line]) -> dict[str, list[tuple[Any, float]]]:
+    """Return the points of lines that have some, by their keys."""
+    return {one.key: [*zip(one.x, one.y, strict=True)] for one in lines if one.x}
+
+
+def test_accuracy_draws_digits_of_what_was_solved_and_shares_of_what_was_foreseen():
+    one = Delivered("im", 2, None, 15.0, 1e-15, ratio=0.25)
+    rows = [
+        one,
+        replace(one, links=5, digits=9.0, ratio=nan),
+        replace(one, links=3, digits=12.0, ratio=1e-9),
+        Delivered("im", 4, "M"),
+        replace(one, key="uk", digits=7.0, ratio=2.0),
+    ]
+    panels = drawn("accuracy", record_of_rows("accuracy", {}, rows))
+    digits, shares = points(panels["digits",]), points(panels["share of states",])
+    assert list(FORMULATIONS)[0::8] == ["im", "uk"]
+    assert digits == {
+        "im": [(1.7, 15.0), (4.7, 9.0), (2.7, 12.0)],
+        "uk": [(2.3, 7.0)],
+    }
+    # Steps at the ratios, up to all states of which something was foreseen.
+    assert shares == {
+        "im": [(1e-3, 0.0), (1e-3, 0.5), (0.25, 0.5), (0.25, 1.0)],
+        "uk": [(2.0, 0.0), (2.0, 1.0)],
+    }
+    (chart,) = study_of("accuracy").charts([])
+    share: Any = chart.panels["share of states",]
+    assert share.marks == (C,)
+
+
+def test_agreement_draws_each_distance_and_each_fault_once():
+    rows = [
+        Agreement("im", 2, 0.0, 1e-14, 1e-3),
+        Agreement("el", 2, 3e-15, 2e-14, 1e-3),
+        Agreement("im", 3, 4e-15, 8e-15, 0.0),
+        Agreement("el", 2, 1e-15, 3e-14, 5e-3),
+    ]
+    found = points(drawn("agreement", record_of_rows("agreement", {}, rows))["distance",])
+    assert found == {
+        "allowed by rounding": [(2, 1e-14), (2, 2e-14), (3, 8e-15), (2, 3e-14)],
+        "one sign flipped": [(2, 1e-3), (2, 5e-3)],
+        "im": [(2, 1e-18), (3, 4e-15)],
+        "el": [(2, 3e-15), (2, 1e-15)],
+    }
+
+
+def test_long_runs_draw_both_errors_of_each_remedy_over_time():
+    def run(key: str, remedy: str, *, size: float) -> Record:
+        series = {"times": [1.0, 2.0], "constraint": [size, 0.0], "energy": [2 * size, 3 * size]}
+        return Record("long-run", {"formulation": key, "remedy": remedy}, series=series)
+
+    failed = Record("long-run", {"formulation": "el", "remedy": "none"}, "failed", "singular")
+    found = run("au", "none", size=1e-8), run("au", "feedback", size=1e-9), failed
+    panels = drawn("long-run", run("kane", "none", size=1e-12), *found)
+    told = {name: points(lines) for name, lines in panels.items()}
+    constraint, energy = "‖c‖ / (m/s)", "|E - E₀| / E₀"
+    assert told == {
+        (constraint, "none"): {
+            "au": [(1.0, 1e-8), (2.0, 1e-18)],
+            "kane": [(1.0, 1e-12), (2.0, 1e-18)],
+        },
+        (constraint, "feedback"): {"au": [(1.0, 1e-9), (2.0, 1e-18)]},
+        (constraint, "projection"): {},
+        (energy, "none"): {
+            "au": [(1.0, 2e-8), (2.0, 3 * 1e-8)],
+            "kane": [(1.0, 2e-12), (2.0, 3 * 1e-12)],
+        },
+        (energy, "feedback"): {"au": [(1.0, 2e-9), (2.0, 3 * 1e-9)]},
+        (energy, "projection"): {},
+    }
+
+
+def test_work_and_precision_draw_each_error_over_time_and_over_right_hand_sides():
+    def run(tolerance: float, seconds: float, sides: int, **how: Any) -> Record:
+        settings = {"reference": "disk", "formulation": "kane", "integrator": "Radau"}
+        settings |= {"tolerance": tolerance} | how.pop("of", {})
+        errors = {"final": tolerance, "energy": 0.0, "constraint": 2 * tolerance, "floor": 1e-13}
+        counts = {"right-hand sides": sides, "steps": 1}
+        how = {"seconds": seconds, "counts": counts, "errors": errors} | how
+        return Record("work-precision", settings, **how)
+
+    found = [
+        run(1e-9, 4.0, 900, cpu_seconds=1.0),
+        run(1e-3, 1.0, 100, cpu_seconds=1.0),
+        run(1e-5, 2.0, 300, of={"integrator": "BDF"}),
+        run(1e-5, 3.0, 500, of={"formulation": "au"}),
+    ]
+    (chart,) = study_of("work-precision").charts(found)
+    time, sides = "run time", "right-hand sides"
+    panels: dict[Any, Any] = {
+        (name[0], name[1].split()[0], name[2]): panel for name, panel in chart.panels.items()
+    }
+    told = {name: points(panel.lines) for name, panel in panels.items()}
+    assert told["Radau", "error", time] == {"kane": [(1.0, 1e-3), (4.0, 1e-9)], "au": [(3.0, 1e-5)]}
+    assert told["Radau", "constraint", sides]["kane"] == [(100, 2e-3), (900, 2e-9)]
+    assert told["Radau", "energy", time]["kane"] == [(1.0, 1e-17), (4.0, 1e-17)]
+    assert told["BDF", "error", sides] == {"kane": [(300, 1e-5)]}
+    hollow = {what: list(panels["Radau", "error", what].lines[0].hollow) for what in (time, sides)}
+    assert hollow == {time: [False, True], sides: [False, False]}
+    final = panels["Radau", "error", time]
+    assert (final.unknown, final.y.range) == (1e-13, (pytest.approx(2e-10), None))
+    assert panels["Radau", "energy", time].unknown is None
+    first, second = final.lines[0].said
+    assert first[:2] == ["kane, Radau", "tolerance 1e-03"] and "1 step" in first[3]
+    assert second[2] == "run time 4 s, disturbed: shared its core"
+
+
+# ---- Charts as data ------------------------------------------------------------------------------
+
+X, Y = Axis("x / m"), Axis("y / s", log=True)
+
+
+def panel(*lines: Line, **how: Any) -> Panel:
+    return Panel(X, Y, lines, **how)
+
+
+def test_a_chart_lays_its_panels_out_by_its_lists_and_leaves_out_what_is_not_there():
+    names = [("a", "p"), ("b", "q"), ("a", "q")]
+    chart = Chart("c", "t", ["first", "second"], {name: panel() for name in names})
+    assert chart.choices == {"first": ["a", "b"], "second": ["p", "q"]}
+    assert chart.rows() == [[("a", "p"), ("a", "q")], [("b", "q")]]
+    grid = [[("b", "q"), ("b", "p")], [("a", "p")]]
+    assert replace(chart, grid=grid).rows() == [[("b", "q")], [("a", "p")]]
+    assert chart.files() == [chart]
+    parts = [File("one", "1", grid[:1]), File("two", "2", grid[1:])]
+    first, second = replace(chart, parts=parts).files()
+    assert (first.name, first.title, first.rows()) == ("one", "1", [[("b", "q")]])
+    assert (second.name, second.parts) == ("two", None)
+    assert in_rows([("a",), ("b",), ("c",)], 2) == [[("a",), ("b",)], [("c",)]]
+    lines = Line("kane", [1.0], [2.0]), Line("au", [1.0], [2.0])
+    other = replace(chart, panels={("a",): panel(*lines), ("b",): panel(lines[1])})
+    assert keys_of([chart, other]) == ["kane", "au"]
+
+
+HEAT = Heat(
+    {"one": 2, "two": 1},
+    {
+        "first": ("kane", [Box(1.0, False, True), None, Box(nan, True, False)]),
+        "second": ("au", [Box(3.0, True, False), Box(4.0, False, False), Box(2.0, False, True)]),
+    },
+    Axis("digits", range=(0.0, 8.0)),
+    limit=5.0,
+    hatched="refused",
+    framed="wrong",
+)
+
+
+def test_a_heat_map_has_each_box_under_its_heading_hatched_and_framed_where_it_is():
+    assert HEAT.edges == [0.0, 0.5, 1.0, 2]
+    assert HEAT.keys == ["kane", "au"]
+    figure, axes = plt.subplots()
+    draw_heat(axes, HEAT)
+    boxes = [
+        (round(x.get_x(), 3), round(x.get_y(), 3), round(x.get_width(), 3), x.get_hatch(),
+         x.get_label().partition("_")[0])
+        for x in axes.patches
+    ]  # fmt: skip
+    hatch = "//////"
+    assert boxes == [
+        (0.04, 0.1, 0.46, None, ""),
+        (0.04, 0.1, 0.46, None, "wrong"),
+        (1.04, 0.1, 0.92, hatch, "refused"),
+        (0.04, 1.1, 0.46, hatch, "refused in part"),
+        (0.5, 1.1, 0.46, None, ""),
+        (1.04, 1.1, 0.92, None, ""),
+        (1.04, 1.1, 0.92, None, "wrong"),
+    ]
+    assert axes.get_ylim() == (2.0, 0.0), "the first row is above"
+    plt.close(figure)
+    (made,) = json.loads(json_of(Chart("c", "t", ["x"], {("a",): HEAT}))).values()
+    marks = [
+        (x["name"], x["marker"]["symbol"], x["x"], x["y"])
+        for x in made["data"]
+        if x["type"] == "scatter"
+    ]
+    assert marks == [
+        ("kane", "x-thin-open", [1.5], [0]),
+        ("kane", "square-open", [0.25], [0]),
+        ("au", "x-thin-open", [0.25], [1]),
+        ("au", "square-open", [1.5], [1]),
+    ]
+    heats = [x["z"] for x in made["data"] if x["type"] == "heatmap"]
+    assert heats == [[[1.0, None, None]], [[3.0, 4.0, 2.0]]]
+    assert made["layout"]["yaxis"]["autorange"] == "reversed"
+    colors = made["layout"]["coloraxis"]
+    assert (colors["cmin"], colors["cmax"]) == (0.0, 8.0)
+
+
+def test_a_panel_draws_its_lines_its_hollow_points_and_what_stands_across():
+    lines = (
+        Line("kane", [1.0, 2.0, 4.0], [1e-3, 1e-5, 1e-4], hollow=[False, True, False]),
+        Line("au", [1.0], [1e-2], label="other", dashed=True, joined=False),
+    )
+    band = Band("au", [1.0, 2.0], [1e-6, 1e-5], [1e-4, 1e-3], "half")
+    one = panel(*lines, marks=(3.0,), level=1e-4, unknown=1e-6, bad=(1e-2, 1.0), bands=(band,))
+    figure, axes = plt.subplots()
+    draw_panel(axes, one)
+    kane, hollow, au, mark, level = axes.lines
+    assert (kane.get_xdata().tolist(), kane.get_ydata().tolist()) == (
+        [1.0, 2.0, 4.0],
+        [1e-3, 1e-5, 1e-4],
+    )
+    assert (hollow.get_gid(), *hollow.get_xdata(), *hollow.get_ydata()) == (HOLLOW, 2.0, 1e-5)
+    assert (kane.get_label(), au.get_label()) == ("kane", "other")
+    assert (kane.get_linestyle(), au.get_linestyle()) == ("-", "None")
+    assert kane.get_color() == STYLES["kane"].color
+    assert mark.get_xdata()[0] == 3.0 and level.get_ydata()[0] == 1e-4
+    spans = [x.get_extents().transformed(axes.transData.inverted()) for x in axes.patches]
+    ends = [y for x in spans for y in (x.y0, x.y1)]
+    assert ends == pytest.approx([1e-2, 1.0, 1e-300, 1e-6], rel=1e-6, abs=1e-30)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x / m", "y / s")
+    axes.clear()
+    draw_panel(axes, replace(panel(level=0.0), y=X))
+    assert [x.get_ydata()[0] for x in axes.lines] == [0.0]
+    plt.close(figure)
+    (made,) = json.loads(json_of(Chart("c", "t", ["x"], {("a",): one}))).values()
+    kane, au = made["data"]
+    circle = STYLES["kane"].symbol
+    assert kane["marker"]["symbol"] == [circle, f"{circle}-open", circle]
+    assert (kane["mode"], au["mode"]) == ("lines+markers", "markers")
+    assert (kane["line"]["dash"], au["line"]["dash"]) == ("solid", "dot")
+    assert (kane["x"], kane["y"]) == ([1.0, 2.0, 4.0], [1e-3, 1e-5, 1e-4])
+    assert made["layout"]["yaxis"]["type"] == "log" and "type" not in made["layout"]["xaxis"]
+
+
+@pytest.mark.parametrize(
+    ("axis", "limits", "ticks"),
+    [
+        (Axis("x", categories="abcdefghi"), (-0.5, 8.5), ["i", "f", "c"]),
+        (Axis("x", categories="abcd"), (-0.5, 3.5), ["d", "c", "b", "a"]),
+        (Axis("x", log=True, ticks=(1, 2, 5, 10, 50)), (2.0, 20.0), ["2", "5", "10"]),
+    ],
+)
+def test_ticks_are_few_the_last_category_among_them_and_none_outside(axis, limits, ticks):
+    figure, axes = plt.subplots()
+    if axis.log:
+        axes.set_xscale("log")
+    axes.set_xlim(*limits)
+    tick(axes.xaxis, axis)
+    figure.canvas.draw()
+    assert [x.get_text() for x in axes.get_xticklabels()] == ticks
+    assert axes.get_xlim() == limits
+    plt.close(figure)
+
+
+def test_what_is_not_finite_is_null_in_a_document():
+    rows = [Delivered("au", 2, None, 15.0, inf, nan), Delivered("el", 3, "M")]
+    (told,) = study_of("accuracy").document([record_of_rows("accuracy", {}, rows)]).values()
+    heads = "key", "links", "refused", "digits", "relative", "ulps"
+    assert [tuple(one[x] for x in heads) for one in told] == [
+        ("au", 2, None, 15.0, None, None),
+        ("el", 3, "M", 0.0, None, None),
+    ]
