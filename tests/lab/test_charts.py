@@ -206,6 +206,7 @@ HEAT = Heat(
 def test_a_heat_map_has_each_box_under_its_heading_hatched_and_framed_where_it_is():
     assert HEAT.edges == [0.0, 0.5, 1.0, 2]
     assert HEAT.keys == ["kane", "au"]
+    assert replace(HEAT, columns={"a": 4, "b": 1}).edges == [0.0, 0.25, 0.5, 0.75, 1.0, 2]
     figure, axes = plt.subplots()
     draw_heat(axes, HEAT)
     boxes = [

@@ -22,15 +22,29 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
 from eomcheck.lab.comparison import Comparison
+from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.replay import Replayed
 from eomcheck.lab.parting import Why
-from eomcheck.lab.report import accelerations, comparison, constraints, findings, registries
+from eomcheck.lab.report import (
+    accelerations,
+    comparison,
+    constraints,
+    equivalences,
+    findings,
+    fuzzing,
+    page,
+    registries,
+)
 from eomcheck.lab.report.claims import worst_sheet
 from eomcheck.lab.report.document import write_json
 from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
 from eomcheck.lab.report.junit import write_junit
+from eomcheck.lab.report.named_tests import named_tests
 from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.panel import Axis, Line, Panel
 from eomcheck.lab.store.findings import PROOFS, RUNS
 from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.records import State
@@ -253,6 +267,111 @@ def test_digits_are_told_of_what_was_decided_and_strata_of_each_run_by_itself():
         ("snake", "mass", "one (4 states)"),
         ("sleigh", "speeds", "slow (8 states)"),
     ]
+
+
+def test_a_report_says_by_which_commands_it_can_be_made_again():
+    def proof(scene: str, links: int | None) -> Record:
+        return Record(PROOFS, {"scene": scene, "links": links, "structure": f"{links}"})
+
+    def run(scene: str, **counts: int) -> Record:
+        asked = {"examples": 7, "seed": 3, "first links": 2, "last links": 5} | counts
+        return replace(run_of(scene, "done"), counts=asked)
+
+    proofs = [proof("snake", n) for n in (1, 2, 3, 20)] + [proof("sleigh", None)]
+    overview = Overview([run("snake"), run("sleigh", examples=9)])
+    overview.records += proofs
+    assert list(equivalences.commands(overview)) == [
+        "eomcheck validate --scene snake --examples 7 --links 2..5 --seed 3",
+        "eomcheck validate --scene sleigh --examples 9 --links 2..5 --seed 3",
+        "eomcheck prove --scene snake --links 1..3,20",
+        "eomcheck prove --scene sleigh",
+    ]
+    overview = Overview([run(key) for key in SCENES])
+    overview.records += [proof(key, 4 if key == "snake" else None) for key in SCENES]
+    assert set(equivalences.commands(overview)) == {
+        "eomcheck validate --scene all --examples 7 --links 2..5 --seed 3",
+        "eomcheck prove --scene all --links 4",
+    }
+    overview = Overview([run(key, seed=int(key == "snake")) for key in SCENES])
+    assert len(set(equivalences.commands(overview))) == len(SCENES)
+
+
+SUITE = """
+import pytest
+
+@pytest.mark.parametrize("claim", ["bias", "mass-matrix"])
+def test_both(claim):
+    assert "coverage"
+
+def test_named():
+    holds("bias")
+
+def test_proved():
+    lab.prove(1)
+
+def helper():
+    holds("coverage")
+"""
+
+
+def test_tests_are_named_by_the_claims_in_them_and_by_what_they_are_parametrized_with(tmp_path):
+    (tmp_path / "test_b.py").write_text("def test_other():\n    holds('bias')\n")
+    (tmp_path / "test_a.py").write_text(SUITE)
+    (tmp_path / "helper.py").write_text("def test_no():\n    holds('bias')\n")
+    a, b = f"{tmp_path.name}/test_a.py::", f"{tmp_path.name}/test_b.py::"
+    assert named_tests(tmp_path) == {
+        "bias": (f"{a}test_both[bias]", f"{a}test_named", f"{b}test_other"),
+        "mass-matrix": (f"{a}test_both[mass-matrix]",),
+        "coverage": (f"{a}test_both",),
+        "proved": (f"{a}test_proved",),
+    }
+
+
+def test_a_page_shows_failing_states_first_and_each_state_once():
+    overview = Overview([run_of("snake", "done")])
+    overview.rows = [
+        kept(case=1),
+        kept(case=2, observed=0.75),
+        kept("motion", case=3, verdict="failed"),
+        kept("motion", case=2, verdict="failed", subject="em"),
+        kept("motion", case=4, evidence="compared: x", observed=0.125),
+        kept("motion", case=5, evidence="compared: x"),
+        kept("bias", case=6, scene="sleigh", links=None),
+    ]
+    states = [(one.scene, one.case, one.verdict) for one in page._states(overview)]
+    assert states == [
+        ("snake", 3, "failed"),
+        ("snake", 2, "failed"),
+        ("sleigh", 6, "passed"),
+        ("snake", 5, "passed"),
+    ]
+    line = Chart("c", "t", ["x"], {("a",): Panel(Axis("x"), Axis("y"), [Line("kane", [1], [1])])})
+    assert page.overview_formulations(overview, [line]) == ["au", "el", "em", "kane"]
+    assert page.overview_formulations(Overview([]), []) == []
+
+
+def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
+    monkeypatch, capsys
+):
+    monkeypatch.setattr(Find, "python", property(lambda find: f"code of {find.claim}"))
+    outcomes: list[Any] = [
+        ("holds", "bias", ""),
+        ("inconclusive", "motion", "wide"),
+        ("failed", "coverage", ""),
+        ("not checked", "", "no file"),
+        ("holds", "bias", ""),
+        ("failed", "multipliers", ""),
+        ("holds", "bias", ""),
+    ]
+    fuzzing.print_replayed(
+        [Replayed(Find("sleigh", {}, [], [], claim=x), one, why) for one, x, why in outcomes]
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "7 finds: 3 hold now, 2 fail, 1 inconclusive, 1 not checked"
+    assert lines[1] == "inconclusive: find 2, motion on sleigh: wide"
+    assert [x for x in lines if x.startswith("code")] == ["code of coverage", "code of multipliers"]
+    assert lines[4] == "not checked: find 4, all claims on sleigh: no file"
+    assert not [x for x in lines if "bias" in x]
 
 
 # ---- Findings as a document ----------------------------------------------------------------------

@@ -1,0 +1,240 @@
+"""Names and words of the command line: what each stands for, and what is said of a wrong one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from eomcheck import lookup
+from eomcheck.cli import options
+from eomcheck.errors import CallError, EngineError, InputError, UnknownNameError
+from eomcheck.lab.options import interval, no_more_than, parameters, whole_numbers
+from eomcheck.lookup import announced, home_of_code, in_file, looked_up, outside, value_of
+from eomcheck.named import SCENE, kind_of
+from eomcheck.scenes import Sleigh, Snake
+
+OWN = """
+from eomcheck.scenes import Sleigh, Snake
+
+class Mine(Sleigh):
+    key = "mine"
+
+class Other(Snake):
+    key = "other"
+
+class Plain:
+    def deep(self):
+        raise ZeroDivisionError("by hand")
+
+    def fail(self):
+        self.deep()
+
+number = 7
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file with classes, in a folder that nothing was imported from."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    path = tmp_path / f"own_{tmp_path.name.replace('-', '_')}.py"
+    path.write_text(OWN)
+    return path
+
+
+# ---- Classes by name -----------------------------------------------------------------------------
+
+
+def test_a_class_in_a_file_is_found_and_its_folder_is_the_last_place_to_look(own):
+    before = [*sys.path]
+    made = looked_up(SCENE, f"{own}:Mine")
+    assert (made.key, made.__module__, issubclass(made, Sleigh)) == ("mine", own.stem, True)
+    assert sys.path == [*before, str(own.parent)]
+    assert in_file(str(own), "Plain").__name__ == "Plain"
+    assert value_of(f"{own}:number") == 7
+    assert value_of(f"{own}:nothing") is value_of("sleigh") is None
+    assert sys.path == [*before, str(own.parent)]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("{own}:Min", "has no scene 'Min' (did you mean 'Mine'?); it has: Mine, Other"),
+        ("{own}:number", "has no scene 'number'; it has: Mine, Other"),
+        ("{own}:Plain", "Plain in '{own}' does not derive from eomcheck's Scene"),
+        ("{own}", "scene = '{own}', expected {own}:Class"),
+        ("{own}x.py:Mine", "'{own}x.py' is not a file"),
+        ("no_such_module:Mine", "'no_such_module' cannot be imported: ModuleNotFoundError: No"),
+        ("eomcheck.scenes:Sleig", "'eomcheck.scenes' has no scene 'Sleig'; it has: none"),
+    ],
+)
+def test_what_is_no_class_of_that_kind_is_said_with_those_that_there_are(own, name, says):
+    with pytest.raises(InputError) as error:
+        looked_up(SCENE, name.format(own=own))
+    assert says.format(own=own) in str(error.value)
+
+
+def test_a_file_is_told_from_an_installed_module_of_its_name(own):
+    other = own.with_name("json.py")
+    other.write_text(OWN)
+    with pytest.raises(InputError, match="has the name of another module, json"):
+        looked_up(SCENE, f"{other}:Mine")
+    bad = own.with_name("2nd.py")
+    bad.write_text(OWN)
+    with pytest.raises(InputError, match="'2nd' is no name in Python"):
+        looked_up(SCENE, f"{bad}:Mine")
+    raising = own.with_name(f"{own.stem}_raising.py")
+    raising.write_text("raise LookupError('by hand')\n")
+    for _ in range(2):  # it is run again, and not taken for a module that is there
+        with pytest.raises(InputError, match="cannot be imported: LookupError: by hand"):
+            looked_up(SCENE, f"{raising}:Mine")
+    assert raising.stem not in sys.modules
+
+
+def test_a_module_of_the_current_folder_is_found_after_all_others(own, monkeypatch):
+    monkeypatch.chdir(own.parent)
+    own.with_name("wave.py").write_text(OWN)
+    with pytest.raises(InputError, match="'wave' has no scene 'Mine'"):
+        looked_up(SCENE, "wave:Mine")
+    assert looked_up(SCENE, f"{own.stem}:Other").key == "other"
+    assert sys.path[-1] == str(own.parent)
+
+
+def test_names_are_keys_or_homes_with_a_name_in_them():
+    assert home_of_code("C:/a/own.py:Mine") == ("C:/a/own.py", "Mine")
+    assert home_of_code("package.module:Mine") == ("package.module", "Mine")
+    for name in ("sleigh", ":Mine", "own.py:", "own.py:1x", "arm.urdf:a b", 3, None):
+        assert home_of_code(name) is None
+    assert kind_of("coil") is Snake and looked_up(SCENE, "sleigh") is Sleigh
+    with pytest.raises(InputError, match="'all': expected one scene"):
+        kind_of("all")
+    with pytest.raises(UnknownNameError, match="did you mean 'pattern'") as error:
+        kind_of("patern")
+    assert {"paper", "coil", "snake"} <= set(error.value.known)
+
+
+def test_what_packages_announce_is_known_beside_ours_which_stay_ours(own, monkeypatch):
+    monkeypatch.chdir(own.parent)
+
+    def point(name: str, value: str) -> Any:
+        return SimpleNamespace(name=name, value=value)
+
+    of = {"eomcheck.scenes": [point("sleigh", "x:Y"), point("mine", f"{own.stem}:Mine")]}
+    monkeypatch.setattr(lookup, "entry_points", lambda group: of.get(group, []))
+    assert [*announced(SCENE)] == ["mine"]
+    assert looked_up(SCENE, "mine").key == "mine" and looked_up(SCENE, "sleigh") is Sleigh
+    with pytest.raises(UnknownNameError, match="did you mean 'mine'"):
+        looked_up(SCENE, "min")
+
+
+def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own, monkeypatch):
+    monkeypatch.setattr(lookup, "_run_here", set())
+    plain: Any = in_file(str(own), "Plain")
+
+    def error_of(function: Any) -> BaseException:
+        try:
+            function()
+        except Exception as error:
+            return error
+        raise AssertionError
+
+    error = error_of(plain().fail)
+    line = OWN.splitlines().index('        raise ZeroDivisionError("by hand")') + 1
+    assert outside(error).startswith(f"{own.name}: deep raised ZeroDivisionError")
+    assert f"line {line}" in outside(error)
+    assert outside(error_of(lambda: in_file("no/such.py", "X"))).startswith(Path(__file__).name)
+    assert outside(error_of(lambda: int("x"))).startswith(Path(__file__).name)
+    assert outside(CallError("f", "raised it")) == "f raised it"
+    monkeypatch.setattr(lookup, "_run_here", set())
+    assert outside(error) == ""
+
+
+# ---- Words ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "value"),
+    [
+        (interval, "3", (3, 3)),
+        (interval, " 2..2 ", (2, 2)),
+        (interval, "1..100000", (1, 100_000)),
+        (interval, "0..3", "expected 1 <= first <= last"),
+        (interval, "4..3", "expected 1 <= first <= last"),
+        (interval, "100001", "expected at most 100000"),
+        (interval, "1...3", "expected a number or a range"),
+        (whole_numbers, "5,1..3,2..4", [1, 2, 3, 4, 5]),
+        (no_more_than, 100_000, 100_000),
+        (no_more_than, None, None),
+        (no_more_than, 100_001, "links = 100001, expected at most 100000"),
+        (parameters, ["a=1", "a=2"], "a is given twice"),
+        (parameters, ["a="], "expected NAME=VALUE"),
+        (parameters, ["=1"], "expected NAME=VALUE"),
+        (parameters, ["a=,"], "expected a number after a="),
+        (parameters, ["a=-1e3", "b=none"], {"a": [-1000.0], "b": None}),
+        (options.engines_asked, ["none"], []),
+        (options.engines_asked, None, None),
+        (options.engines_asked, ["none", "casadi"], ["none", "casadi"]),
+        (options.raise_unread, [], None),
+        (options.raise_unread, ["first"], "not all is shown: first"),
+        (options.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),
+        (options.check_figure, Path("a.svg"), None),
+        (options.check_figure, Path("a.gif"), "a figure is written as .png, .svg or .pdf"),
+        (options._patient, 0.0, "expected seconds, a positive number up to 1e6"),
+        (options._patient, 1.1e6, "expected seconds"),
+    ],
+)
+def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if isinstance(value, str):
+        with pytest.raises(InputError) as error:
+            read(text)
+        assert value in str(error.value)
+        assert read is not options.raise_unread or value == str(error.value)
+    else:
+        assert read(text) == value
+
+
+def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp_path, monkeypatch):
+    page, path = tmp_path / "page.html", tmp_path / "r.db"
+    installed = "eomcheck.lab.report.page.check_installed"
+    monkeypatch.setattr(installed, lambda: None)
+    with options.records_to_report(None, None) as records:
+        assert records is None
+    with options.records_to_report(path, page) as records:
+        assert records is not None and records.path == path
+    assert path.exists()
+    with options.records_to_report(None, page) as records:
+        assert records is not None
+        spare = records.path
+        assert spare.exists() and spare.parent != tmp_path
+    assert not spare.parent.exists()
+
+    def missing() -> None:
+        raise EngineError("no jinja2")
+
+    monkeypatch.setattr(installed, missing)
+    with options.records_to_report(path, None) as records:
+        assert records is not None
+    with pytest.raises(EngineError), options.records_to_report(path, page):
+        pass
+
+
+def test_a_page_is_never_written_over_records_whatever_they_are_called(tmp_path):
+    path, link = tmp_path / "r.db", tmp_path / "link.db"
+    path.write_text("x")
+    link.symlink_to(path)
+    other = tmp_path / "other.db"
+    options.check_output(other, [path])
+    options.check_output(None, [path])
+    for records in ([path], [other, path], [link]):
+        with pytest.raises(InputError, match="holds the records themselves"):
+            options.check_output(path, records)
+    with pytest.raises(InputError, match="is not a folder that exists"):
+        options.check_folder(path)
+    options.check_folder(tmp_path)
+    options.check_folder(None)
