@@ -26,8 +26,9 @@ from eomcheck.lab.store.groups import rows_of, select, values
 from eomcheck.lab.store.keeper import Keeper
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
-from eomcheck.lab.studies import motion, rhs, robots, tolerance
+from eomcheck.lab.studies import engines, motion, rhs, robots, tolerance
 from eomcheck.lab.studies.motion import MotionTime
+from eomcheck.mechanics.records import State
 from eomcheck.scenes import FourBarChain, Sleigh
 
 SLEIGH = Sleigh.example()
@@ -343,3 +344,40 @@ def test_ratios_are_over_the_constant_and_of_what_was_decided(monkeypatch):
         "bias": [0.5 * tolerance.C, 3 * tolerance.C],
         "motion": [tolerance.C / 4],
     }
+
+
+def test_an_engine_is_as_far_off_as_in_its_worst_state(monkeypatch):
+    heights = [1.0, 2.0, 3.0, 4.0]
+    scene = SLEIGH
+    states = [State(np.array([0.0, 0.0, x]), np.array([0.0, 0.0, 1.0]), 0.0) for x in heights]
+    off = dict(zip(heights, (1e-6, 3e-6, 2e-6, 5e-6), strict=True))
+    verdicts: list[Any] = ["failed", "failed", "passed", "inconclusive"]
+
+    class Own(CasadiEngine):
+        key = "own"
+
+    def look(run: Run, scene: Any, state: State, selection: Any) -> list[Any]:
+        place = len(run.findings)
+        change = {"observed": [2.0, 4.0, 0.5, 99.0][place], "claim": "mass-matrix"}
+        run.findings.append(finding(state, verdicts[place], allowed=1.0, **change))
+        # In the last state nothing is larger than what is allowed.
+        return [SimpleNamespace(claim="mass-matrix", allowed=1.0 if place < 3 else 1e3)]
+
+    def differences(engine: Any, scene: Any, state: State) -> Any:
+        assert isinstance(engine, Own)
+        yield "mass-matrix", 100 * off[state.q[2]], 100.0
+
+    monkeypatch.setattr(engines, "engine_of", lambda key: Own)
+    monkeypatch.setattr(engines, "scene_cases", lambda *how: [(scene, x) for x in states])
+    monkeypatch.setattr(engines, "_differences", differences)
+    monkeypatch.setattr(Run, "look_at", look)
+    monkeypatch.setattr(
+        engines.Selection, "of", lambda *how, **more: SimpleNamespace(how=how, more=more)
+    )
+    settings = {"engine": "own", "scene": "sleigh", "links": (1, 1), "states": 9, "seed": 0}
+    (row,) = rows_of([engines._compare(settings)], engines.Compared)
+    assert (row.engine, row.scene, row.claim, row.gives_way) == (
+        *("own", "sleigh", "mass-matrix", False),
+    )
+    assert (row.states, row.failed, row.share) == (4, 2, 4.0)
+    assert row.relative == pytest.approx(3e-6)
