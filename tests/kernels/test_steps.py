@@ -27,6 +27,11 @@ def late(t, y):
     return np.array([y[1], t**3 - y[0]])
 
 
+def kick(t, y):
+    """A force that is there all at once."""
+    return np.array([y[1], np.where(t > 2.0, 1e9, 0.0) + 0.0 * y[0]])
+
+
 def stiff(t, y):
     return np.array([-100.0 * (y[0] - np.cos(t)), y[0] - y[1]])
 
@@ -34,7 +39,7 @@ def stiff(t, y):
 STARTS = np.array([[0.1, 2.0, 0.0, 1e-7], [0.0, 3.0, 0.0, -1e-6]])
 
 
-@pytest.mark.parametrize("rates", [bump, still, late, stiff])
+@pytest.mark.parametrize("rates", [bump, still, late, kick, stiff])
 @pytest.mark.parametrize("t_end", [4.0, 1e-7])
 def test_steps_calls_and_ends_are_those_of_scipy(rates: Callable, t_end: float):
     tolerance = 1e-6
