@@ -31,8 +31,11 @@ ARRAYS: Any = (np.ndarray, Number)
 NEEDED = frozenset({"V", "ω", "M", "T", "u", "r", "Φ"})
 """Symbols that every scene gives."""
 
-OF_CONSTRAINTS = frozenset({"a", "c"})
-"""Symbols that every scene with constraints gives."""
+OF_CONSTRAINTS = frozenset({("terms", "a"), ("constraint", "c")})
+"""Functions and their symbols that every scene with constraints gives.
+
+`constraints` may leave out a: where `terms` are written by hand nothing asks for it.
+"""
 
 _looked_at: set[tuple[type[Scene], str]] = set()
 
@@ -64,14 +67,14 @@ def check_shapes(scene: Scene) -> None:
 
 def _compare_shapes(scene: Scene) -> None:
     at = _somewhere(scene)
-    needed = NEEDED | OF_CONSTRAINTS if scene.r else NEEDED
+    needed = OF_CONSTRAINTS if scene.r else frozenset()
     with np.errstate(all="ignore"):
         if scene.natural_speeds:
             with suppress(RefusedError):
                 map_record(partial(_check_shared, scene), at.kinematics)
         for function, name, found, shape in returned(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
-            if found is None and name not in needed:
+            if found is None and name not in NEEDED and (function, name) not in needed:
                 continue
             if not isinstance(found, ARRAYS):
                 kind = "None" if found is None else f"a {type(found).__name__}"
