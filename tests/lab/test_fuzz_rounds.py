@@ -210,8 +210,8 @@ def test_rations_go_on_counting_where_the_states_before_ended(monkeypatch, ratio
 
 def test_a_suspect_of_the_truth_is_as_high_as_its_true_error_is_judged_to_be(monkeypatch):
     said = [
-        finding("true-error", "kane", "passed", 0.25),
         finding("true-error", "au", "passed", 0.4),
+        finding("true-error", "kane", "passed", 0.25),
         finding("true-error", "em", "inconclusive", 9.0),
     ]
     monkeypatch.setattr(rounds, "checked", lambda *_: said)
