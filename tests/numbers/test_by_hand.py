@@ -1,0 +1,168 @@
+"""Noise, factors and decompositions in several copies and lanes: each what it is alone."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import lapack
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation import dynamics
+from eomcheck.evaluation.point import Quantities
+from eomcheck.numbers.decompositions import least_squares, row_scale
+from eomcheck.numbers.factors import Factors, Rounding
+from eomcheck.numbers.lanes import LaneArray, LaneNoise
+from eomcheck.numbers.linear import Solve, one_by_one, record, watching
+from eomcheck.numbers.noise import NORMAL, STEP, Noise, Noises
+
+# ---- Noise ---------------------------------------------------------------------------------------
+
+
+def test_after_noises_apart_all_go_on_behind_the_one_that_took_most():
+    noises, alone = Noises([Noise(0), Noise(5), Noise(7)]), [Noise(0), Noise(5), Noise(7)]
+    with noises.stream("x"):
+        noises.changes((3, 4))
+        with noises.apart() as each:
+            taken = [one.changes((count,)) for one, count in zip(each, (2, 6, 1), strict=True)]
+        after = noises.changes((3, 3))
+    for i, one in enumerate(alone):
+        with one.stream("x"):
+            expected = one.changes((13,))
+        assert (taken[i] == expected[4 : 4 + len(taken[i])]).all()
+        assert (after[i] == expected[10:]).all()
+
+
+def test_noises_that_were_still_move_as_before():
+    noises, others = (Noises([Noise(0), Noise(5)]) for _ in range(2))
+    with noises.stream("x"), others.stream("x"):
+        noises.changes((2, 3)), others.changes((2, 3))
+        with noises.still():
+            assert not noises.moves
+            assert not noises.changes((2, 5)).any()
+        assert noises.moves
+        assert (noises.changes((2, 2)) == others.changes((2, 2))).all()
+
+
+def test_a_difference_that_vanishes_moves_as_the_smallest_normal_number():
+    x = Noise(3).array(np.array([1.0, -2.0]))
+    for nothing in (x - np.array([1.0, -2.0]), x * 0.0):
+        size = np.abs(nothing.view(np.ndarray)) / NORMAL
+        assert (size >= 0.49 * STEP).all() and (size <= 1.01 * STEP).all()
+
+
+def test_what_is_solved_one_by_one_is_recorded_with_the_determinant_of_each():
+    def solved(i: int, noise: Noise) -> int:
+        record(Solve("A", 2, 0.5, (-1.0) ** i, 10.0 * i), np.eye(2))
+        return noise.seed
+
+    noises = Noises([Noise(4), Noise(2), Noise(9)])
+    with watching(noises) as watch:
+        assert one_by_one(noises, solved) == [4, 2, 9]
+    (found,) = watch.solves
+    assert (found.name, found.size) == ("A", 2)
+    assert found.sign.tolist() == [1.0, -1.0, 1.0]
+    assert found.log_determinant.tolist() == [0.0, 10.0, 20.0]
+
+
+# ---- Lanes ---------------------------------------------------------------------------------------
+
+RANDOM = np.random.default_rng(2)
+WIDE, TALL = RANDOM.uniform(1.0, 2.0, (2, 4, 5)), RANDOM.uniform(1.0, 2.0, (4, 2, 5))
+
+
+def test_a_product_of_matrices_in_lanes_moves_by_the_size_of_its_terms():
+    x = np.array([[[1e6, 1.0], [1e6, 1.0]]])  # (1, 2) in two lanes
+    y = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
+    noise = LaneNoise(1)
+    for moved in (
+        (noise.array(LaneArray(x)), LaneArray(y)),
+        (LaneArray(x), noise.array(LaneArray(y))),
+    ):
+        found = np.matmul(*moved)
+        change = np.abs(found.data[0, 0] - [0.0, 2.0]) / [2e6, 2.0]
+        assert (change >= 0.49 * STEP).all() and (change <= 1.01 * STEP).all()
+        assert found.noise is noise
+
+
+@pytest.mark.parametrize("a", [WIDE, TALL])
+@pytest.mark.parametrize("columns", [(), (3,)])
+def test_least_squares_in_lanes_are_those_of_each_lane(a: np.ndarray, columns: tuple):
+    a = a * 1e12 ** np.arange(-2, 3)  # lanes of very different size
+    b = RANDOM.uniform(-1.0, 1.0, (a.shape[0], *columns, 5))
+    found = least_squares(LaneArray(a), LaneArray(b))
+    assert found.shape == (a.shape[1], *columns)
+    for i in range(5):
+        expected = np.linalg.lstsq(a[..., i], b[..., i], rcond=None)[0]
+        assert found.data[..., i] == pytest.approx(expected, rel=1e-10, abs=0.0)
+
+
+def test_rows_in_lanes_are_scaled_as_those_of_each_lane():
+    a = RANDOM.uniform(1.0, 2.0, (2, 3, 4)) * np.array([1.0, 8.0])[:, None, None]
+    a[0, 2] *= 64.0
+    found = row_scale(LaneArray(a))
+    for i in range(4):
+        assert found.data[:, i].tolist() == np.asarray(row_scale(a[..., i])).tolist()
+        sizes = np.abs(a[..., i]).max(axis=1) * found.data[:, i]
+        assert (sizes >= 0.5).all() and (sizes <= 1.0).all()
+
+
+# ---- Factors -------------------------------------------------------------------------------------
+
+
+def test_what_elimination_rounds_is_the_same_in_any_units():
+    A = RANDOM.uniform(-1.0, 1.0, (3, 3))
+    lu, pivots, _ = lapack.dgetrf(A)
+    scale, rows = np.array([0.5, 4.0, 1.0]), np.array([2.0, 1.0, 8.0])
+    others, other_rows = np.array([8.0, 0.25, 2.0]), np.array([1.0, 16.0, 0.5])
+    sizes = Factors(lu, pivots)
+    rounded = sizes.times(np.eye(3)) / rows[:, None] / scale  # of the matrix as it was
+    found = Rounding(sizes, scale, rows)
+    for x in (np.array([1.0, 2.0, 3.0]), np.array([[1.0, 5.0], [2.0, 0.0], [3.0, 1.0]])):
+        expected = (other_rows[:, None] * rounded * others) @ x
+        assert found.of(x, others, other_rows) == pytest.approx(expected, rel=1e-14)
+
+
+# ---- Velocities ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("worst", "asked", "best"),
+    [
+        ([0.25], 1, 0),
+        ([0.26, 0.1], 2, 1),
+        ([9.0, 0.9, 0.2], 3, 2),
+        ([9.0, 3.0, 7.0, 8.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0], 11, 1),
+        ([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 9.0, 9.0, 2.0, 9.0], 11, 9),
+    ],
+)
+def test_the_best_velocity_is_returned_and_the_first_that_is_good_enough(
+    monkeypatch, worst: list[float], asked: int, best: int
+):
+    seen: list[np.ndarray] = []
+
+    def excess(at: Any, v: np.ndarray) -> Any:
+        seen.append(v)
+        return np.array([1.0, -2.0]) / len(seen), worst[len(seen) - 1]
+
+    monkeypatch.setattr(dynamics, "_excess", excess)
+    a = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -3.0]])
+    at: Any = SimpleNamespace(terms=SimpleNamespace(a=a))
+    start = np.array([1.0, 1e-3, 5.0])
+    found = dynamics.consistent_velocity(at, start)
+    assert seen[0] is start
+    assert len(seen) == asked
+    assert (found == seen[best]).all()
+
+
+@pytest.mark.parametrize(("r", "fine"), [(2, True), (3, True), (4, False)])
+def test_more_constraints_than_coordinates_cannot_be_split(r: int, fine: bool):
+    at: Any = object.__new__(Quantities)
+    at.scene = SimpleNamespace(n=3, r=r)
+    if fine:
+        at.refuse_partition()
+        return
+    with pytest.raises(RefusedError, match="4 constraints on 3 coordinates"):
+        at.refuse_partition()
