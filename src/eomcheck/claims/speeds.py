@@ -182,8 +182,9 @@ def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
     if not look.has_speeds:
         return
     force, remainder = at.bodies.force, kane_system(at)[1]
-    found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
     terms = magnitude(remainder) + magnitude(force)
+    # It is written over where it stands.
+    found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
     yield sized(Sides("kane ~ ml", found, expected, (speed_names(at),)), terms)
 
 
