@@ -59,6 +59,10 @@ def test_forces_have_the_sizes_of_what_is_projected_and_of_what_is_subtracted(ca
     W, Q_, force = case.at.speeds.W, case.at.terms.Q, case.at.bodies.force
     (active,) = sides_of(case, "active-forces").values()
     assert_sized(active, np.abs(W).T @ np.abs(Q_))
+    q = Q + np.array([0.0, 0.0, -1.0, 0.7, -0.6])  # where springs push both ways
+    bent = Case(Evaluation(SNAKE, q, eomcheck.velocity(SNAKE, q, [0.5, 0.7])), (), ())
+    terms = np.abs(bent.at.speeds.W).T @ np.abs(bent.at.terms.Q)
+    assert_sized(sides_of(bent, "active-forces")["kane"], terms)
     assert active.found is force
     (one,) = sides_of(case, "kane-ml-force").values()
     remainder = force - one.found
