@@ -157,6 +157,7 @@ ANSWERS = {
     "column": ("bias", lambda self, q, v, t: np.zeros((5, 1)), f"of shape (5, 1), {ARRAY} (5)"),
     "half": ("mass_matrix", lambda self, q, t: np.zeros(15), f"of shape (15,), {ARRAY} (5, 5)"),
     "complex": ("bias", lambda self, q, v, t: np.zeros(5, complex), "an array of complex128"),
+    "truth": ("mass_matrix", lambda self, q, t: np.eye(5) > 0, "an array of bool, expected real"),
     "text": ("bias", lambda self, q, v, t: np.array(["x"] * 5), "an array of <U1"),
     "odd": ("bias", lambda self, q, v, t: Odd(), "returned an Odd, which raised ValueError"),
     "exception": ("bias", raising, "raised KeyError: 'missing' (test_engine_faults.py, line"),
@@ -186,6 +187,19 @@ def test_an_engine_that_writes_into_what_it_is_handed_fails_wherever_it_does(pla
     says = "Changed: acceleration changes an array that it is handed"
     assert set(found) == {"engine-acceleration", "engine-multipliers"}
     assert all(detail.startswith(says) for detail in found.values())
+
+
+def test_what_an_engine_raises_is_told_with_the_line_that_raised_it():
+    def deep(q):
+        return 1 / int(q[0] > 100)
+
+    def bias(self, q, v, t=0.0):
+        return deep(q) * q
+
+    line = deep.__code__.co_firstlineno + 1
+    what = "raised ZeroDivisionError: division by zero"
+    said = f"Changed: bias {what} (test_engine_faults.py, line {line})"
+    assert failures(changed(bias=bias))["bias"].startswith(said)
 
 
 def test_one_method_that_breaks_does_not_end_the_run():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -130,3 +131,73 @@ def test_the_engine_itself_is_asked_in_its_own_coordinates():
     at = Evaluation(scene, q, v)
     assert np.allclose(S.T @ engine.mass_matrix(x) @ S, at.terms.M)
     assert np.allclose(S.T @ engine.bias(x, S @ v), at.terms.B)
+
+
+class Told(Engine):
+    """Three velocities of two coordinates; every answer is another function of x, w and t."""
+
+    solves_like = "au"
+    version = classmethod(lambda cls: "told 1")
+    represents = classmethod(lambda cls, scene: True)
+    S = np.array([[1.0, 2.0], [0.0, 3.0], [4.0, -1.0]])
+
+    def velocity_map(self, q, v):
+        return np.array([*q, q[0] * q[1], 1.0]), self.S, v[0] * np.array([0.5, -1.0, 2.0])
+
+    def mass_matrix(self, x, t=0.0):
+        return t * np.diag([1.0, 2.0, 3.0]) + np.outer(x[:3], x[:3])
+
+    def bias(self, x, w, t=0.0):
+        return t * w + x[:3]
+
+    def forces(self, x, w, t=0.0):
+        return t * w[::-1] - x[1:]
+
+    def constraint_jacobian(self, x, w, t=0.0):
+        return (w + t * x[:3])[None]
+
+    def constraint_drift(self, x, w, t=0.0):
+        return np.array([t * w @ x[:3]])
+
+    def kane_inertia_remainder(self, x, w, t=0.0):
+        return np.array([w @ x[1:] + t]), 2 * t, 3 * x[2]
+
+    def acceleration(self, x, w, Q, a, gamma, t=0.0):
+        return t * w + x[:3] + 2 * Q + 3 * a[0], gamma + t
+
+
+def test_every_answer_is_that_of_its_own_state_and_time_in_the_scenes_coordinates():
+    q, v, t = np.array([0.7, -1.3]), np.array([1.1, 0.4]), 2.5
+    engine = Told(SimpleNamespace(n=2, r=1, p=1))  # type: ignore[arg-type]
+    asked, S, back = Answers(engine), Told.S, np.linalg.pinv(Told.S)
+    x, w, rest = np.array([0.7, -1.3, -0.91, 1.0]), S @ v, 1.1 * np.array([0.5, -1.0, 2.0])
+    M, a = t * np.diag([1.0, 2.0, 3.0]) + np.outer(x[:3], x[:3]), w + t * x[:3]
+    Q, row, gamma = np.array([0.3, -0.8]), np.array([[1.5, -0.6]]), np.array([0.9])
+    wdot = t * w + x[:3] + 2 * back.T @ Q + 3 * (row @ back)[0]
+    expected = {
+        "mass_matrix": S.T @ M @ S,
+        "bias": S.T @ (t * w + x[:3] + M @ rest),
+        "forces": S.T @ (t * w[::-1] - x[1:]),
+        "constraint_jacobian": [a @ S],
+        "constraint_drift": [t * w @ x[:3] + a @ rest],
+    }
+    for method, numbers in expected.items():
+        np.testing.assert_allclose(asked.ask(method, q, v, t), numbers, rtol=1e-13)
+    remainder, *sizes = asked.ask("kane_inertia_remainder", q, v, t)
+    assert remainder == pytest.approx([w @ x[1:] + t])
+    assert sizes == pytest.approx([2 * t, 3 * x[2]])
+    vdot, multipliers = asked.ask("acceleration", q, v, Q, row, gamma, t)
+    np.testing.assert_allclose(vdot, back @ (wdot - rest), rtol=1e-13)
+    np.testing.assert_allclose(multipliers, gamma - row @ back @ rest + t, rtol=1e-13)
+    (x_told, *_), M_told, B_told = asked.own_terms(q, v, t)
+    for found, of in ((x_told, x), (M_told, M), (B_told, t * w + x[:3])):
+        np.testing.assert_allclose(found, of, rtol=1e-13)
+
+
+def test_the_size_of_casadis_bias_is_that_of_its_terms_and_not_of_their_sum():
+    scene = Snake.coil(3)
+    q, v = scene.initial_state()[0], np.array([1.0, -2.0, 0.5, -0.25, 3.0])
+    M = Evaluation(scene, q, v).terms.M
+    size = sum(abs(v[i] * M[i, j] * v[j]) for i in range(5) for j in range(5))
+    assert ENGINES["casadi"](scene).bias_size(q, v) == pytest.approx(size, rel=1e-12)
+    assert size > 1.05 * abs(v @ M @ v)

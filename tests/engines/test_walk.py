@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eomcheck.engines import ENGINES
+from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link, bodies_with_mass, links_of
 from eomcheck.scenes import SCENES
 
@@ -79,3 +81,51 @@ def test_bodies_with_mass_keep_their_own_joint_and_the_order():
 def test_a_link_without_mass_that_carries_not_exactly_one_cannot_be_taken_over(parents):
     links = [link(str(j), p, "rz", [0.0, 0.0, 0.0], float(j > 0)) for j, p in enumerate(parents)]
     assert bodies_with_mass(links) is None
+
+
+def held(links: list[Link]) -> set[str]:
+    """Return the engines of trees that say that they can hold such links."""
+    kinds = {key: kind for key, kind in ENGINES.items() if issubclass(kind, TreeEngine)}
+    return {key for key, kind in kinds.items() if kind.holds(links)}
+
+
+EVERY = {"pinocchio", "mujoco", "drake", "exudyn", "idyntree", "pybullet"}
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_rotors_and_inertia_without_mass_are_held_by_pinocchio_alone_wherever_they_are(place):
+    links = [link(str(j), j - 1, "rz", [0.0, 1.0, 0.0], 1.0) for j in range(3)]
+    assert held(links) == EVERY
+    for change in ({"armature": 0.1}, {"mass": 0.0}):
+        changed = [*links]
+        changed[place] = links[place]._replace(**change)
+        assert held(changed) == {"pinocchio"}
+    changed[place] = links[place]._replace(mass=0.0, inertia=np.zeros((3, 3)))
+    assert held(changed) == (EVERY - {"mujoco"} if place == 2 else EVERY)
+
+
+@pytest.mark.parametrize(
+    ("moments", "taken"),
+    [
+        ((0.0, 0.0, 0.0), {"tree", "pybullet"}),
+        ((0.2, 0.3, 0.4), {"tree", "pybullet"}),
+        ((0.0, 0.3, 0.3), {"tree"}),
+        ((0.3, 0.3, 0.0), {"tree"}),
+        ((0.1, 0.2, 0.4), set()),
+    ],
+)
+def test_a_thin_rod_is_no_link_for_pybullet_and_a_point_is(moments, taken):
+    one = link("a", -1, "rz", [0.0, 0.0, 0.0], 1.0)._replace(inertia=np.diag(moments))
+    kinds = {"tree": TreeEngine, "pybullet": ENGINES["pybullet"]}
+    assert {key for key, kind in kinds.items() if kind.takes(one)} == taken  # type: ignore
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 0, 1), (2, 1, 0)])
+def test_principal_moments_come_with_axes_that_are_a_rotation(order):
+    R = np.linalg.qr(np.arange(9.0).reshape(3, 3) ** 2 + np.eye(3))[0]
+    for turn in (np.eye(3), R):
+        inertia = turn @ np.diag(np.array([0.2, 0.3, 0.4])[list(order)]) @ turn.T
+        moments, axes = link("a", -1, "rz", [0.0] * 3, 1.0)._replace(inertia=inertia).principal
+        assert moments == pytest.approx([0.2, 0.3, 0.4])
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, inertia, atol=1e-15)

@@ -54,7 +54,8 @@ def impossible(link: Link) -> bool:
     """Return whether no body has the moments of inertia: one exceeds the sum of the others."""
     (x, y, z), (xy, xz, yz) = link.moments, link.products
     moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
-    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING) or moments[0] < 0)
+    # One below 0 too, but for rounding: the sum of the lower two is then below the larger of them.
+    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
 
 
 def doubtful(links: Iterable[Link]) -> str:
