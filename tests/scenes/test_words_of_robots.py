@@ -193,18 +193,6 @@ def test_forces_at_joints_with_several_coordinates_are_refused_each(tmp_path, ki
         read_mjcf(free(tmp_path / "m.xml", kind=kind, more=more))
 
 
-@pytest.mark.parametrize("ends", ['joint1="h" joint2="f"', 'joint1="f" joint2="h"', 'joint1="f"'])
-def test_a_coupling_of_a_joint_with_several_coordinates_is_refused(tmp_path: Path, ends: str):
-    pytest.importorskip("mujoco")
-    equal = f'<equality><joint name="e" {ends}/></equality>'
-    with pytest.raises(InputError) as refused:
-        read_mjcf(free(tmp_path / "m.xml", kind="ball", equal=equal))
-    said = str(refused.value)
-    assert said.endswith("equality 'e' is of joint 'f', which has several coordinates") or (
-        "is refused by MuJoCo" in said
-    )
-
-
 def test_springs_are_off_where_the_file_says_so_and_dampers_stay(tmp_path: Path):
     pytest.importorskip("mujoco")
     path = tmp_path / "off.xml"
