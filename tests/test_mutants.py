@@ -125,15 +125,29 @@ def test_the_named_test_of_a_catcher_runs_first_and_then_the_whole_catcher():
     assert commands_of(replace(one, named="stays")) == [command_of(one.catcher)]
 
 
-def test_what_the_named_test_does_not_notice_the_rest_of_its_catcher_may(tmp_path: Path):
-    path = tmp_path / "test_it.py"
-    path.write_text(
-        "from eomcheck.numbers import pivots\n\n\ndef test_named():\n    pass\n\n\n"
-        "def test_other():\n    assert pivots.STALLED == 0.5\n"
-    )
-    one = replace(STALLED, catcher=f"{path} -p conftest -k named", named="test_named")
-    assert attempt(one).outcome == "survived"
-    assert attempt(replace(one, catcher=f"{path} -p conftest")).outcome == "caught"
+@pytest.mark.parametrize(
+    ("ends", "outcome"),
+    [
+        ([(1, "test_named fails")], "named"),
+        ([(1, "something fails")], "caught"),
+        ([(0, ""), (1, "test_other fails")], "caught"),
+        ([(5, "nothing run"), (1, "test_named fails")], "named"),
+        ([(0, ""), (0, "")], "survived"),
+        ([(5, "nothing run"), (0, "")], "survived"),
+        ([(0, ""), (5, "nothing run")], "error"),
+        ([(-1, "too long")], "error"),
+    ],
+)
+def test_what_the_named_test_does_not_notice_the_rest_of_its_catcher_may(
+    monkeypatch, ends: list[tuple[int, str]], outcome: str
+):
+    left = [*ends]
+    monkeypatch.setattr(f"{attempt.__module__}.run", lambda *arguments: left.pop(0))
+    catcher, named = "tests/test_it.py", "test_named"
+    commands = [command_of(catcher, named), command_of(catcher)]
+    monkeypatch.setattr(f"{attempt.__module__}.commands_of", lambda mutant: commands)
+    assert attempt(replace(STALLED, catcher=catcher, named=named)).outcome == outcome
+    assert not left
 
 
 @pytest.mark.sampled(6)
