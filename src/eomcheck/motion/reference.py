@@ -189,11 +189,11 @@ def consistent_velocity(scene: Scene, q0, u0, t0: float = 0.0) -> Array:
         RefusedError: the scene has no generalized speeds.
     """
     q0, _ = scene.check_state(q0, np.zeros(scene.n))
-    u0, t0 = finite_array("u0", u0, (scene.p,)), finite_array("t0", t0, ())
+    u0, start = finite_array("u0", u0, (scene.p,)), finite_array("t0", t0, ())
     scene.refuse_speeds(q0)
     balls = Balls()
     with precision(EXTENDED_BITS):
-        at = Quantities(scene, balls, balls.numbers(q0), balls.numbers(t0).item())
+        at = Quantities(scene, balls, balls.numbers(q0), balls.numbers(start).item())
         at.u = balls.numbers(u0)
         return _stripped(at.v)
 
