@@ -115,6 +115,7 @@ def test_looking_whether_a_file_can_be_written_leaves_nothing(tmp_path: Path):
 WRITING = {"write_text", "write_bytes", "savefig", "touch"}
 
 
+@pytest.mark.night
 def test_every_writer_writes_beside():
     """Methods that write are called on what `replacing` yields, or in `eomcheck.files`."""
     found = set()

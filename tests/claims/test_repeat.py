@@ -108,6 +108,7 @@ def test_a_dataclass_is_made_again_from_its_fields(tmp_path):
     assert "mass-matrix" in run(code)
 
 
+@pytest.mark.night
 def test_the_scene_of_the_guide_is_made_again_with_its_defaults_left_out():
     (kind,) = kinds_of(f"{GUIDES / 'trailer.py'}:Trailer")
     assert scene_code(kind()) == "Trailer()"

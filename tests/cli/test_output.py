@@ -96,6 +96,7 @@ def test_characters_that_an_encoding_lacks_are_written_by_name(tmp_path: Path, e
     assert json.loads(file.read_text(encoding="utf-8"))["findings"]
 
 
+@pytest.mark.night
 def test_errors_are_written_in_any_encoding():
     env = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     run = start("validate", "--scene", "θ", env=env, stdout=subprocess.PIPE)

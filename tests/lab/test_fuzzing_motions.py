@@ -187,6 +187,7 @@ def test_a_pose_that_is_not_crossed_is_counted_by_formulation():
     assert counts["crossed: au"] == counts["not crossed: em"] and counts["crossed: em"] == 0
 
 
+@pytest.mark.night
 def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
     right = many.in_lanes
     monkeypatch.setattr(many, "in_lanes", lambda scenes: right([scenes[0]] * len(scenes)))

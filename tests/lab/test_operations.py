@@ -176,6 +176,7 @@ def test_every_fitted_polynomial_gives_back_every_count(records):
             assert polynomials[record.formulation][kind](record.links) == of(record), kind
 
 
+@pytest.mark.night
 def test_the_polynomials_of_a_few_small_snakes_hold_for_a_large_one(records):
     large = {record.formulation: record for record in counted_in(STUDY.run(links="100"))}
     for f in fit(records):

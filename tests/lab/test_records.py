@@ -435,6 +435,7 @@ def lines(path: Path) -> list[int]:
     return [int(line) for line in path.read_text().split()] if path.exists() else []
 
 
+@pytest.mark.night
 def test_kill_9_loses_at_most_the_cell_in_flight(path: Path, tmp_path: Path):
     log = tmp_path / "log"
     for kill in range(1, 4):  # killed three times, at different moments

@@ -312,6 +312,7 @@ def command(*options: str):
     return CliRunner().invoke(app, ["simulate", "pattern", "0.05", "--links", "3", *options])
 
 
+@pytest.mark.night
 def test_the_command_prints_and_draws_how_far_motions_are_apart(tmp_path: Path):
     plot = tmp_path / "spread.png"
     shown = command("--draws", "12", "--scale", "0.1", "--plot", str(plot))

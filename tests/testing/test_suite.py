@@ -161,6 +161,7 @@ class Vague(CasadiEngine):
 """
 
 
+@pytest.mark.night
 def test_what_was_only_inconclusive_is_skipped_with_the_reason(session, pytester):
     (pytester.path / "by_hand.py").write_text(VAGUE.replace("Vague", "ByHand"), encoding="utf-8")
     arguments(pytester, "scenes=[Sleigh]")
