@@ -226,9 +226,8 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
 def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
     """Acceleration or multipliers of the formulation that an engine solves like, or another."""
     with suppress(np.linalg.LinAlgError, RefusedError):
-        if (
-            found := getattr(case.at.acceleration(FORMULATIONS[engine.solves_like]), part)
-        ) is not None:
+        solved = case.at.acceleration(FORMULATIONS[engine.solves_like])
+        if (found := getattr(solved, part)) is not None:
             return found
     return next((x for _, one in case.solutions if (x := getattr(one, part)) is not None), None)
 

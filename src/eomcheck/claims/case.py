@@ -264,14 +264,12 @@ class Case(AtDoubles):
             found = term_of(e, term)
             return np.zeros(np.shape(theirs)) if found is None else found
 
-        def term_or_zero(e: Evaluation) -> Any:
-            found = term_of(e, term)
-            return 0.0 if found is None else found
-
-        absent, sensitivity = term_of(self.at, term) is None, None
+        known, sensitivity = term_of(self.at, term), None
+        absent = known is None
+        expected = 0.0 if absent else known
         state = (self.at.q, self.at.v, self.at.t)
         for engine in self.taking_part:
-            theirs = trial.answer(self, engine, *state, expected=partial(term_or_zero, self.at))
+            theirs = trial.answer(self, engine, *state, expected=lambda: expected)
             if isinstance(theirs, Finding) or isinstance(engine, type):
                 if not absent or theirs.verdict == "failed":
                     yield theirs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -206,14 +207,9 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     # What it differentiates may be told in frames that turn, as in B.
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
+    ours = cache(partial(remainder, case.at))
     for engine in case.taking_part:
-        said = answer(
-            case,
-            engine,
-            *case.state,
-            expected=lambda: remainder(case.at),
-            part=lambda said: said[0],
-        )
+        said = answer(case, engine, *case.state, expected=ours, part=lambda said: said[0])
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
             continue
@@ -223,7 +219,7 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
             case,
             engine,
             f"kane ~ {engine.key}",
-            remainder(case.at),
+            ours(),
             theirs,
             condition * scale,
             lambda answers: answers.kane_inertia_remainder(*case.state)[0],
