@@ -324,3 +324,23 @@ def test_a_study_that_finds_an_error_that_nothing_tells_is_1(key, monkeypatch, t
     assert code_of(monkeypatch, *words) == 0
     told(monkeypatch, key, [well, wrong, well])
     assert code_of(monkeypatch, *words) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fuzz", "--time="),
+        ("fuzz", "--states", "1", "--links="),
+        ("draw", "scene", "sleigh.gif", "--scene", "sleigh", "--formulation="),
+        ("bench", "tolerance", "--links="),
+        ("study", "operations", "--links="),
+    ],
+    ids=lambda words: f"{words[0]} {words[-1]}",
+)
+def test_an_option_of_no_characters_is_not_its_default(words, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(campaigns.Campaign, "run", None)
+    assert code_of(monkeypatch, *words) == 2
+    name = words[-1].strip("-=")
+    said = "".join(capsys.readouterr())
+    assert f"{name} = ''" in said or f"unknown {name} ''" in said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -144,3 +145,34 @@ def test_what_is_no_named_tuple_is_refused(function: str):
     kind = type("Wrong", (Sleigh,), {function: staticmethod(lambda *_: Odd())})
     with pytest.raises(InputError, match=f"{function}: a Odd, expected a NamedTuple of"):
         check_shapes(kind())
+
+
+@pytest.mark.parametrize(
+    ("name", "broken", "says"),
+    [
+        ("terms", lambda found: found._replace(M=found.M[:2]), "M has shape (2, 3), expected (3"),
+        ("constraints", lambda found: (found[0][:, :2], None), "constraints: a has shape (1, 2)"),
+        ("velocities", lambda found: (None, found[1]), "IndexError: tuple index out of range"),
+        ("energies", lambda found: None, "TypeError: cannot unpack non-iterable NoneType object"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_a_shape_that_is_wrong_in_some_states_is_a_failure_there(name, broken, says):
+    kind = trailer(TRAILER)
+    right = getattr(kind, name)
+
+    def sometimes(*arguments):
+        found = right(*arguments)
+        with suppress(TypeError, AttributeError):  # of other numbers
+            if next(float(x.cos[0]) for x in arguments if hasattr(x, "cos")) < 0.3:
+                return broken(found)
+        return found
+
+    wrong = type("Sometimes", (kind,), {name: staticmethod(sometimes), "key": "sometimes"})()
+    claims = "kinetic-energy", "null-space-speeds", "equivalence", "power-balance"
+    along = 1.4 * np.array([-np.sin(2.0), np.cos(2.0)]) + np.array([np.cos(2.0), np.sin(2.0)])
+    found = eomcheck.check(wrong, [2.0, 0.3, -0.1], [0.5, *along], claims=claims)
+    said = [one.detail for one in found if one.verdict == "failed"]
+    assert any(says in one for one in said), said
+    still = eomcheck.check(wrong, Q, np.zeros(3), claims=claims)
+    assert not [one for one in still if one.verdict == "failed"]

@@ -202,17 +202,17 @@ class Case(AtDoubles):
         return iter(()) if claim.sides is None else self._judged(claim.sides)
 
     def unable(self, error: Exception) -> Finding:
-        """Return the Finding on what a function of the scene raised.
+        """Return the Finding on what a function of the scene raised, or returned in another shape.
 
         It fails where the function does not run on doubles; other numbers it need not know.
 
         Raises:
-            Exception: the error itself, where no function of the scene's own raised it.
+            Exception: the error itself, where no function of the scene's own caused it.
         """
         said = raised_in(self.at.scene, error)
-        if not said:
-            raise error
         broken = broken_on_doubles(self.at.scene, self.state)
+        if not (said or broken):
+            raise error
         if broken:
             outcome = float("inf"), 0.0, "failed", "property-tested", broken
         else:

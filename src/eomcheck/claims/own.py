@@ -8,8 +8,8 @@ import numpy as np
 
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.point import Point
-from eomcheck.claims.shapes import returned
-from eomcheck.errors import RefusedError, message_of
+from eomcheck.claims.shapes import compare_shapes, returned
+from eomcheck.errors import InputError, RefusedError, message_of
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.point import Quantities
 from eomcheck.mechanics.records import State
@@ -20,11 +20,12 @@ _known: dict[tuple[type[Scene], str], str] = {}
 
 
 def broken_on_doubles(scene: Scene, state: State) -> str:
-    """Return which function of the scene does not even run on doubles, see `raised_in`; or ""."""
+    """Which function of the scene raises on doubles or returns another shape there; or ""."""
     try:
-        _run_all(Evaluation(scene, *state))
+        compare_shapes(scene, Evaluation(scene, *state))
     except Exception as error:
-        return raised_in(scene, error)
+        misshapen = message_of(error) if isinstance(error, InputError) else ""
+        return raised_in(scene, error) or misshapen
     return ""
 
 

@@ -21,6 +21,7 @@ from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.case import OFTEN, ONCE
 from eomcheck.claims.entries import listed, unresolved
+from eomcheck.claims.own import broken_on_doubles
 from eomcheck.claims.proof import by_proof
 from eomcheck.claims.refusals import Drawn, coverage
 from eomcheck.claims.robot_file import of_file
@@ -269,9 +270,14 @@ def _refused(case: Case) -> tuple[str, ...]:
     try:
         return case.refused
     except Exception as error:
-        if not raised_in(case.at.scene, error):
+        if not _is_of(case.at.scene, case.state, error):
             raise
         return ()
+
+
+def _is_of(scene: Scene, state: State, error: Exception) -> bool:
+    """Whether a function of the scene's own raised an error, or returned what leads to it."""
+    return bool(raised_in(scene, error) or broken_on_doubles(scene, state))
 
 
 def check(
@@ -315,7 +321,7 @@ def check(
     except EomcheckError:
         raise
     except Exception as error:
-        if not raised_in(scene, error):  # else it is one of the Findings
+        if not _is_of(scene, state, error):  # else it is one of the Findings
             raise
     return Run().look_at(scene, state, selection)
 

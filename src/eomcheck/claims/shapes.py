@@ -52,21 +52,36 @@ def check_shapes(scene: Scene) -> None:
     if which in _looked_at:
         return
     try:
-        _compare_shapes(scene)
+        compare_shapes(scene, _somewhere(scene))
     except InputError:
         raise
     except Exception as error:
         if raised_in(scene, error):
             return  # which is told of the state where it happens
-        if is_ours(type(scene)):
-            raise
-        said = f"{described_error(error)}, of what its functions return"
-        raise InputError(f"{type(scene).__name__}: {said}") from error
+        raise
     _looked_at.add(which)
 
 
-def _compare_shapes(scene: Scene) -> None:
-    at = _somewhere(scene)
+def compare_shapes(scene: Scene, at: Quantities) -> None:
+    """Shapes of what each function of `scene` returns at one point, compared with the contract's.
+
+    Raises:
+        InputError: an array has another shape, or what a function of somebody's own returns ends in
+            an error of ours.
+        Exception: what a function of the scene raised.
+    """
+    try:
+        _compare_shapes(scene, at)
+    except InputError:
+        raise
+    except Exception as error:
+        if is_ours(type(scene)) or raised_in(scene, error):
+            raise
+        said = f"{described_error(error)}, of what its functions return"
+        raise InputError(f"{type(scene).__name__}: {said}") from error
+
+
+def _compare_shapes(scene: Scene, at: Quantities) -> None:
     needed = OF_CONSTRAINTS if scene.r else frozenset()
     with np.errstate(all="ignore"):
         if scene.natural_speeds:

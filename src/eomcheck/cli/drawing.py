@@ -62,7 +62,8 @@ def draw_scene(
     if moving:
         one = scene_asked(scene, links, given)
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
-        sketches, times, every = sketches_of_motion(one, formulation or "au", until, count)
+        how = "au" if formulation is None else formulation
+        sketches, times, every = sketches_of_motion(one, how, until, count)
         draw_motion(sketches, times.tolist(), path, every)
     else:
         draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)

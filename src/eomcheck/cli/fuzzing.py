@@ -148,7 +148,7 @@ def fuzz(
     scene = "snake" if scene is None else scene
     if time is not None and states is not None:
         raise InputError("--time and --states: expected one of them, not both")
-    most = None if states is not None else seconds_of(time or "1m")
+    most = None if states is not None else seconds_of("1m" if time is None else time)
     if states is not None:
         check_count(states=states)
 
@@ -163,7 +163,7 @@ def fuzz(
 
     if keep is not None:
         read_finds(keep)  # a damaged file is bad input, said before anything is computed
-    low, high = interval(links or "1..12")
+    low, high = interval("1..12" if links is None else links)
     if executor is not None:
         check_place(executor)
     interrupted, lost, unwritten = False, None, None

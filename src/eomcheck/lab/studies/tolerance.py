@@ -43,7 +43,8 @@ def cells(
     for kind in kinds_of(scene):
         if links is not None and not kind.has_links:
             raise InputError(f"links = {links!r}: {kind.key} has no number of links to choose")
-        drawn = {"links": interval(links or "1..40"), "examples": examples, "seed": seed}
+        sizes = interval("1..40" if links is None else links)
+        drawn = {"links": sizes, "examples": examples, "seed": seed}
         yield drawn if kind is Snake else drawn | {"scene": kind.key}
 
 

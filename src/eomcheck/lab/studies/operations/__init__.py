@@ -34,7 +34,7 @@ def cells(
         InputError: no such numbers of links, or what `absent.cells` raises.
         UnknownNameError: no such formulation or scene.
     """
-    low, high = interval(links or ("2..100" if scene is None else "3"))
+    low, high = interval(links if links is not None else "2..100" if scene is None else "3")
     if scene is not None:
         kinds = kinds_of(scene)
         if links is not None and not any(kind.has_links for kind in kinds):
