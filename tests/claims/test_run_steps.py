@@ -1,0 +1,304 @@
+"""A run step by step, with findings made up: what is asked, kept, counted, drawn and handed on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomcheck
+from eomcheck.claims import Finding, run
+from eomcheck.claims.entries import entries_of
+from eomcheck.claims.run import Look, Run
+from eomcheck.claims.selection import Asked, Selection
+from eomcheck.errors import InconsistentVelocityError
+from eomcheck.evaluation.dynamics import LETS_PASS
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import SCENES, Sleigh, Snake
+
+SCENE = Sleigh()
+CLAIMS = ("finite-terms", "bias", "kinetic-energy")
+
+
+def state(x: float) -> State:
+    return State(np.array([x, 0.0, 0.5]), np.zeros(3), x / 8)
+
+
+def said(claim: str, verdict: Any = "passed", subject: str = "one", detail: str = "", x=1.0):
+    how = 0.0, 1.0, verdict, "made up", detail
+    return Finding(claim, subject, SCENE, state(x), *how)
+
+
+def selected(**more: Any) -> Selection:
+    return replace(Selection.of(engines=[], claims=CLAIMS, scenes=[SCENE]), **more)
+
+
+# ---- One state -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("broken", "finite", "asked", "refused"),
+    [
+        (None, True, CLAIMS, ("em",)),
+        (None, False, CLAIMS[:1], ()),
+        (said("finite-terms", "failed"), True, (), ()),
+    ],
+)
+def test_claims_are_asked_of_numbers_alone(monkeypatch, broken, finite, asked, refused):
+    case = SimpleNamespace(broken_terms=broken, finite=finite, refused=("em",))
+    given: list[Any] = []
+    monkeypatch.setattr(run, "case_of", lambda *them: given.append(them) or case)
+    monkeypatch.setattr(run, "of_file", lambda asked, case, claim: [said(claim.id)] * 2)
+    here: Any = (Asked(SCENE, (), {}), state(1.0), selected(), 7)
+    found = run.look(*here)
+    assert given == [here]
+    claims = [one.claim for one in found.findings]
+    assert claims == ([broken.claim] if broken else [x for x in asked for _ in range(2)])
+    assert found.refused == refused
+    assert found.seconds.keys() == {*CLAIMS}
+
+
+def test_engines_are_made_once_for_each_scene(monkeypatch):
+    made, looked = [], []
+
+    def asked_of(scene: Any, _: Selection) -> Asked:
+        made.append(scene)
+        return Asked(scene, (), {})
+
+    def look(asked: Asked, state: State, selection: Selection, often: int) -> Look:
+        looked.append((asked.scene, state, often))
+        return Look([], {}, ())
+
+    monkeypatch.setattr(run, "asked_of", asked_of)
+    monkeypatch.setattr(run, "look", look)
+    heavy, one = Sleigh(mass=7.0), Run()
+    cases = [(SCENE, state(1)), (SCENE, state(2)), (heavy, state(3)), (SCENE, state(4))]
+    for scene, at in cases:
+        one.look_at(scene, at, selected())
+    assert [x is y for x, y in zip(made, [SCENE, heavy, SCENE], strict=True)] == [True] * 3
+    assert [x[:2] for x in looked] == cases
+    assert [x[2] for x in looked] == [run.OFTEN, run.OFTEN, run.ONCE, run.ONCE]
+    list(one._one_after_another(cases, selected()))
+    assert [x[2] for x in looked[4:]] == [run.OFTEN, run.ONCE, run.ONCE, run.ONCE]
+
+
+@pytest.mark.parametrize(
+    ("again", "told"),
+    [
+        (said("bias", "not looked at", "mine", "no bias"), False),
+        (said("bias", "not looked at", "mine", "no bias", x=5.0), False),
+        (said("bias", "not looked at", "other", "no bias"), True),
+        (said("bias", "not looked at", "mine", "no forces"), True),
+        (said("mass-matrix", "not looked at", "mine", "no bias"), True),
+        (said("bias", "passed", "mine", "no bias"), True),
+        (said("bias", "inconclusive", "mine", "no bias"), True),
+        (said("equivalence", "not looked at", "mine", "refused"), True),
+        (said("equivalence", "not looked at", "mine", "not rational: it"), False),
+    ],
+)
+def test_what_cannot_be_told_is_told_once(again: Finding, told: bool):
+    one = Run()
+    first = [
+        said("bias", "not looked at", "mine", "no bias"),
+        said("equivalence", "not looked at", "mine", "refused"),
+        said("equivalence", "not looked at", "mine", "not rational: it"),
+    ]
+    assert one._take(Look(first, {"bias": 2.0}, ("au",))) == first
+    assert one._take(Look([again, *first[:1]], {"bias": 0.5}, ())) == ([again] if told else [])
+    assert (one.ends, one.cases) == ([3, 3 + told], 2)
+    assert one.findings == first + [again] * told
+    assert (one.seconds["bias"], one.refused) == (2.5, ())
+
+
+# ---- Drawn states --------------------------------------------------------------------------------
+
+
+def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch):
+    first, second = said("bias", "failed", x=2.0), said("kinetic-energy", "failed", x=2.0)
+    heavy = Sleigh(mass=9.0)
+    failing = [said("finite-terms", x=2.0), replace(first, scene=heavy), second]
+    looks = [
+        (SCENE, state(1.0), Look([said("bias")], {}, ("em",))),
+        (SCENE, state(2.0), Look(failing, {}, ("el", "em"))),
+        (SCENE, state(3.0), Look([said("bias")], {}, ())),
+    ]
+    calls, handed, count = [], [], []
+    minimal = said("bias", "failed", x=0.0)
+    monkeypatch.setattr(run, "smallest_failure", lambda *them: handed.append(them) or minimal)
+
+    def looking(cases: Any, selection: Selection):
+        calls.append((cases, selection))
+        yield from looks
+
+    one, chosen, cases = Run(), selected(), [(SCENE, state(1.0))]
+    how = {"on_case": lambda: count.append(one.cases), "seed": 11, "looks": looking}
+    one.explore(cases, chosen, smaller=lambda scene: ("smaller", scene), **how)
+    assert calls == [(cases, chosen)]
+    assert count == [1, 2]
+    assert [x.refused for x in one.drawn] == [("em",), ("el", "em")]
+    assert [x.state.q[0] for x in one.drawn] == [1.0, 2.0]
+    assert handed == [(failing[1], ("smaller", heavy), chosen, 11)]
+    assert one.minimal is minimal and one.ends == [1, 4]
+
+    again = Run()
+    again.explore(cases, chosen, looks=looking)
+    assert again.minimal is failing[1], "nobody says what is smaller"
+    right = Run()
+    how = {"smaller": lambda scene: 1 / 0, "looks": lambda *_: (one for one in looks[::2])}
+    right.explore(cases, chosen, **how)
+    assert right.minimal is None and right.cases == 2
+
+
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("kind", [False, True])
+def test_the_states_of_a_run_are_drawn_as_asked(monkeypatch, named: bool, kind: bool):
+    calls: list[Any] = []
+
+    def drawing(name: str):
+        def drawn(*them: Any, **more: Any) -> list[Any]:
+            calls.append((name, *them, *more.items()))
+            return [(name, them[1] if name == "wide" else None)]
+
+        return drawn
+
+    def wide(cases: Any, seed: int) -> list[Any]:
+        calls.append(("wide", seed))
+        return [*cases, "wide"]
+
+    for name in ("state_cases", "scene_cases", "no_larger", "states_of"):
+        monkeypatch.setattr(run, name, drawing(name))
+    monkeypatch.setattr(run, "with_wide", wide)
+
+    class Recording(Run):
+        def look_at(self, scene, state, selection):
+            calls.append(("start", repr(scene), state.q.tolist(), state.v.tolist(), state.t))
+            return []
+
+        def explore(self, cases, selection, on_case, smaller, seed, looks):
+            calls.append(("explore", list(cases), on_case, seed, looks))
+            smaller("scene")
+
+    chosen, count, scene = selected(named=named), [], Snake.coil(2)
+    on_case, looks = lambda: count.append(1), object()
+    if kind:
+        Recording().look_at_kind(Snake, chosen, (2, 5), 9, 4, on_case, looks)
+        scene = Snake.example()
+    else:
+        Recording().look_at_scene(scene, chosen, 9, 4, on_case, looks)
+    assert count == [1], "the state that it begins with"
+    begin = [call for call in calls if call[0] == "start"]
+    q, v = scene.initial_state()
+    assert begin == [("start", repr(scene), q.tolist(), v.tolist(), 0.0)]
+    rest = [call for call in calls if call[0] != "start"]
+    if kind:
+        assert [repr(x) for x in rest[0]] == [repr(x) for x in ("state_cases", scene, 1, 4)]
+        assert rest[1] == ("scene_cases", Snake, (2, 5), 9, 4)
+        assert rest[-1] == ("no_larger", "scene", ("links", (2, 5)))
+    else:
+        assert rest[0] == ("state_cases", scene, 9, 4)
+        assert rest[-1] == ("states_of", "scene")
+    assert [call[1:] for call in rest if call[0] == "wide"] == [(4,)] * named
+    drawn = [("state_cases", None), *([("scene_cases", None)] * kind), *(["wide"] * named)]
+    assert rest[-2] == ("explore", drawn, on_case, 4, looks)
+
+
+# ---- The end -------------------------------------------------------------------------------------
+
+
+def hidden(claim: str, x: float) -> Finding:
+    names = (("a", "b"),)
+    flags = entries_of(names, np.array([1, 0], bool), np.array([0, 1], bool))
+    return replace(said(claim, x=x), entries=flags)
+
+
+@pytest.mark.parametrize("failed", [False, True])
+@pytest.mark.parametrize("covers", [False, True])
+@pytest.mark.parametrize("drawn", [False, True])
+def test_a_run_ends_with_what_holds_of_all_its_states(monkeypatch, failed, covers, drawn):
+    known = []
+
+    def by_proof(claim: Any, left: Any, proofs: dict) -> Any:
+        known.append(proofs)
+        kept = left if claim.id == "mass-matrix" else []
+        return [said(claim.id, detail="proved")], kept
+
+    monkeypatch.setattr(run, "by_proof", by_proof)
+    monkeypatch.setattr(run, "coverage", lambda drawn: said("coverage", detail=f"{len(drawn)}"))
+    one = Run(findings=[hidden("mass-matrix", 1.0), hidden("bias", 2.0), said("kinetic-energy")])
+    one.minimal = said("bias", "failed") if failed else None
+    one.drawn = [run.Drawn(SCENE, state(1.0), ())] * 3 if drawn else []
+    chosen = selected(claims=("mass-matrix", *(["coverage"] * covers)))
+    found = one.finish(chosen)
+    assert found is one.findings
+    ends = [(f.claim, f.verdict, f.detail) for f in found[3:]]
+    open_ = "not resolved in this state: one, row b"
+    whole = [("mass-matrix", "passed", "proved"), ("mass-matrix", "inconclusive", open_)]
+    whole.append(("bias", "passed", "proved"))
+    expected = [] if failed else whole
+    expected += [("coverage", "passed", "3")] if covers and drawn else []
+    expected += [("bias", "failed", "")] if failed else []
+    assert ends == expected
+    assert len({id(x) for x in known}) == (0 if failed else 1)
+
+
+# ---- What is called ------------------------------------------------------------------------------
+
+
+def test_a_state_is_checked_at_its_time():
+    scene = SCENES["turntable-ball"].example()
+    q, _ = scene.initial_state()
+    v = eomcheck.velocity(scene, q, [0.5, -0.4, 0.3], t=0.7)
+    how: Any = {"engines": [], "claims": ["finite-terms"]}
+    found = eomcheck.check(scene, q, v, 0.7, **how)
+    assert {one.state.t for one in found} == {0.7}
+    assert all(one.state.v.tolist() == v.tolist() for one in found)
+
+
+def test_a_velocity_is_refused_beyond_what_is_let_pass(monkeypatch):
+    given = []
+    right = run.check_consistent
+
+    def recorded(at: Any, *more: Any) -> None:
+        given.append(more)
+        right(at, *more)
+
+    monkeypatch.setattr(run, "check_consistent", recorded)
+    q, _ = SCENE.initial_state()
+    eomcheck.check(SCENE, q, [0, 0, 1.0], engines=[], claims=["finite-terms"])
+    assert given == [(LETS_PASS,)]
+    with pytest.raises(InconsistentVelocityError):
+        eomcheck.check(SCENE, q, [0.0, 0.5, 1.0], engines=[], claims=["finite-terms"])
+    how: Any = {"engines": [], "claims": ["finite-terms"], "consistent": False}
+    assert eomcheck.check(SCENE, q, [0.0, 0.5, 1.0], **how)
+
+
+def test_a_validation_asks_for_what_it_was_told(monkeypatch):
+    calls: list[Any] = []
+    right = Selection.of.__func__
+
+    def of(cls: Any, *them: Any, **more: Any) -> Selection:
+        calls.append((them, more))
+        return right(cls, *them, **more)
+
+    monkeypatch.setattr(Selection, "of", classmethod(of))
+    monkeypatch.setattr(Run, "look_at_scene", lambda self, *them: calls.append(them))
+    monkeypatch.setattr(Run, "look_at", lambda self, *them: calls.append(them) or ["found"])
+    monkeypatch.setattr(Run, "finish", lambda self, chosen: calls.append(chosen) or ["finished"])
+    how: Any = {"formulations": ["kane"], "engines": ["casadi"], "claims": ["bias", "coverage"]}
+    asked = (["kane"], ["casadi"], ["bias", "coverage"])
+    assert eomcheck.validate(SCENE, examples=6, seed=8, **how) == ["finished"]
+    chosen = calls[-1]
+    assert calls == [(asked, {"scenes": [SCENE]}), (SCENE, chosen, 6, 8), chosen]
+    assert (chosen.claims, chosen.named) == (("bias", "coverage"), True)
+    assert [f.key for f in chosen.formulations] == ["kane"]
+    calls.clear()
+    q, v = SCENE.initial_state()
+    assert eomcheck.check(SCENE, q, v, **how) == ["found"]
+    assert calls[0] == (asked, {"scenes": [SCENE]})
+    calls.clear()
+    eomcheck.validate(SCENE)
+    assert calls[0] == ((None, None, None), {"scenes": [SCENE]})
+    assert calls[1][2:] == (25, 0)
