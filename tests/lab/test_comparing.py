@@ -123,6 +123,13 @@ class Heavy(PinocchioFile):
         return super().forces(q, v, t) * (9.80665 / 9.81)
 
 
+class HeavyAbove(Heavy):
+    key = "heavy_above"
+
+    def forces(self, q, v, t=0.0):
+        return super().forces(q, v, t) if q[1] > 0.0 else PinocchioFile.forces(self, q, v, t)
+
+
 class Backwards(PinocchioFile):
     key = "backwards_file"
 
@@ -403,6 +410,21 @@ def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, t
     assert "either reading" not in printed
     found.findings.clear()
     assert not found.agree
+
+
+def test_derivations_of_ours_are_compared_in_no_state_in_which_all_libraries_agree(
+    monkeypatch, tmp_path: Path
+):
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+    energies = type(scene).energies
+    monkeypatch.setattr(
+        type(scene), "energies", staticmethod(lambda *here: (2 * energies(*here)[0], None))
+    )
+    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], HeavyAbove.key, HeavyAbove)
+    states = [State(np.array([0.3, x, -0.7]), np.ones(3)) for x in (-0.4, 0.6, -0.8, 1.2)]
+    monkeypatch.setattr(comparing, "draw", lambda cases, count, seed: states)
+    found = compare(scene, [HeavyAbove.key], states=4)
+    assert {one.state.q[1] for one in found.own if one.state is not None} == {0.6, 1.2}
 
 
 def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path, capsys):

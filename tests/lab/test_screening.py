@@ -293,11 +293,12 @@ class OnTrial(CasadiEngine):
     [
         ({"kinetic-energy"}, None, judging.SCENE),
         (set(), None, judging.ENGINE),
-        (None, None, judging.ENGINE),
+        (None, None, judging.UNKNOWN),
+        (None, OnTrial, judging.ENGINE),
         ({"kinetic-energy"}, OnTrial, judging.ENGINE),
     ],
 )
-def test_an_engine_of_ours_is_blamed_only_where_nothing_of_the_scene_is_disproved(
+def test_an_engine_of_ours_is_blamed_only_where_the_scene_is_proved(
     monkeypatch, wrong, engine, whose
 ):
     ((scene, state),) = ordinary(Snake, 1)

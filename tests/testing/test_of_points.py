@@ -190,6 +190,15 @@ def test_second_differences_are_those_of_the_coefficients():
     assert (size >= 44.0).all() and (size <= 4.0 * 20.0).all()
 
 
+def test_sizes_of_second_differences_are_those_of_the_largest_term_of_either_sign():
+    def f(q: Any, v: Any) -> Any:
+        return 3.0 * v[0] - 5.0 * v[1] - 2.0 * v[1] ** 2 + v[0] * v[1] - 0.5
+
+    _, size = differences(f, np.zeros(2), np.array([1.0, 2.0]))
+    # Ahead (2.5, -18.5), behind (-3.5, 1.5), both -13.5.
+    np.testing.assert_allclose(size, 4.0 * np.array([[3.5, 18.5], [18.5, 18.5]]), rtol=1e-15)
+
+
 # ---- Points --------------------------------------------------------------------------------------
 
 

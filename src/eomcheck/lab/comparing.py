@@ -134,7 +134,9 @@ def _look(
         said += [None if (x, method) in unsure else told.get(name) for x, told in theirs.items()]
         table = np.array([[apart(x, y, summed[name]) for y in said] for x in said])
         found.apart[name] = np.fmax(found.apart.get(name, table), table)
+    bad = set()
     for key, one in by_library:
+        bad |= {key} if one.verdict == "failed" else set()
         if one.verdict == "not looked at":
             continue
         found.decided[key] = found.decided.get(key, False) or one.verdict in DECIDED
@@ -142,7 +144,6 @@ def _look(
         if before is None or _worse(one, before):
             found.findings[key, one.claim] = one
     description = next(iter(made.values())).description
-    bad = {key for (key, _), one in found.findings.items() if one.verdict == "failed"}
     if bad:
         own = Selection.of(["gw"], [], OWN, scenes=[scene])
         seen = Run().look_at(scene, state, own)

@@ -66,12 +66,14 @@ def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> 
     rest = float(f(q, np.zeros(p)))
     ahead = np.array([float(f(q, step)) for step in steps])
     behind = np.array([float(f(q, -step)) for step in steps])
-    found, size = np.diag(ahead + behind - 2.0 * rest), np.maximum.outer(ahead, ahead)
+    found, size = np.diag(ahead + behind - 2.0 * rest), np.zeros((p, p))
+    sizes = np.maximum(np.abs(ahead), np.abs(behind))
     for i, k in zip(*np.tril_indices(p, -1), strict=True):
         both = float(f(q, steps[i] + steps[k]))
         found[i, k] = found[k, i] = both - ahead[i] - ahead[k] + rest
-        size[i, k] = size[k, i] = max(size[i, k], abs(both))
-    return found, 4.0 * np.maximum(np.abs(size), abs(rest))
+        size[i, k] = size[k, i] = max(np.max(sizes[[i, k]]), abs(both))
+    np.fill_diagonal(size, sizes)
+    return found, 4.0 * np.maximum(size, abs(rest))
 
 
 # ---- Bias ----------------------------------------------------------------------------------------

@@ -91,11 +91,11 @@ def fault_of(finding: Finding) -> Fault:
         return Fault(SILENT, f"enclosed: {'; '.join(silent)}")
     tried = finding.engine is not None and is_on_trial(finding.engine)
     wrong = frozenset() if tried else unproved(scene)
+    if wrong is None:
+        return Fault(UNKNOWN, "the scene's functions are not rational: nothing is proved")
     if claim.asks and not wrong:
         why = "; ".join(told[:2]) or "no formulation answers"
         return Fault(ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}")
-    if wrong is None:
-        return Fault(UNKNOWN, "the scene's functions are not rational: nothing is proved")
     if wrong:
         return Fault(SCENE, f"not proved either: {', '.join(sorted(wrong))}")
     return Fault(ALARM, f"identities proved; enclosed: {'; '.join(told) or 'no formulation'}")
