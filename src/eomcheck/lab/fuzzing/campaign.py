@@ -118,7 +118,8 @@ class Campaign:
                 told(self)
                 if over():
                     break
-            if self.rounds and not self.states:
+            # Of other structures, which are looked at next, there may be some.
+            if not self.states and (self.rounds >= len(self.strata) or over()):
                 raise InputError(
                     f"scene = {self.name}: no state could be drawn in "
                     f"{counted(self.rounds, 'round')}: no "
