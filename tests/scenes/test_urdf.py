@@ -98,6 +98,28 @@ def test_what_is_left_out_is_said():
     assert said.count(".") == 1
 
 
+def test_dampers_and_friction_of_joints_with_several_coordinates_are_said_to_be_left_out(
+    tmp_path: Path,
+):
+    path, said = tmp_path / "damped.urdf", {}
+    for kind in ("planar", "floating", "spherical", "fixed", "revolute"):
+        for damping in ("0.5", "0"):
+            text = body("root") + body("link") + body("tip")
+            text += f'<joint name="j" type="{kind}"><parent link="root"/><child link="link"/>'
+            text += f'<dynamics damping="{damping}" friction="0.1"/></joint>'
+            text += (
+                '<joint name="k" type="revolute"><parent link="link"/><child link="tip"/></joint>'
+            )
+            path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
+            said[kind, damping] = from_urdf(path).made.left_out
+    friction = "friction of joints (1)"
+    dampers = f"Left out: dampers of joints with several coordinates (1), {friction}."
+    for kind in ("planar", "floating", "spherical"):
+        assert said.pop((kind, "0.5")) == dampers
+    assert said.pop(("fixed", "0.5")) == said.pop(("fixed", "0")) == ""
+    assert {*said.values()} == {f"Left out: {friction}."}
+
+
 def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
     text = (ROBOTS / "arm.urdf").read_text("utf-8")
     for last, said in (("0.03", ""), ("0.0300001", "'lower'"), ("0.02", "")):

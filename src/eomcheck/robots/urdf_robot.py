@@ -96,6 +96,7 @@ def left_out(counts: Counter[str]) -> str:
 
 _PLURAL = {
     "limit": "limits of joints",
+    "damping": "dampers of joints with several coordinates",
     "friction": "friction of joints",
     "transmission": "transmissions",
     "material": "materials",
@@ -156,12 +157,14 @@ def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
     else:
         more["axis"] = (1.0, 0.0, 0.0)
     dynamics, mimic = only(element, "dynamics", where), only(element, "mimic", where)
-    moves = kind in ("revolute", "continuous", "prismatic")
-    if dynamics is not None and moves:
+    if dynamics is not None and kind != "fixed":
         damping = number(dynamics, "damping", where, 0.0)
         if damping < 0:
             raise Unreadable(f"{where}: damping = {damping:g}, expected a number not below 0")
-        more["damping"] = damping or None
+        if kind in ("revolute", "continuous", "prismatic"):
+            more["damping"] = damping or None
+        elif damping:
+            out["damping"] += 1
         if number(dynamics, "friction", where, 0.0):
             out["friction"] += 1
     if mimic is not None and kind != "fixed":
