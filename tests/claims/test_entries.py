@@ -13,12 +13,14 @@ from tests.claims.wrong import with_entry
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.entries import (
+    Entries,
     Left,
     entries_of,
     left_of,
     listed,
     listing,
     lists,
+    merged,
     unresolved,
 )
 from eomcheck.claims.proof import by_proof
@@ -34,6 +36,21 @@ from eomcheck.scenes import SCENES
 from eomcheck.testing.trials import SceneTrial
 
 NAMES = (("a", "b", "c", "d"),)
+
+
+def test_flags_of_several_states_are_joined_entry_by_entry_and_set_of_names_by_set_of_names():
+    other = (("x", "y"),)
+    states = [
+        entries_of(NAMES, [1, 0, 0, 0], [0, 0, 1, 0]),
+        entries_of(other, [0, 1], [1, 0]),
+        entries_of(NAMES, [1, 1, 0, 0], [0, 0, 0, 1]),
+    ]
+    joined = entries_of(NAMES, [1, 1, 0, 0], [0, 0, 1, 1])
+    assert merged(states) == [joined, states[1]]
+    assert states[0].joined(states[2]) == states[2].joined(states[0]) == joined
+    assert merged([]) == [] and merged(states[:1]) == states[:1]
+    assert left_of(states) == ["row c", "row d", "row x"]
+    assert isinstance(joined, Entries) and joined.count_hidden == 2
 
 
 def springs(sign: int) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.entries import entries_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import functions as fuzzed
@@ -22,11 +24,11 @@ from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, SPECIAL
 from eomcheck.lab.fuzzing.file import read_finds, write_finds
 from eomcheck.lab.fuzzing.finds import FUNCTIONS
 from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, limits
-from eomcheck.lab.fuzzing.functions import FunctionsPlan
+from eomcheck.lab.fuzzing.functions import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.on_trial import is_ordinary
 from eomcheck.lab.fuzzing.replay import replayed
 from eomcheck.lab.fuzzing.rounds import Plan, run_round
-from eomcheck.lab.fuzzing.screening import Ration, runs_in_lanes
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, Ration, runs_in_lanes
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate, Round
 from eomcheck.lab.store.records import Records
@@ -164,14 +166,90 @@ def test_what_is_told_in_some_states_is_no_caveat_and_the_others_are_kept(mine, 
     campaign.run(states=16)
     skipped = "mass-matrix-symmetric [M]"
     assert campaign.open == {skipped: "not looked at in any state: M breaks: ValueError: no value"}
-    assert symmetric.caveats(campaign.counts, campaign.open) == []
+    assert symmetric.caveats(campaign.counts, campaign.open, campaign.entries) == []
     open_ = FunctionsPlan(f"{mine}:few", 0, ("motion",), climbing=False, batch=2)
     with Records(tmp_path / "r.db") as records:
         Campaign(open_, "mine", [ALL], records).run(states=2)
     with Records(tmp_path / "r.db") as records:
         again = Campaign(open_, "mine", [ALL], records)
-    (said,) = open_.caveats(again.counts, again.open)
+    (said,) = open_.caveats(again.counts, again.open, again.entries)
     assert said.startswith("motion [forces] inconclusive in all states: ")
+
+
+FIELD = """
+import numpy as np
+from eomcheck.testing import Functions
+
+def gravity(q):
+    return np.array([2.0 * np.sin(1e12 * q[0]), 3.0 * q[1]])
+
+def U(q):
+    return -np.cos(1e12 * q[0]) / 1e12 + 1.5 * q[1] ** 2
+
+short = Functions(2, M=lambda q: np.eye(2), gravity=gravity, U=U, name="short", ranges=(-1, 1))
+"""
+"""A field of short wavelength, of which no finite difference knows the force in row q[0]."""
+
+
+def test_an_entry_that_no_state_of_a_campaign_resolves_is_named_after_it(
+    mine, monkeypatch, capsys, tmp_path: Path
+):
+    Path(mine).write_text(FIELD)
+    kept, claim = str(tmp_path / "r.db"), "gravity-of-potential"
+    how = "--scene", f"{mine}:short", "--no-climb", "--records", kept, "--claim", claim
+    for states in (1, 17):
+        assert run(*how, "--states", str(states), monkeypatch=monkeypatch) == 0
+        said = capsys.readouterr().out.partition("no find\n")[2].splitlines()
+        count = 16 if states == 1 else 32
+        assert said == [f"{claim} [gravity] not resolved in any of {count} states: row q[0]"]
+    # All of these were drawn before: they are known from the records.
+    assert run(*how, "--states", "17", monkeypatch=monkeypatch) == 0
+    assert capsys.readouterr().out.partition("no find\n")[2].splitlines() == said
+
+
+def test_an_entry_is_compared_in_the_states_in_which_its_subject_was(mine):
+    Path(mine).write_text(FIELD)
+    plan = FunctionsPlan(f"{mine}:short", 0, ("gravity-of-potential",))
+    names, about = (("q[0]", "q[1]"),), "gravity-of-potential [gravity]"
+    entries = {about: [entries_of(names, [False, True], [True, False])]}
+    counts = Counter({"states": 9, SKIPPED + about: 2, DECIDED + about: 4, OPEN + about: 3})
+    said = f"{about} not resolved in any of 7 states: row q[0]"
+    assert plan.caveats(counts, {}, entries) == [said]
+    # Where no state decides the subject, its own line says so.
+    counts = Counter({"states": 9, OPEN + about: 9})
+    assert plan.caveats(counts, {about: "why"}, entries) == [f"{about} why"]
+    resolved = {about: [*entries[about], entries_of(names, [True, False], [False, False])]}
+    counts = Counter({"states": 9, DECIDED + about: 9})
+    assert plan.caveats(counts, {}, resolved) == []
+
+
+ONCE = """
+import numpy as np
+from eomcheck.testing import Functions
+
+def gravity(q):
+    return np.array([2.0 * np.sin(1e12 * q[0]) if q[0] > 0.9 else 2.0 * q[0], 3.0 * q[1]])
+
+def U(q):
+    return (-np.cos(1e12 * q[0]) / 1e12 if q[0] > 0.9 else q[0] ** 2) + 1.5 * q[1] ** 2
+
+once = Functions(2, M=lambda q: np.eye(2), gravity=gravity, U=U, name="once", ranges=(-1, 1))
+"""
+"""A field of short wavelength in a twentieth of the range."""
+
+
+def test_entries_resolved_in_one_state_are_resolved_and_resumed(mine, tmp_path: Path):
+    Path(mine).write_text(ONCE)
+    plan = FunctionsPlan(f"{mine}:once", 0, ("gravity-of-potential",), (ORDINARY,), False, 8)
+    about = "gravity-of-potential [gravity]"
+    with Records(tmp_path / "r.db") as records:
+        Campaign(plan, "mine", [ALL], records).run(states=40)
+    with Records(tmp_path / "r.db") as records:
+        again = Campaign(plan, "mine", [ALL], records)
+    (entries,) = again.entries[about]
+    assert entries.resolved == bytes([0b11000000]) and entries.hides("row q[0]")
+    assert not entries.hides("row q[1]")
+    assert again.resumed == 40 and plan.caveats(again.counts, {}, again.entries) == []
 
 
 def test_what_is_looked_at_stays_within_the_ranges():

@@ -49,6 +49,11 @@ class Entries(NamedTuple):
         """Whether the entry of a name is hidden."""
         return name in _named(int.from_bytes(self.hidden), self.names)
 
+    def joined(self, other: Entries) -> Entries:
+        """Flags of two comparisons of the same names: resolved, or hidden, in either."""
+        pairs = zip(self[1:], other[1:], strict=True)
+        return Entries(self.names, *(bytes(x | y for x, y in zip(*p, strict=True)) for p in pairs))
+
 
 def entries_of(names: Names, resolved: Any, hidden: Any) -> Entries:
     """Flags of entries as `Entries`; both are arrays of bools that have the names' shape."""
@@ -63,21 +68,28 @@ def entry_name(index: tuple[int, ...], names: Names) -> str:
     return f"entry ({', '.join(named)})"
 
 
+def merged(entries: Iterable[Entries]) -> list[Entries]:
+    """Flags of any number of comparisons, joined to one `Entries` for each set of names."""
+    by_names: dict[Names, Entries] = {}
+    for one in entries:
+        before = by_names.get(one.names)
+        by_names[one.names] = one if before is None else before.joined(one)
+    return [*by_names.values()]
+
+
 def left_of(entries: Iterable[Entries]) -> list[str]:
     """Names of the entries of one subject that are hidden in some state and resolved in none.
 
     Entries of one name are the same one, whatever else a scene has: row θ_1 of a chain of two
     links is that of a chain of five.
     """
-    flags: dict[Names, list[int]] = {}
-    for names, *each in entries:
-        before = flags.setdefault(names, [0, 0])
-        flags[names] = [x | int.from_bytes(y) for x, y in zip(before, each, strict=True)]
-    hidden = {names: h for names, (r, h) in flags.items() if h & ~r}
-    if not hidden:
+    flags = [
+        (one.names, *map(int.from_bytes, (one.resolved, one.hidden))) for one in merged(entries)
+    ]
+    if not any(h & ~r for _, r, h in flags):
         return []
-    resolved = {name for names, (r, _) in flags.items() for name in _named(r, names)}
-    left = (name for names, h in hidden.items() for name in _named(h, names))
+    resolved = {name for names, r, _ in flags for name in _named(r, names)}
+    left = (name for names, r, h in flags if h & ~r for name in _named(h, names))
     return [name for name in dict.fromkeys(left) if name not in resolved]
 
 

@@ -429,8 +429,12 @@ def functions_at(
 def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
     """Yield the Findings of a claim at a state."""
     for one in _compared_at(functions, claim, at):
-        failed = one.finding.verdict == "failed" and one.judged.names is not None
-        yield _with_jump(claim, one.finding, at) if failed else one.finding
+        finding = one.finding
+        if one.judged.names is not None:
+            failed = finding.verdict == "failed"
+            finding = _with_jump(claim, finding, at) if failed else finding
+            finding = replace(finding, entries=one.judged.entries)
+        yield finding
 
 
 def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Compared]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.claims.entries import Entries, merged
 from eomcheck.errors import InputError
 from eomcheck.lab.fuzzing.finds import Find, cause_of, diagnosis_of
 from eomcheck.lab.fuzzing.parameters import case_of, parameters_of
@@ -50,6 +51,7 @@ class Campaign:
         failures: number of findings that failed, by claim, and what it is about and says is wrong.
         lost: claims that lanes could not look at, and why.
         open: claims and subjects of functions that were not decided at a state, and why.
+        entries: of claims and subjects of functions, which entries were resolved and hidden.
         seconds: time spent in rounds, added up over processes.
         cpu_seconds: CPU time of it.
         rounds: number of rounds done.
@@ -67,6 +69,7 @@ class Campaign:
     failures: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
+    entries: dict[str, list[Entries]] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     rounds: int = 0
@@ -160,6 +163,7 @@ class Campaign:
         self._raise(result.population)
         self.lost |= result.lost
         self.open = result.open | self.open
+        self._join(result.entries)
         new = [find for one in result.failed if (find := self._found(one, late)) is not None]
         if self.records is not None:
             self._keep(self.records, result, new)
@@ -175,6 +179,10 @@ class Campaign:
         for key, best in population.items():
             if key not in self.worst or best[0].height > self.worst[key].height:
                 self.worst[key] = best[0]
+
+    def _join(self, entries: Mapping[str, Sequence[Entries]]) -> None:
+        for about, each in entries.items():
+            self.entries[about] = merged([*self.entries.get(about, ()), *each])
 
     def _found(self, failed: Finding, late: Callable[[], bool]) -> Find | None:
         """Return the find that a failure is, made small; None if one of this cause is known.
@@ -229,6 +237,11 @@ class Campaign:
                 "failures": [[*key, count] for key, count in failures.items()],
                 "lost": [[*one] for one in result.lost.items()],
                 "open": [[*one] for one in result.open.items()],
+                "entries": [
+                    [about, one.names, one.resolved.hex(), one.hidden.hex()]
+                    for about, each in result.entries.items()
+                    for one in each
+                ],
             },
         )
         records.add(record)
@@ -245,6 +258,9 @@ class Campaign:
                 self.failures[claim, cause] += count
             self.lost |= dict(record.series.get("lost", ()))
             self.open = dict(record.series.get("open", ())) | self.open
+            for about, names, *flags in record.series.get("entries", ()):
+                resolved, hidden = map(bytes.fromhex, flags)
+                self._join({about: [Entries(tuple(map(tuple, names)), resolved, hidden)]})
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.claims.entries import Entries, left_of, listing, merged
 from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL, Case
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
 from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, limits
@@ -98,12 +99,18 @@ class FunctionsPlan(NamedTuple):
                 self._look(result, higher)
         return result
 
-    def caveats(self, counts: Counter[str], open_: Mapping[str, str]) -> list[str]:
+    def caveats(
+        self,
+        counts: Counter[str],
+        open_: Mapping[str, str],
+        entries: Mapping[str, Sequence[Entries]],
+    ) -> list[str]:
         """Caveats of the campaign, a line each, in the words of `check_functions`.
 
         Args:
             counts: of the campaign.
             open_: claims and subjects that were not decided at a state, and why.
+            entries: of claims and subjects, which entries were resolved and hidden.
         """
         states = counts["states"]
         lines = [
@@ -112,6 +119,11 @@ class FunctionsPlan(NamedTuple):
             if counts[SKIPPED + about] == states
             or (counts[OPEN + about] and not counts[DECIDED + about])
         ]
+        for about, each in entries.items():
+            # A subject that no state decides has its line already.
+            if counts[DECIDED + about] and (left := left_of(each)):
+                compared = counts[DECIDED + about] + counts[OPEN + about]
+                lines.append(f"{about} {listing(left, compared)}")
         return [*lines, *map(str, caveats(self.kind, self.claims))]
 
     def _look(self, result: Result, states: Sequence[State]) -> None:
@@ -123,6 +135,8 @@ class FunctionsPlan(NamedTuple):
                 result.counts[one.verdict] += 1
                 about = f"{one.claim} [{one.subject}]"
                 result.counts[f"{HOW[one.verdict]}{about}"] += 1
+                if one.entries is not None:
+                    result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
                 if one.verdict == "inconclusive":
                     result.open.setdefault(about, f"inconclusive in all states: {one.detail}")
                 elif one.verdict == "not looked at":

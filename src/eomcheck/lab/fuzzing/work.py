@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.claims.entries import Entries
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.screening import Key
@@ -101,6 +102,7 @@ class Result:
         failed: findings that failed, by `eomcheck.check`.
         lost: claims that lanes could not look at, and why.
         open: claims and subjects of functions that were not decided at a state, and why.
+        entries: of claims and subjects of functions, which entries were resolved and hidden.
         seconds: how long it took.
         cpu_seconds: CPU time of it, less where it had to share its core.
     """
@@ -112,6 +114,7 @@ class Result:
     failed: list[Finding] = field(default_factory=list)
     lost: dict[str, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
+    entries: dict[str, list[Entries]] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
 

@@ -151,5 +151,5 @@ def print_campaign(campaign: Campaign) -> None:
     else:
         print("no find")
     if isinstance(campaign.plan, FunctionsPlan):
-        for line in campaign.plan.caveats(campaign.counts, campaign.open):
+        for line in campaign.plan.caveats(campaign.counts, campaign.open, campaign.entries):
             say(printable(line))
