@@ -68,9 +68,9 @@ class PybulletFile(FileEngine, PybulletEngine):
         return base.R.ravel()
 
     def _split(self, x: Array) -> tuple[Array, list[float]]:
-        """Return the rotation of a free base, and the angles of the joints."""
+        """Return the rotation of the axes of the base, and the coordinates of the joints."""
         pose, joints = np.split(x, [POSE if self.base else 0])
-        return pose.reshape(-1, 3) if self.base else np.eye(3), joints.tolist()
+        return pose.reshape(-1, 3) if self.base else self._axes, joints.tolist()
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (m, m)."""
