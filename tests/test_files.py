@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import eomcheck
-from eomcheck.errors import InputError
-from eomcheck.files import check_writable, replacing, write_text
+from eomcheck.errors import InputError, UnwrittenError
+from eomcheck.files import check_regular, check_writable, read_text, replacing, write_text
 from eomcheck.lab.store.records import Records
 from eomcheck.motion.stored import load_reference
 from eomcheck.robots import from_mjcf, from_urdf
@@ -110,6 +110,68 @@ def test_what_cannot_be_written_is_known_before(tmp_path: Path, path: str):
 def test_looking_whether_a_file_can_be_written_leaves_nothing(tmp_path: Path):
     check_writable(tmp_path / NAME)
     assert names(tmp_path) == []
+
+
+def test_a_file_is_written_beside_under_a_hidden_name_of_its_kind(tmp_path: Path):
+    path = tmp_path / NAME
+    with replacing(path) as beside:
+        assert (
+            beside.parent == tmp_path and beside.name.startswith(".") and beside.suffix == ".json"
+        )
+        assert len(beside.name) == len(".json") + 17
+        beside.write_bytes(b"new")
+        assert not path.exists()
+    with replacing(path) as again:
+        assert again != beside
+        again.write_bytes(b"newer")
+        assert path.read_bytes() == b"new"
+    assert path.read_bytes() == b"newer" and names(tmp_path) == [NAME]
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (PermissionError(errno.EACCES, "Permission denied"), "Permission denied"),
+        (OSError("no reason"), "no reason"),
+    ],
+)
+@pytest.mark.parametrize("method", ["open", "touch"])
+def test_a_file_or_a_folder_that_nobody_may_write_is_known_before(
+    tmp_path: Path, monkeypatch, method, error, why
+):
+    path = tmp_path / NAME
+    path.write_text("old")
+
+    def refused(self: Path, *_: object, **__: object) -> None:
+        assert self == path if method == "open" else self.parent == tmp_path and self != path
+        raise error
+
+    monkeypatch.setattr(Path, method, refused)
+    with pytest.raises(UnwrittenError) as raised:
+        check_writable(path)
+    assert str(raised.value) == f"{str(path)!r} cannot be written: {why}"
+
+
+def test_looking_whether_a_file_can_be_written_leaves_it_as_it_is(tmp_path: Path):
+    path = tmp_path / NAME
+    path.write_text("old")
+    check_writable(path)
+    check_writable(None)
+    assert path.read_text() == "old" and names(tmp_path) == [NAME]
+
+
+def test_a_text_is_read_in_utf_8_and_only_of_a_file(tmp_path: Path):
+    path = tmp_path / NAME
+    path.write_bytes("θ\n".encode())
+    assert read_text(path) == "θ\n"
+    check_regular(tmp_path / "none")
+    for read in (read_text, check_regular):
+        with pytest.raises(InputError) as raised:
+            read(tmp_path)
+        assert str(raised.value) == f"{str(tmp_path)!r} is not a regular file"
+    path.write_bytes(b"\xff")
+    with pytest.raises(UnicodeDecodeError):
+        read_text(path)
 
 
 WRITING = {"write_text", "write_bytes", "savefig", "touch"}

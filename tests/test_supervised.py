@@ -173,6 +173,64 @@ def test_code_of_others_asks_for_a_supervisor_only_within_a_command_that_has_non
     calls.foreign()
 
 
+def test_a_name_is_shortened_beyond_200_bytes_and_keeps_both_its_ends():
+    exact = "a" * 199 + "z"
+    assert calls._shortened(exact) == exact
+    assert calls._shortened(f"b{exact}") == f"b{'a' * 97}…{'a' * 97}z"
+    assert calls._shortened("é" * 101) == f"{'é' * 49}…{'é' * 49}"
+
+
+def test_a_call_is_interrupted_by_its_board_only_while_it_runs(tmp_path: Path):
+    board = calls.Board(tmp_path)
+    board.interrupt()
+    usual = calls.patience()
+    assert board.call("own.g", lambda: 5, (), False) == 5
+    assert board.call("own.f", lambda x, y: x - y, (7, 5), False) == 2
+    for _ in range(2):
+        with pytest.raises(CallError) as error:
+            board.call("own.f", board.interrupt, (), False)
+        assert str(error.value) == f"own.f gave no answer in {usual:g} s"
+    assert (board.barred, board.busy) == ({"own.f": (0, f"gave no answer in {usual:g} s")}, False)
+    assert calls.read(tmp_path / str(os.getpid())) is None
+    board.interrupt()
+    assert board.call("own.g", lambda: 5, (), False) == 5
+
+
+def test_a_process_that_is_supervised_has_a_board_and_knows_what_is_barred(
+    tmp_path: Path, monkeypatch
+):
+    heard: list[tuple] = []
+    monkeypatch.setattr(calls, "_board", None)
+    monkeypatch.setattr(signal, "signal", lambda *of: heard.append(of))
+    monkeypatch.setenv(calls.BARRED, calls.packed({"own.f": (3, "died")}))
+    monkeypatch.delenv(calls.BOARDS, raising=False)
+    calls._begin()
+    assert (calls._board, calls.boards(), heard) == (None, None, [])
+    monkeypatch.setenv(calls.BOARDS, str(tmp_path / "gone"))
+    calls._begin()
+    assert (calls._board, calls.boards(), heard) == (None, tmp_path / "gone", [])
+    monkeypatch.setenv(calls.BOARDS, str(tmp_path))
+    calls._begin()
+    board: Any = calls._board
+    assert board.barred == {"own.f": (3, "died")}
+    assert heard == [(signal.SIGUSR1, board.interrupt)]
+    assert [path.name for path in tmp_path.iterdir()] == [str(os.getpid())]
+
+
+def test_patience_is_told_to_processes_that_start_from_here(monkeypatch):
+    monkeypatch.setattr(calls, "_patience", [60.0])
+    monkeypatch.setenv(calls.PATIENT, "60")
+    calls.set_patience(2.5)
+    assert (calls.patience(), os.environ[calls.PATIENT]) == (2.5, "2.5")
+    assert [calls._limit(*of) for of in ((0, False), (1, False), (1, True))] == [12.5, 2.5, 12.5]
+
+
+def test_what_is_of_this_package_is_told_by_its_module():
+    kinds = [type("X", (), {"__module__": x}) for x in ("eomcheck.calls", "eomcheck_own", "own")]
+    assert [calls.is_ours(x) for x in kinds] == [True, False, False]
+    assert not calls.is_ours(SimpleNamespace(__module__=None))
+
+
 # ---- Off the main thread -------------------------------------------------------------------------
 
 
@@ -331,6 +389,38 @@ def test_many_quick_calls_are_no_long_one(tmp_path: Path, monkeypatch):
     assert sent == [(os.getpid(), signal.SIGUSR1)]
 
 
+def test_a_call_over_its_limit_is_interrupted_once_and_killed_after_its_grace(
+    tmp_path: Path, monkeypatch
+):
+    clock, sent, board = [100.0], [], [calls.Call(1.0, 1.0, 3, "own.f", False)]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
+    monkeypatch.setattr(calls, "read", lambda path: board[0] if path.name == "17" else None)
+    for name in ("17", "18", "16.why"):
+        (tmp_path / name).touch()
+    watch = supervisor._Watch(tmp_path)
+
+    def looks_until(count: int) -> int:
+        """Return the number of looks, 1/16 s apart, until so many signals were sent."""
+        for i in range(100):
+            if len(sent) == count:
+                return i
+            clock[0] += 0.0625
+            watch.look()
+        return 100
+
+    # It was there at the first look already, and its limit is 1 s: 16 looks, and more than that.
+    assert looks_until(1) == 18 and sent == [(17, signal.SIGUSR1)]
+    assert not (tmp_path / "17.why").exists()
+    # While this process was stopped, nothing is counted but four polls, of 0.02 s each here.
+    clock[0] += 1000.0
+    watch.look()
+    assert looks_until(2) == 4 and sent[1:] == [(17, signal.SIGKILL)]
+    assert (tmp_path / "17.why").read_text() == "gave no answer in 1 s"
+    board[0] = board[0]._replace(began=2.0)
+    assert looks_until(3) == 18 and sent[2:] == [(17, signal.SIGUSR1)]
+
+
 def test_a_call_that_cannot_be_interrupted_is_killed(tmp_path: Path):
     begun = time.monotonic()
     end = ended(tmp_path, UNINTERRUPTED, patience=0.2)
@@ -450,6 +540,83 @@ def test_every_function_that_ended_a_process_is_named_once(monkeypatch, capsys, 
     why = "ended its process by SIGSEGV"
     names = ["own.f", "own.g", *(["eomcheck"] if last[0] == dead(call=False) else [])]
     assert capsys.readouterr().out == "".join(f"died: {name} {why}\n" for name in names)
+
+
+def test_a_command_runs_the_words_after_its_name_with_this_python(monkeypatch):
+    ran: list[Any] = []
+
+    def supervised(command: Any, folder: Path, environment: Any) -> End:
+        ran.append((command, folder.is_dir(), [*folder.iterdir()], environment))
+        return End(7)
+
+    monkeypatch.setattr(supervisor, "supervise", supervised)
+    assert supervisor.command(["validate", "--scene", "x.py:X"]) == 7
+    ((command, *rest),) = ran
+    code = "from eomcheck.cli import main; main()"
+    assert command[0] == sys.executable
+    assert command[-6:] == ["-P", "-c", code, "validate", "--scene", "x.py:X"]
+    assert rest == [True, [], {calls.BARRED: "{}"}]
+
+
+def test_a_command_ends_by_the_signal_that_ended_its_process(monkeypatch):
+    done: list[tuple] = []
+    monkeypatch.setattr(os, "kill", lambda *of: done.append(of))
+    monkeypatch.setattr(signal, "signal", lambda *of: done.append(of))
+    monkeypatch.setattr(supervisor, "supervise", Ends(End(None, signal.SIGTERM, "x", None, True)))
+    assert supervisor.command(["validate"]) == 1
+    assert done == [(signal.SIGTERM, signal.SIG_DFL), (os.getpid(), signal.SIGTERM)]
+
+
+@pytest.mark.parametrize(("seconds", "times"), [(600.0, 2), (601.0, 1)])
+def test_a_command_is_run_again_for_ten_minutes(monkeypatch, seconds, times):
+    clock, ran = [50.0], Ends(dead(), End(1))
+
+    def supervised(*of: Any) -> End:
+        clock[0] += seconds
+        return ran(*of)
+
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(supervisor, "supervise", supervised)
+    assert supervisor.command(["validate"]) == 1
+    assert len(ran.barred) == times
+
+
+def test_signals_that_are_ignored_stay_so_and_handlers_come_back(monkeypatch):
+    numbers = signal.SIGINT, signal.SIGTERM
+    before = [
+        signal.signal(*x) for x in zip(numbers, (signal.SIG_IGN, signal.SIG_DFL), strict=True)
+    ]
+    sent: list[tuple] = []
+    monkeypatch.setattr(os, "kill", lambda *of: sent.append(of))
+    try:
+        with supervisor._handing_on([]) as hand_on_to:
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            hand_on_to(5)
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+        assert sent == [(5, signal.SIGTERM)]
+        assert [signal.getsignal(x) for x in numbers] == [signal.SIG_IGN, signal.SIG_DFL]
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def test_a_process_takes_its_pipes_once_and_hands_none_of_them_on(monkeypatch):
+    monkeypatch.delenv(calls.VERDICT, raising=False)
+    assert supervisor.serve() is None
+    verdict, lifeline = os.pipe(), os.pipe()
+    for pipe in (verdict[1], lifeline[0]):
+        os.set_inheritable(pipe, True)
+    monkeypatch.setenv(calls.VERDICT, f"{verdict[1]} {lifeline[0]}")
+    monkeypatch.setattr(threading.Thread, "start", lambda self: self.daemon or pytest.fail("stays"))
+    assert supervisor.serve() == verdict[1]
+    assert calls.VERDICT not in os.environ
+    assert not os.get_inheritable(verdict[1]) and not os.get_inheritable(lifeline[0])
+    supervisor.give(verdict[1], 42)
+    assert os.read(verdict[0], 10) == b"42\n"
+    for pipe in (*verdict, *lifeline):
+        os.close(pipe)
+    supervisor.give(verdict[1], 42)
 
 
 def test_a_command_that_died_late_is_not_run_again(monkeypatch, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
@@ -280,6 +281,7 @@ class Scripted(Place):
     def __init__(self, outcome: Any, width: int = 2, killed: str = ""):
         self.outcome, self.width, self.killed = outcome, width, killed
         self.pools: list[list[Any]] = []
+        self.pending: list[Future] = []
 
     @contextmanager
     def open(self) -> Iterator[Any]:
@@ -297,7 +299,9 @@ class Scripted(Place):
             if isinstance(outcome, BaseException):
                 future.set_exception(outcome)
                 broken.extend([True] * isinstance(outcome, BrokenExecutor))
-            elif outcome is not None:
+            elif outcome is None:
+                self.pending.append(future)
+            else:
                 future.set_result(outcome)
             return future
 
@@ -363,7 +367,11 @@ def test_a_place_is_asked_whether_it_is_still_there_while_nothing_comes(monkeypa
         def check(self) -> None:
             raise DiedError("nobody is left")
 
-    results, error = spread_over(monkeypatch, Waiting(lambda item: item or None, 3), [4, 0])
+    place = Waiting(lambda item: item or None, 3)
+    late = threading.Timer(1.0, lambda: place.pending[0].set_result("late"))
+    late.start()
+    results, error = spread_over(monkeypatch, place, [4, 0])
+    late.cancel()
     assert results == [(4, 4)] and str(error) == "nobody is left"
 
 

@@ -1,0 +1,91 @@
+"""Names of scenes: what each stands for, and the whole sentence where it stands for none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.named import ROBOTS, kind_of, kinds_of, left_out, scene_of
+from eomcheck.random_mechanisms import RANDOM
+from eomcheck.scenes import SCENES, Sleigh, Snake
+
+
+def test_all_kinds_are_those_of_the_registry_and_not_the_random_ones():
+    assert kinds_of("all") == tuple(SCENES.values())
+    assert kinds_of("sleigh") == (Sleigh,)
+    for key, kind in RANDOM.items():
+        assert kinds_of(key) == (kind,) and kind not in kinds_of("all")
+
+
+def test_single_snakes_have_seven_links_unless_asked_and_that_of_the_paper_has_no_others():
+    assert tuple(ROBOTS) == ("paper", "coil", "pattern")
+    assert all(kind_of(name) is Snake for name in ROBOTS)
+    for name, snake in (
+        ("paper", Snake.paper()),
+        ("coil", Snake.coil(7)),
+        ("pattern", Snake.pattern(7)),
+    ):
+        assert repr(scene_of(name)) == repr(snake)
+    assert repr(scene_of("coil", 3)) == repr(Snake.coil(3))
+    assert repr(scene_of("pattern", 2)) == repr(Snake.pattern(2))
+    assert repr(Snake.coil(3)) != repr(Snake.pattern(3))
+
+
+def test_a_scene_of_a_kind_is_its_example_or_the_first_with_so_many_links():
+    assert repr(scene_of("snake")) == repr(Snake.example())
+    assert repr(scene_of("snake", 4)) == repr(next(Snake.structures(4)))
+    scene: Any = scene_of("sleigh", None, {"mass": [2.5], "offset": [0.25]})
+    assert (scene.mass, scene.offset, scene.inertia) == (2.5, 0.25, Sleigh.example().inertia)
+    heavy: Any = scene_of("coil", 2, {"mass": [3.0]})
+    assert heavy.mass.tolist() == [3.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("look_up", "message"),
+    [
+        (
+            lambda: scene_of("paper", 7),
+            "links = 7: the robot of the paper has 7; coil has any",
+        ),
+        (
+            lambda: kinds_of("coil"),
+            "scene = 'coil' is a single snake, expected a kind such as 'snake'",
+        ),
+        (lambda: kind_of("all"), "scene = 'all': expected one scene"),
+        (
+            lambda: kinds_of("arm.sdf:floating"),
+            "scene = 'arm.sdf:floating': only the root of a robot in a .urdf can be set free",
+        ),
+    ],
+)
+def test_a_name_that_stands_for_nothing_here_is_refused_in_a_sentence(look_up, message):
+    with pytest.raises(InputError) as error:
+        look_up()
+    assert str(error.value) == message
+
+
+def test_names_that_are_known_are_told_with_single_snakes_where_one_may_be_meant():
+    with pytest.raises(UnknownNameError) as of_kinds:
+        kinds_of("worm")
+    with pytest.raises(UnknownNameError) as of_one:
+        kind_of("worm")
+    assert set(of_one.value.known) - set(of_kinds.value.known) == {"paper", "coil", "pattern"}
+    assert set(of_kinds.value.known) >= {*SCENES, *RANDOM}
+    assert str(of_one.value).startswith("unknown scene 'worm'; known: snake, ")
+
+
+def test_what_is_left_out_of_files_is_told_before_what_is_doubtful_and_of_each_file():
+    def kind(**made: str) -> Any:
+        usual = {"source": "arm.urdf", "left_out": "", "doubtful": ""}
+        return SimpleNamespace(made=SimpleNamespace(**usual | made))
+
+    kinds = [
+        kind(left_out="a mesh", doubtful="a mass"),
+        Sleigh,
+        kind(source="leg.urdf", doubtful="a name"),
+        kind(),
+    ]
+    assert [*left_out(kinds)] == ["arm.urdf: a mesh", "arm.urdf: a mass", "leg.urdf: a name"]
