@@ -1,0 +1,225 @@
+"""Options that many studies have, and studies themselves, against values and whole sentences."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import pytest
+
+from eomcheck.errors import InputError
+from eomcheck.lab import study as module
+from eomcheck.lab.options import (
+    MOST_LINKS,
+    check_count,
+    interval,
+    listed,
+    no_more_than,
+    numbers,
+    parameters,
+    whole_numbers,
+)
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.records import Records
+from eomcheck.lab.study import Study
+
+# ---- Options -------------------------------------------------------------------------------------
+
+
+def test_numbers_of_links_are_read_alone_in_ranges_and_in_both():
+    assert whole_numbers("3") == [3]
+    assert whole_numbers("20, 1..4,3..5,50") == [1, 2, 3, 4, 5, 20, 50]
+    assert (interval("3"), interval(" 1..12 "), interval("7..7")) == ((3, 3), (1, 12), (7, 7))
+    assert interval(f"1..{MOST_LINKS}") == (1, 100_000) and MOST_LINKS == 100_000
+    assert no_more_than(None) is None and no_more_than(MOST_LINKS) == MOST_LINKS
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "a number or a range such as 1..12"),
+        ("1...3", "a number or a range such as 1..12"),
+        ("-1", "a number or a range such as 1..12"),
+        ("2..", "a number or a range such as 1..12"),
+        ("0", "1 <= first <= last"),
+        ("0..3", "1 <= first <= last"),
+        ("4..3", "1 <= first <= last"),
+        ("100001", "at most 100000"),
+        ("1..100001", "at most 100000"),
+    ],
+)
+def test_what_is_no_number_of_links_is_refused_in_a_sentence(text, why):
+    with pytest.raises(InputError) as error:
+        interval(text)
+    assert str(error.value) == f"links = {text!r}, expected {why}"
+    if text == "100001":
+        with pytest.raises(InputError) as error:
+            no_more_than(100_001)
+        assert str(error.value) == "links = 100001, expected at most 100000"
+
+
+def test_names_are_one_list_however_they_are_given_and_files_are_left_whole():
+    assert listed(None) is None and listed([]) is None
+    assert listed(["au, em", "", "kane,"]) == ["au", "em", "kane"]
+    assert listed(["C:/a,b.py:X", " own.py:Y "]) == ["C:/a,b.py:X", "own.py:Y"]
+    assert listed(x for x in ("au", "em")) == ["au", "em"]
+    with pytest.raises(InputError) as error:
+        listed([",", ""])
+    assert str(error.value) == "', ' names nothing, expected at least one, or several: a,b"
+
+
+def test_numbers_are_read_in_order_by_their_kind_and_what_is_none_is_named():
+    assert numbers("rtol", ["1,0.5", "2e-3"]) == [1.0, 0.5, 0.002] and numbers("rtol", None) == []
+    assert numbers("n", ["3,1"], int) == [3, 1]
+    for kind, said in ((float, "numbers"), (int, "whole numbers")):
+        with pytest.raises(InputError) as error:
+            numbers("steps", ["1", "x"], kind)
+        assert str(error.value) == f"steps = 'x', expected {said} such as 1,2"
+
+
+def test_parameters_are_lists_of_numbers_or_absent_and_given_once():
+    assert parameters(None) == {}
+    given = ["mass = 2", "length=1, 0.5", "damping=none"]
+    assert parameters(given) == {"mass": [2.0], "length": [1.0, 0.5], "damping": None}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["mass"], "set = 'mass', expected NAME=VALUE such as mass=2 or mass=1,2,3"),
+        (["=2"], "set = '=2', expected NAME=VALUE such as mass=2 or mass=1,2,3"),
+        (["mass= "], "set = 'mass= ', expected NAME=VALUE such as mass=2 or mass=1,2,3"),
+        (["m=1", "m=2"], "set: m is given twice, expected m=1,2,3 for a list"),
+        (["m=none", "m=none"], "set: m is given twice, expected m=1,2,3 for a list"),
+        (["mass=,"], "set = 'mass=,', expected a number after mass="),
+        (["mass=1,x"], "mass = 'x', expected numbers such as 1,2"),
+    ],
+)
+def test_what_sets_no_parameter_is_refused_in_a_sentence(given, message):
+    with pytest.raises(InputError) as error:
+        parameters(given)
+    assert str(error.value) == message
+
+
+def test_counts_are_one_at_least_and_the_one_that_is_not_is_named():
+    check_count(states=1, seed=5)
+    with pytest.raises(InputError) as error:
+        check_count(states=3, repeats=0, seed=-1)
+    assert str(error.value) == "repeats = 0, expected a whole number of at least 1"
+
+
+# ---- Studies -------------------------------------------------------------------------------------
+
+
+def cells(*, links: Annotated[int, "Links."] = 2) -> list[dict]:
+    """Return two cells."""
+    return [{"case": 1, "n": links}, {"case": 2, "n": links}]
+
+
+def worker(known: Any, *, seed: Annotated[int, "Seed."] = 7) -> Any:
+    """Return what makes Records with the seed and with what is known."""
+    return lambda one: Record("x", one, counts={"seed": seed, "known": len(known)})
+
+
+def first_worker(known: Any, *, free: bool = False) -> Any:
+    """Return what makes Records of another study."""
+    return lambda one: Record("first", one)
+
+
+def of(**more: Any) -> Study:
+    """Return a study."""
+    usual = {"key": "x", "cells": cells, "worker": worker, "sheets": lambda found: ()}
+    return Study(**usual | more)
+
+
+FIRST = Study(key="first", cells=lambda: [{"a": 1}], worker=first_worker, sheets=lambda found: ())
+
+
+def test_a_study_has_the_options_of_its_cells_its_worker_and_of_those_before_it():
+    assert [*of().options()] == ["links", "seed"]
+    found = of(before=(FIRST,), spread_by=("case",)).options()
+    assert [*found] == ["free", "links", "seed", "executor"]
+    assert found["executor"].default == "local" and found["links"].default == 2
+
+
+def test_records_of_studies_before_are_known_first_and_are_those_of_the_study_too(monkeypatch):
+    study = of(before=(FIRST,))
+    with Records(None) as records:
+        found = study.measure(records, links=5, seed=3, free=True)
+        assert [(one.study, one.settings) for one in found] == [
+            ("first", {"a": 1}),
+            ("x", {"case": 1, "n": 5}),
+            ("x", {"case": 2, "n": 5}),
+        ]
+        assert found[2].counts == {"seed": 3, "known": 1}
+        again = study.measure(records, links=5, seed=4)
+        assert [one.counts.get("seed") for one in again] == [None, 3, 3]
+        fresh = study.measure(records, True, links=5, seed=4)
+        assert [one.counts.get("seed") for one in fresh] == [None, 4, 4]
+    other = Record("other", {})
+    assert study.of([other, *found]) == found and of().of([other, *found]) == found[1:]
+
+
+def test_cells_that_are_spread_go_where_they_are_to_by_their_settings_and_under_their_label(
+    monkeypatch,
+):
+    asked: list[dict] = []
+    places: list[str] = []
+
+    def run_cells(records: Any, key: str, given: Any, work: Any, **how: Any) -> list:
+        asked.append({"key": key, "cells": given} | how)
+        return []
+
+    monkeypatch.setattr(module, "run_cells", run_cells)
+    monkeypatch.setattr(module, "check_place", places.append)
+    records: Any = None
+    of().measure(records)
+    spread = of(spread_by=("case",), label="looking")
+    spread.measure(records, True, executor="local:3")
+    spread.measure(records)
+    usual = {"key": "x", "cells": cells()}
+    assert asked == [
+        usual | {"fresh": False, "label": "measuring {case}", "where": None, "by": ()},
+        usual | {"fresh": True, "label": "looking", "where": "local:3", "by": ("case",)},
+        usual | {"fresh": False, "label": "looking", "where": "local", "by": ("case",)},
+    ]
+    assert places == ["local:3", "local"]
+    spread.check(executor="local:5", links=1, nothing=3)
+    assert places[2:] == ["local:5"]
+
+
+def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
+    monkeypatch, tmp_path: Path
+):
+    drawn: list[Any] = []
+
+    def chart(*names: str) -> Any:
+        return SimpleNamespace(files=lambda: [SimpleNamespace(name=name) for name in names])
+
+    def sheet(name: str, rows: int = 1, detail: bool = False) -> Any:
+        text = f"table {name}\n"
+        return SimpleNamespace(name=name, rows=[0] * rows, detail=detail, markdown=lambda: text)
+
+    stub = SimpleNamespace(draw=lambda of, file: drawn.append(([x.name for x in of], file)))
+    monkeypatch.setitem(sys.modules, "eomcheck.lab.show.by_matplotlib", stub)  # slow to import
+    study = of(
+        charts=lambda found: [chart("a", "b"), chart("a")],
+        sheets=lambda found: [sheet("one"), sheet("none", 0), sheet("more", 1, True)],
+        files=lambda found, folder: [folder / f"{len(found)}.json"],
+    )
+    written = study.write([Record("x", {})], tmp_path)
+    assert written == [tmp_path / x for x in ("a.png", "b.png", "one.md", "1.json")]
+    assert drawn == [(["a", "a"], tmp_path / "a.png"), (["b"], tmp_path / "b.png")]
+    assert [x.name for x in tmp_path.iterdir()] == ["one.md"]
+    assert (tmp_path / "one.md").read_text() == "table one\n"
+
+
+def test_what_a_study_does_not_say_is_nothing_but_why_cells_are_not_done():
+    made = of()
+    done, lost = Record("x", {"n": 1}), Record("x", {"n": 2}, "refused", "too large")
+    assert [*made.said([done, lost])] == ["n 2 refused: too large"]
+    assert made.alarm([lost]) is False and made.files([], Path()) == made.charts([]) == ()
+    assert [x["settings"] for x in made.document([done, lost])["records"]] == [{"n": 1}, {"n": 2}]
+    assert (made.small, made.reading, made.label) == (False, "", "measuring {case}")
