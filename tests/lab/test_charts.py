@@ -11,6 +11,7 @@ import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show import by_matplotlib, by_plotly
 from eomcheck.lab.show.by_plotly import json_of
 from eomcheck.lab.show.chart import Chart, File, in_rows, keys_of
 from eomcheck.lab.show.drawn_heat import draw_heat
@@ -311,3 +312,106 @@ def test_what_is_not_finite_is_null_in_a_document():
         ("au", 2, None, 15.0, None, None),
         ("el", 3, "M", 0.0, None, None),
     ]
+
+
+# ---- Figures -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limits", "ticks"),
+    [
+        ((1.0, 1e6), [1.0, 1e2, 1e4, 1e6]),
+        ((1.0, 60.0), [1.0, 3.0, 10.0, 30.0]),
+        ((1.0, 9.0), [1.0, 2.0, 5.0]),
+    ],
+)
+def test_ticks_of_logarithms_are_at_decades_or_within_them(limits, ticks):
+    figure, axes = plt.subplots()
+    axes.set_xscale("log")
+    axes.set_xlim(*limits)
+    tick(axes.xaxis, Axis("x", log=True))
+    figure.canvas.draw()
+    low, high = limits
+    assert [x for x in axes.get_xticks() if low <= x <= high] == pytest.approx(ticks)
+    tick(axes.xaxis, Axis("x", log=True, unit="s"))
+    figure.canvas.draw()
+    assert axes.get_xticklabels()[1].get_text().endswith("s")
+    plt.close(figure)
+
+
+def drawn_figure(monkeypatch, charts: list[Chart]) -> Any:
+    seen: list[Any] = []
+    monkeypatch.setattr(by_matplotlib, "save", lambda figure, path: seen.append((figure, path)))
+    by_matplotlib.draw(charts, "path")  # type: ignore[arg-type]
+    ((figure, path),) = seen
+    assert path == "path"
+    plt.close(figure)
+    return figure
+
+
+def test_a_figure_has_a_panel_a_choice_whose_axes_are_shared_and_named_once(monkeypatch):
+    lines = [[Line("kane", [1.0, 2.0], [1.0, y])] for y in (10.0, 1000.0, 0.1)]
+    panels = {(place,): Panel(X, Y, mine, place) for place, mine in zip("pqr", lines, strict=True)}
+    grid = [[("p",), ("q",)], [("r",)]]
+    chart = Chart("c", "A title", ["place"], panels, grid=grid, size=(3.0, 2.0))
+    figure = drawn_figure(monkeypatch, [chart])
+    assert figure.get_size_inches() == pytest.approx((6.6, 4.4))
+    first, second, third, none = figure.axes
+    assert [x.get_title() for x in (first, second, third)] == ["p", "q", "r"]
+    assert [x.get_ylabel() for x in (first, second, third)] == ["y / s", "", "y / s"]
+    assert [x.get_xlabel() for x in (first, second, third)] == ["", "x / m", "x / m"]
+    assert first.get_ylim() == second.get_ylim() != third.get_ylim()
+    assert first.get_ylim()[1] > 1000.0 and third.get_xlim() == first.get_xlim()
+    assert not none.axison
+    (legend,) = figure.legends
+    assert [x.get_text() for x in legend.get_texts()] == ["kane"]
+    assert legend.get_title().get_text() == "A title"
+    own = {(place,): replace(panel, y=Y._replace(own=True)) for (place,), panel in panels.items()}
+    figure = drawn_figure(monkeypatch, [replace(chart, panels=own)])
+    first, second, *_ = figure.axes
+    assert first.get_ylim()[1] < second.get_ylim()[1] and second.get_ylabel() == ""
+
+
+def test_several_charts_are_blocks_side_by_side_while_they_are_narrow(monkeypatch):
+    one = Chart("c", "One", ["x"], {("a",): panel(Line("kane", [1.0], [2.0]))}, size=(3.0, 2.0))
+    two = replace(
+        one, title="Two", size=(5.0, 3.0), panels={("a",): panel(Line("au", [1.0], [2.0]))}
+    )
+    figure = drawn_figure(monkeypatch, [one, two])
+    assert figure.get_size_inches() == pytest.approx((2 * 5.6, 3.0 + 0.5 + 0.4))
+    assert [x.get_suptitle() for x in figure.subfigs] == ["One", "Two"]
+    (legend,) = figure.legends
+    assert [x.get_text() for x in legend.get_texts()] == ["kane", "au"]
+    assert legend.get_title().get_text() == ""
+    wide = replace(two, size=(7.0, 3.0))
+    figure = drawn_figure(monkeypatch, [one, wide])
+    assert figure.get_size_inches() == pytest.approx((7.6, 2.0 + 3.0 + 1.0 + 0.4))
+
+
+@pytest.mark.parametrize(
+    ("axis", "made"),
+    [
+        (Axis("x", range=(0, 1)), {"range": (0, 1)}),
+        (Axis("x", log=True, range=(1, 2)), {"type": "log", "exponentformat": "power"}),
+        (Axis("x", categories="ab"), {"type": "category", "categoryarray": ["a", "b"]}),
+        (
+            Axis("x", log=True, unit="s", ticks=(1, 2)),
+            {"type": "log", "exponentformat": "SI", "ticksuffix": "s", "tickvals": [1, 2]},
+        ),
+    ],
+)
+def test_an_axis_of_a_page_has_its_title_its_kind_and_its_ticks(axis, made):
+    assert by_plotly._axis(axis) == {"title": {"text": "x"}, "automargin": True} | made
+
+
+def test_what_points_say_is_wrapped_and_no_markup():
+    long = "word " * 12
+    assert by_plotly._wrapped(["<a> & b", long]) == [
+        "&lt;a&gt; &amp; b",
+        "word word word word word word word word word",
+        "word word word",
+    ]
+    told = by_plotly._told("kane", [["a", "b"], ["c"]])
+    assert (told["name"], told["hovertext"]) == ("kane", ["a<br>b", "c"])
+    assert told["hovertemplate"] == "%{hovertext}<extra></extra>"
+    assert by_plotly._told("au", ()) == {"name": "au", "meta": {"formulation": "au"}}

@@ -9,6 +9,7 @@ import re
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
+from rich.text import Text
 from tests import reports
 
 from eomcheck.lab.proof_jobs import proof_jobs
@@ -20,7 +21,7 @@ from eomcheck.lab.report.parameters import parameter_sheet
 from eomcheck.lab.report.proofs import proof_sheet
 from eomcheck.lab.report.registries import registry_sheet
 from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.sheet import Sheet, _filled, _narrowed
 from eomcheck.lab.store.findings import kept_in, kept_of_runs
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.records import Records
@@ -108,3 +109,50 @@ def test_the_parameters_of_a_scene_are_listed_with_units_defaults_and_ranges():
     rows = {row[0]: tuple(row[1:]) for row in parameter_sheet(Andrews).rows}
     assert rows["center"][1] == "(7, 2)" and rows["center"][4] == "Andrews().center"
     assert all(len(parameter_sheet(kind).rows) == len(kind.declared) for kind in SCENES.values())
+
+
+# ---- Room ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("widths", "least", "room", "made"),
+    [
+        ([10, 5, 3], [2, 4, 3], 18, [10, 5, 3]),
+        ([10, 5, 3], [2, 4, 3], 14, [6, 5, 3]),
+        ([10, 5, 3], [8, 1, 3], 14, [8, 3, 3]),
+        ([10, 5, 3], [2, 4, 3], 9, [2, 4, 3]),
+        ([10, 5, 3], [2, 4, 3], 8, None),
+    ],
+)
+def test_the_widest_columns_are_narrowed_to_what_they_need_at_least(widths, least, room, made):
+    assert _narrowed(widths, least, room) == made
+
+
+def test_texts_are_joined_into_lines_as_long_as_they_fit():
+    lines = _filled(map(Text, ["a: 1", "b: 22", "c: 333", "much too long"]), 11)
+    assert [line.plain for line in lines] == ["a: 1; b: 22", "c: 333", "much too long"]
+
+
+def test_a_table_without_room_is_a_list_of_what_its_rows_say():
+    columns = ["claim", "first", "second", "third", "fourth"]
+    rows = [("bias", "1", "·", "", "22"), ("motion", "333", "4444", "x", "y")]
+    sheet = Sheet("x", "", columns, rows)
+    assert printed(sheet, 24).splitlines() == [
+        "claim bias",
+        "  first: 1; fourth: 22",
+        "claim motion",
+        "  first: 333",
+        "  second: 4444; third: x",
+        "  fourth: y",
+    ]
+    few = Sheet("x", "", columns[:3], [("bias", "1", "a long word")])
+    lines = [line.rstrip() for line in printed(few, 13).splitlines()]
+    assert lines == ["claim bias", "  first: 1", "  second: a", "  long word"]
+
+
+def test_columns_of_sentences_share_the_width_of_a_wide_terminal_and_are_listed_in_a_narrow_one():
+    sheet = Sheet("x", "", ("key", "what"), [("a", "words " * 30)], widths=(1, 3))
+    lines = printed(sheet, 100).splitlines()
+    assert {cell_len(line) for line in lines} == {7 + 23 + 69}
+    assert [len(x) for x in lines[0].split("┳")] == [1 + 25, 71 + 1]
+    assert printed(sheet, 99).startswith("key a\n  what: words")
