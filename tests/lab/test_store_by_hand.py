@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Iterator
@@ -18,13 +19,16 @@ import numpy as np
 import pytest
 
 from eomcheck import calls
+from eomcheck.engines import CasadiEngine
 from eomcheck.errors import DiedError, InputError, WorkerError
-from eomcheck.lab.store import processes, workers
+from eomcheck.lab.store import processes, states, workers
 from eomcheck.lab.store.executors import place_of
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.processes import Local
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import canonical, json_of, key_of
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import Sleigh
 
 # ---- Settings ------------------------------------------------------------------------------------
 
@@ -380,3 +384,61 @@ def test_items_are_named_by_their_structure_in_sixty_letters_at_most():
     assert workers._short(letters) == letters and workers._short(7) == "7"
     assert workers._short(f"{letters}y") == f"{'x' * 57}..."
     assert workers._short(SimpleNamespace(structure="snake[3]")) == "snake[3]"
+
+
+# ---- States spread over processes ----------------------------------------------------------------
+
+
+class Own(Sleigh, functions=()):
+    """A kind of scene that is not of this package."""
+
+
+def test_states_go_out_with_their_number_their_scene_and_a_name_and_come_back_with_them(
+    monkeypatch,
+):
+    items: list[Any] = []
+
+    def spread(where: Any, work: Any, given: Any) -> Any:
+        assert where == "local:2" and work.keywords == {"selection": "selection"}
+        for one in given:
+            items.append(one)
+            yield one, f"look {one.number}"
+
+    monkeypatch.setattr(states, "spread", spread)
+    scene = Sleigh.example()
+    cases = [(scene, State(np.full(3, float(k)), np.zeros(3), 0.5)) for k in range(3)]
+    found: list[Any] = list(states.looked_at("local:2", cases, "selection"))  # type: ignore[arg-type]
+    assert [look for _, _, look in found] == ["look 0", "look 1", "look 2"]
+    for i, ((one, state, _), item) in enumerate(zip(found, items, strict=True)):
+        assert one is scene and state is cases[i][1] is item.state and item.number == i
+        assert item.structure == f"{scene.structure} in {state}"
+        assert repr(pickle.loads(item.scene)) == repr(scene)
+
+
+def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
+    made: list[str] = []
+    monkeypatch.setattr(states, "asked_of", lambda scene, selection: made.append(scene) or scene)
+    monkeypatch.setattr(states, "look", lambda *of: of)
+    monkeypatch.setattr(states, "often_at", lambda number: 10 * number)
+    states._asked.cache_clear()
+    try:
+        scenes = [pickle.dumps(x) for x in ("a", "a", "b", "a")]
+        for number, scene in enumerate(scenes):
+            item = states._Item(number, scene, f"state {number}", "")  # type: ignore[arg-type]
+            look: Any = states._look(item, "selection")  # type: ignore[arg-type]
+            assert look == (pickle.loads(scene), f"state {number}", "selection", 10 * number)
+    finally:
+        states._asked.cache_clear()
+    assert made == ["a", "b", "a"]
+
+
+def test_scenes_and_engines_of_somebody_stay_in_this_process(monkeypatch):
+    assert states.ours() and states.ours(Sleigh, CasadiEngine)
+    assert not states.ours(Sleigh, Own) and not states.ours(Own, Sleigh)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    assert states.place_for(1000, [Sleigh], [CasadiEngine]) == "local:3"
+    assert states.place_for(1000, [Sleigh], [Own]) is None  # type: ignore[list-item]
+    assert states.place_for(1000, [Sleigh, Own], []) is None
+    assert (states.place_for(60, [Sleigh], []), states.place_for(59, [Sleigh], [])) == (
+        *("local:2", None),
+    )
