@@ -10,7 +10,7 @@ from tests.numbers.test_banded import factors_above_the_matrix, inside
 
 from eomcheck.errors import RefusedError
 from eomcheck.kernels.lane_solves import solve_banded_in_lanes, solve_in_lanes
-from eomcheck.numbers.banded import TERMS, WIDTH, solve_banded
+from eomcheck.numbers.banded import TERMS, WIDTH, full, solve_banded
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import Solve, singular_below, solve, watching
 from eomcheck.numbers.noise import STEP
@@ -137,3 +137,95 @@ def test_moved_bands_have_no_solution_where_refinement_stalls():
     change = np.abs(found[0] - exact[0]).max() / np.abs(exact[0]).max()
     assert STEP / 4 < change < 10 * STEP / told.rcond[0]
     assert (moved.sign[:2] == told.sign[:2]).all()
+
+
+class Told(LaneNoise):
+    """Noise of which only one change, the `place`-th that is taken, is not 0."""
+
+    def __init__(self, place: int, size: float = 1e-6):
+        super().__init__(0)
+        self.place, self.size = place, size
+
+    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
+        found = np.zeros(shape)
+        if 0 <= self.place < found.size:
+            found.flat[self.place] = self.size
+        self.place -= found.size
+        return found
+
+
+def moved_by(function, A: list, b: list, place: int) -> np.ndarray:
+    """Return how far solutions are moved by one change, per its size, lanes in front."""
+    still, moved = (together(function, A, b, noise=Told(x))[0] for x in (-1, place))
+    return (moved - still) / 1e-6
+
+
+def test_each_change_of_lanes_is_taken_once_for_matrices_sides_what_rounds_and_solutions():
+    random = np.random.default_rng(3)
+    A = list(random.uniform(1.0, 2.0, (2, 3, 3)) + 3.0 * np.eye(3)[[2, 0, 1]])
+    b = list(random.uniform(1.0, 2.0, (2, 3, 2)))
+    near = {"rtol": 1e-4, "atol": 1e-9}
+    x, inverse = np.linalg.solve(A, b), np.linalg.inv(A)
+    for place, (i, j) in enumerate(np.ndindex(3, 3)):
+        for lane, found in enumerate(moved_by(solve_in_lanes, A, b, place)):
+            of_entry = -np.outer(inverse[lane][:, i], abs(A[lane][i, j]) * x[lane][j])
+            np.testing.assert_allclose(found, of_entry, **near)
+    for place, (i, j) in enumerate(np.ndindex(3, 2)):
+        of_side, rounded, of_solution = (
+            moved_by(solve_in_lanes, A, b, 9 + 6 * k + place) for k in range(3)
+        )
+        for lane in range(2):
+            expected = np.zeros((3, 2))
+            expected[:, j] = inverse[lane][:, i] * abs(b[lane][i, j])
+            np.testing.assert_allclose(of_side[lane], expected, **near)
+            # |L||U||x| of a row is at least |A||x| of it, and no more than a few times that.
+            row = A[lane] @ rounded[lane]
+            sizes = abs(A[lane]) @ abs(x[lane])
+            assert np.abs(np.delete(row, i, axis=0)).max() < 1e-4
+            assert np.abs(row[i, 1 - j]) < 1e-4
+            assert 0.999 * sizes[i, j] < row[i, j] < 9 * sizes[i, j]
+            expected = np.zeros((3, 2))
+            expected[i, j] = abs(x[lane][i, j])
+            np.testing.assert_allclose(of_solution[lane], expected, **near)
+
+
+def test_lanes_are_moved_by_the_rounding_of_the_matrix_as_it_is_where_that_has_more():
+    A, b = [np.array([[1.0, 1.0], [1.0, 1.0 + 1e-8]])] * 2, [np.array([1.0, 1.0])] * 2
+    _, told, _ = together(solve_in_lanes, A, b)
+    for factor in (0.1, 1.0, 100.0):
+        lu = told.rounding.sizes.lu * factor
+        larger = told.rounding._replace(sizes=type(told.rounding.sizes)(lu, told.pivots - 1))
+        like = {"A": told._replace(rounding=larger)}
+        still = together(solve_in_lanes, A, b, noise=Told(-1, 1e-9), like=like)[0]
+        moved = together(solve_in_lanes, A, b, noise=Told(6, 1e-9), like=like)[0]
+        row = A[0] @ (moved[0] - still[0]) / 1e-9
+        # |L||U||x| = 1 for x = (1, 0), each factor by itself; |L| keeps its ones.
+        assert row[0] == pytest.approx(max(factor, 1.0), rel=1e-2)
+
+
+def test_each_change_of_bands_is_taken_once_for_bands_sides_residuals_and_solutions():
+    size = 6
+    random = np.random.default_rng(4)
+    bands = [np.where(inside(size), random.uniform(1.0, 2.0, (size, WIDTH)), 0.0) for _ in range(2)]
+    for one in bands:
+        one[:, WIDTH // 2] += 9.0
+    b = list(random.uniform(1.0, 2.0, (2, size)))
+    A = [full(one) for one in bands]
+    x, inverse = np.linalg.solve(A, np.array(b)[..., None])[..., 0], np.linalg.inv(A)
+    near = {"rtol": 1e-4, "atol": 1e-8}
+    for place, (i, k) in enumerate(np.ndindex(size, WIDTH)):
+        j = i + k - WIDTH // 2
+        for lane, found in enumerate(moved_by(solve_banded_in_lanes, bands, b, place)):
+            of_entry = (
+                -inverse[lane][:, i] * bands[lane][i, k] * x[lane][j] if 0 <= j < size else 0 * x[0]
+            )
+            np.testing.assert_allclose(found, of_entry, **near)
+    for i in range(size):
+        of_side, residual, of_solution = (
+            moved_by(solve_banded_in_lanes, bands, b, size * WIDTH + size * k + i) for k in range(3)
+        )
+        for lane in range(2):
+            sizes = abs(A[lane]) @ abs(x[lane]) + abs(b[lane])
+            np.testing.assert_allclose(of_side[lane], inverse[lane][:, i] * b[lane][i], **near)
+            np.testing.assert_allclose(residual[lane], inverse[lane][:, i] * sizes[i], **near)
+            np.testing.assert_allclose(of_solution[lane], np.eye(size)[i] * abs(x[lane]), **near)
