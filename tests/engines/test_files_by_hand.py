@@ -20,6 +20,7 @@ from eomcheck.engines.files.idyntree import IdyntreeFile
 from eomcheck.engines.files.mujoco import MujocoFile
 from eomcheck.engines.files.pinocchio import PinocchioFile
 from eomcheck.engines.files.pybullet import PybulletFile
+from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError
 from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.robots import from_mjcf
@@ -438,3 +439,18 @@ def test_mujoco_has_the_accelerations_of_constraints_that_its_own_solver_lets_gi
     assert not MjcfFile.represents(ChainPendulum.rods(2))
     with pytest.raises(EngineError, match=r"^mjcf_file cannot represent robot by its file$"):
         MjcfFile(other)
+
+
+# ---- What libraries write ------------------------------------------------------------------------
+
+
+def test_lines_are_kept_once_without_blanks_and_streams_come_back_after_an_exception(capfd):
+    print("before")
+    with pytest.raises(KeyError), listening() as lines:
+        os.write(1, b"  two \n\n")
+        os.write(2, b"\xff two\n  \ntwo\n")
+        raise KeyError
+    assert lines == ["two", "� two"]
+    print("after")
+    os.write(2, b"there\n")
+    assert capfd.readouterr() == ("before\nafter\n", "there\n")

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eomcheck.errors import InputError
 from eomcheck.random_mechanisms import parts
 from eomcheck.random_mechanisms.closing import rows_of
-from eomcheck.random_mechanisms.trees import Room, rooms
+from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree
+from eomcheck.random_mechanisms.trees import Room, _Tree, rooms
 
 
 class Chosen:
@@ -120,3 +122,118 @@ def test_there_is_room_for_joints_of_every_kind_and_coordinates_are_counted_once
     assert {x.fixed for x in rooms(1)} == {0}
     assert {x.root for x in rooms(3, frozenset({"revolute", "planar"}))} == {"revolute", "planar"}
     assert {x.fixed for x in rooms(3, frozenset({"revolute"}))} == {0}
+
+
+# ---- Trees ---------------------------------------------------------------------------------------
+
+
+def grown(kinds: tuple[str, ...], choices: Any, **more: Any) -> Any:
+    """Return a tree with joints of these kinds, whose numbers are still to be drawn."""
+    one = object.__new__(_Tree)
+    usual = {"kinds": [*kinds], "choices": choices, "links": len(kinds), "carrier": None}
+    ways = {"axes": "oblique", "shape": "branched"}
+    one.__dict__.update(
+        usual | {"planar": False, "last_axis": (0.0, 0.0, 1.0), "ways": ways} | more
+    )
+    return one
+
+
+@pytest.mark.parametrize(
+    ("axis", "at", "placed"),
+    [
+        ((0.0, 0.0, 2.0), (0.11, 0.0, 9.0), (0.11, 0.0, 9.0)),
+        ((0.0, 0.0, 2.0), (0.09, 0.0, 9.0), (0.5, 0.0, 0.0)),
+        ((0.0, 0.0, 0.5), (0.0, 0.11, 0.0), (0.0, 0.11, 0.0)),
+        ((0.0, 0.0, 0.5), (0.0, 0.09, 0.0), (0.5, 0.0, 0.0)),
+        ((-1.0, 0.0, 0.0), (5.0, 0.0, 0.0), (0.0, 0.5, 0.0)),
+        ((0.3, -0.4, 0.0), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0)),
+        ((-0.5, 0.4, 0.0), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0)),
+        ((0.4, 0.4, 0.4), (0.0, 0.0, 0.0), (0.0, 0.5, 0.0)),
+    ],
+)
+def test_a_hinge_that_is_carried_is_off_the_axis_of_the_one_before(axis, at, placed):
+    tree = grown(("revolute", "revolute"), Chosen(), last_axis=axis)
+    assert tree._off_axis(at, 0) == placed
+    for kind in ("prismatic", "planar"):
+        slid = grown((kind, "revolute"), Chosen(), last_axis=axis)
+        assert slid._off_axis(at, 0) == at
+
+
+@pytest.mark.parametrize(
+    ("drawn", "axis"),
+    [
+        ((1.0, 0.0, 0.0), (1.0, 0.5, 0.5)),
+        ((0.0, 0.0, 0.0), (1.0, 0.5, 0.5)),
+        ((0.3, 0.0, -0.2), (0.3, 0.0, -0.2)),
+        ((0.3, 0.1, -0.2), (0.3, 0.1, -0.2)),
+    ],
+)
+def test_an_oblique_axis_is_along_none_of_its_frame(drawn, axis):
+    assert grown(("fixed", "revolute"), Chosen(*drawn))._axis(1) == axis
+    # Later ones may be straight, and in the plane all are.
+    assert grown(("revolute", "revolute"), Chosen(first=True))._axis(1) == (0.0, 0.0, 1.0)
+    straight = {"axes": "straight"}
+    assert grown(("planar",), Chosen(), ways=straight)._axis(0) == (0.0, -1.0, 0.0)
+    for kind in ("fixed", "spherical", "floating"):
+        assert grown((kind,), Chosen())._axis(0) == (0.0, 0.0, 1.0)
+    flat = {"prismatic": (0.0, -1.0, 0.0), "revolute": (0.0, 0.0, -1.0), "planar": (0.0, 0.0, 1.0)}
+    for kind, last in flat.items():
+        assert grown((kind,), Chosen(), planar=True)._axis(0) == last
+
+
+class Highest(Chosen):
+    """Choices of which whole numbers are the highest."""
+
+    def whole(self, low: int, high: int) -> int:
+        """Return the highest."""
+        return high
+
+
+@pytest.mark.parametrize(
+    ("count", "carrier", "parents"),
+    [
+        (4, None, [0, 1, 2, 2]),
+        (4, 2, [0, 1, 1, 3]),
+        (3, 1, [0, 0, 2]),
+        (2, None, [0, 0]),
+    ],
+)
+def test_a_chain_that_should_branch_does_so_as_far_out_as_it_can(count, carrier, parents):
+    tree = grown(("revolute",) * count, Highest(), carrier=carrier)
+    tree._choose_parents()
+    assert tree.parents == parents
+    chain = grown(("revolute",) * count, Highest(), ways={"shape": "chain"})
+    chain._choose_parents()
+    assert chain.parents == list(range(count))
+    low = grown(("revolute",) * count, Chosen(), carrier=carrier)
+    low._choose_parents()
+    assert low.parents == [i if i - 1 == carrier else 0 for i in range(count)]
+
+
+ONE_ROW = ("distance", "on-plane", "on-quadric", "square", "coupling", "edge", "touching")
+MORE_ROWS = {
+    ("plane", "planar"): {"pin", "rolling"},
+    ("in space", "planar"): set(),
+    ("in space", "spherical"): set(),
+    ("in space", "floating"): {"pin", "hinge", "rolling"},
+}
+"""Space and only joint -> constraints with several rows that leave it a motion."""
+
+
+def test_mechanisms_have_constraints_that_leave_a_motion_and_what_a_clock_drives_moves():
+    found = list(RandomMechanism.topologies(1))
+    told = [
+        ((*x["space"], *x["root joint"]), set(x["constraints"]), x.get("motion")) for x in found
+    ]
+    expected = []
+    for where, more in MORE_ROWS.items():
+        expected.append((where, {*ONE_ROW, *more}, None))
+        expected.append((where, {*ONE_ROW, *more, "drive"}, ("moving",)))
+    assert told == expected
+    assert {len(x["constraints"]) for x in found} == {7, 8, 9, 10, 11}, "each is there once"
+    said = r"^links = 31, expected at most 30 of a random scene$"
+    for kind in (RandomMechanism, RandomTree):
+        with pytest.raises(InputError, match=said):
+            kind.topologies(31)
+        assert kind.topologies(30)
+    assert len(RandomTree.topologies(1)) == len([*rooms(1)])
