@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.mechanics.descriptions import GROUND, rod, turning
+from tests.mechanics.descriptions import GROUND, FourBar, rod, turning
 from tests.scenes.sketches import written
 
+from eomcheck.errors import InputError
 from eomcheck.mechanics.choices import FromGenerator
 from eomcheck.mechanics.described import absent
+from eomcheck.mechanics.described.bodies import Rigid, check_positive
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw, rotation, to_z
 from eomcheck.mechanics.described.words import (
@@ -34,6 +37,7 @@ from eomcheck.mechanics.described.words import (
 )
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE
 from eomcheck.mechanics.tree import planar_tree
+from eomcheck.scenes import ChainPendulum
 
 # ---- Words ---------------------------------------------------------------------------------------
 
@@ -402,3 +406,74 @@ def test_a_generator_chooses_all_that_there_is_and_nothing_else():
 def test_ordinary_places_are_up_to_10_m_away_and_angles_up_to_half_a_turn():
     assert ANYWHERE == (-10.0, 10.0, (), False)
     assert tuple(ANY_ANGLE) == (-np.pi, np.pi, (), False)
+
+
+# ---- What is made of them ------------------------------------------------------------------------
+
+
+def test_what_is_as_described_is_printed_by_its_name_alone():
+    assert repr(FourBar()) == "FourBar()" and FourBar().as_described
+    heavier = FourBar().changed(mass=[1.0, 2.0, 3.0], gravity=None)
+    assert repr(heavier) == "FourBar(mass=[1.0, 2.0, 3.0], gravity=None)"
+    assert not heavier.as_described
+    named: Any = FourBar.made._replace(code="robot('four.urdf')").kind()
+    assert repr(named()) == "robot('four.urdf')"
+    changed = named().changed(mass=[1.0, 2.0, 3.0], gravity=None)
+    assert repr(changed) == "robot('four.urdf').changed(mass=[1.0, 2.0, 3.0], gravity=None)"
+
+
+def test_parameters_that_are_read_back_cannot_be_changed_either():
+    again = pickle.loads(pickle.dumps(FourBar(gravity=None)))
+    assert again.gravity is None
+    for name in ("mass", "offset", "points"):
+        assert not getattr(again, name).flags.writeable
+        assert (getattr(again, name) == getattr(FourBar(), name)).all()
+
+
+def test_rounding_makes_no_moment_of_inertia_negative():
+    def carried(least: float) -> dict[str, Rigid]:
+        large = Rigid(1.0, np.zeros(3), np.diag([4.0, 2.0, 1.0]))
+        return {"i": large, "j": Rigid(1.0, np.zeros(3), np.diag([1.0, least, 2.0]))}
+
+    check_positive(carried(-3.9e-12))
+    check_positive({})
+    said = r"behind joint 'j' has the principal moment of inertia -4\.1e-12 kg m², expected none"
+    with pytest.raises(InputError, match=said):
+        check_positive(carried(-4.1e-12))
+
+
+def test_bodies_of_very_different_size_all_have_inertia():
+    slides = [Joint(name, "prismatic", "ground", name, axis=X) for name in "abc"]
+    links = [
+        rod(name)._replace(mass=mass) for name, mass in zip("abc", (1e-9, 1.0, 1e9), strict=True)
+    ]
+    scene: Any = mechanism("Sizes", [GROUND, *links], slides)()
+    assert scene.mass.tolist() == [1e-9, 1.0, 1e9]
+
+
+def test_one_damper_is_enough_to_lose_energy():
+    joints = [turning("α", "ground", "a", damping=0.0), turning("β", "a", "b", damping=0.5)]
+    made = mechanism("Damped", [GROUND, rod("a"), rod("b")], joints)
+    assert not made().conserves_energy
+    assert made().why_not_conserved == "dampers in the joints take it"
+    assert made(damping=[0.0, 0.0]).conserves_energy
+
+
+def test_coordinates_of_what_is_closed_are_drawn_near_its_pose_each():
+    joints = [turning("α", "ground", "a"), turning("β", "a", "b")]
+    rows, pose = [distance("d", "b", "ground", 1.0, X)], {"α": 2.0, "β": -0.5}
+    made = mechanism("Near", [GROUND, rod("a"), rod("b")], joints, rows, pose=pose)
+    found = [(one.low, one.high) for one in made().coordinate_ranges()]
+    np.testing.assert_allclose(found, [(1.7, 2.3), (-0.8, -0.2)])
+
+
+def test_a_planar_joint_needs_an_axis_too():
+    flat = Joint("β", "planar", "ground", "b", axis=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"joint 'β' has the axis \(0, 0, 0\)"):
+        mechanism("Wrong", [GROUND, rod("b")], [flat])
+
+
+def test_every_link_of_a_scene_in_words_has_a_frame():
+    scene: Any = next(ChainPendulum.structures(2))
+    found = scene.frames(np.zeros(scene.n))
+    assert len(found) == len(scene.tree().parent) > 1 and "ground" not in found
