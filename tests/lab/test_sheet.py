@@ -129,8 +129,12 @@ def test_the_widest_columns_are_narrowed_to_what_they_need_at_least(widths, leas
 
 
 def test_texts_are_joined_into_lines_as_long_as_they_fit():
-    lines = _filled(map(Text, ["a: 1", "b: 22", "c: 333", "much too long"]), 11)
-    assert [line.plain for line in lines] == ["a: 1; b: 22", "c: 333", "much too long"]
+    texts = [Text(text) for text in ("a: 1", "b: 22", "c: 333", "much too long")]
+    lines = [[line.plain for line in _filled(texts, room)] for room in (11, 10)]
+    assert lines == [
+        ["a: 1; b: 22", "c: 333", "much too long"],
+        ["a: 1", "b: 22", "c: 333", "much too long"],
+    ]
 
 
 def test_a_table_without_room_is_a_list_of_what_its_rows_say():
