@@ -161,6 +161,8 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["simulate", "paper", "1", "--plot", "x.png"], "--plot says nothing without --draws"),
         (["simulate", "paper", "1", "--integrator", "DOP85"], "did you mean 'DOP853'"),
         (["draw", "scene", "x.png", "--frames", "9"], "--frames says nothing in a picture"),
+        (["draw", "scene", "x.svg", "--end", "2"], "--end says nothing in a picture"),
+        (["draw", "scene", "x.svg", "--formulation", "em"], "--formulation says nothing in a pict"),
         (["draw", "scen", "x.png"], "unknown command of draw 'scen' (did you mean 'scene'?)"),
         (["study", "stabilty"], "did you mean 'stability'"),
         (["study", "stability", "x.db", "--scene", "snake", "--family", "speed"], "both given"),

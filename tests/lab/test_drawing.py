@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from eomcheck.lab.show import labels
+from eomcheck.lab.show import animation, labels
 from eomcheck.lab.show.canvas import canvas, paint
 from eomcheck.lab.show.colors import DARK, LIGHT
 from eomcheck.lab.show.drawing import Drawing
@@ -559,3 +560,36 @@ def test_many_entries_are_smaller_and_dark_ground_has_its_own_colours():
     assert plt.matplotlib.colors.to_hex(figure.get_facecolor()) == DARK.ground
     (frame,) = axes.patches
     assert plt.matplotlib.colors.to_hex(frame.get_edgecolor()) == DARK.ink
+
+
+# ---- Motions -------------------------------------------------------------------------------------
+
+
+def test_a_motion_stays_in_its_picture_and_leaves_its_trail_in_every_frame(tmp_path, monkeypatch):
+    places = [(0.0, 0.0), (-5.0, 3.0), (2.0, -4.0), (6.0, 1.0), (1.0, 1.0)]
+    sketches = [s.Sketch((s.Body([at, (1.0, 0.0)]), s.Trail(at)), up=1) for at in places]
+    shown: list[Any] = []
+
+    def framed(bounds, *look):
+        axes = canvas(bounds, *look)
+        shown.append((bounds, axes))
+        return axes
+
+    monkeypatch.setattr(animation, "canvas", framed)
+    monkeypatch.setattr(plt, "close", lambda figure: None)
+    path = tmp_path / "motion.gif"
+    animation.draw_motion(sketches, [0.0, 0.5, 1.0, 1.5, 2.0], path, 2)
+    monkeypatch.undo()
+    assert len(shown) == 3
+    for k, (bounds, axes) in enumerate(shown):
+        assert bounds.tolist() == [[-5.0, -4.0], [6.0, 3.0]]
+        trail = axes.lines[0].get_xydata()
+        assert trail.tolist() == [list(at) for at in places[: 2 * k + 1]]
+        assert axes.texts[-1].get_text() == f"t = {k:.2f} s"
+        plt.close(axes.figure)
+    with Image.open(path) as picture:
+        durations = []
+        for k in range(picture.n_frames):
+            picture.seek(k)
+            durations.append(picture.info["duration"])
+    assert durations == [80, 80, 1200]

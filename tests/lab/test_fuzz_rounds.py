@@ -24,9 +24,12 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.draws import drawn
 from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY
 from eomcheck.lab.fuzzing.finds import find_of
+from eomcheck.lab.fuzzing.functions import FunctionsPlan
 from eomcheck.lab.fuzzing.judging import Fault
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
 from eomcheck.lab.fuzzing.on_trial import heights_of, is_ordinary, on_trial, tamed
 from eomcheck.lab.fuzzing.random_rounds import RandomPlan
+from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import DECIDED, TRUTH, Ration, Screened, runs_in_lanes, screened
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import KEPT, Candidate, Result, Round, generator, raise_population
@@ -554,3 +557,28 @@ def test_what_is_merged_is_each_case_once_the_highest_first():
     random_rounds._merge(best, {("a", ""): more, ("b", ""): more[:1]})
     assert [x.case for x in best["a", ""]] == ["9", "new", "7", "5", "3", "1"]
     assert best["b", ""] == more[:1]
+
+
+CHANGED: dict[str, Any] = {
+    "seed": 8, "claims": ("motion",), "formulations": ("au",), "engines": ("casadi",),
+    "families": ("special",), "climbing": False, "ration": Ration(0, 0, 1, 0, 0), "batch": 3,
+    "wide": True,
+}  # fmt: skip
+"""Another value of each field of a plan, but of what the campaign's name tells."""
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        Plan(Snake, 7, ("equivalence",), ("em", "gw")),
+        RandomPlan(Snake, 7, ("equivalence",), ("em", "gw")),
+        MotionPlan(Snake, 7, ("em", "gw")),
+        FunctionsPlan("mine.py:own", 7, ("bias-even",)),
+    ],
+)
+def test_a_campaign_goes_on_only_with_rounds_of_the_same_settings(plan: Any):
+    fields = set(plan._fields) - {"kind", "name"}
+    assert fields <= CHANGED.keys()
+    others = [plan._replace(**{name: CHANGED[name]}).settings for name in fields]
+    assert plan.settings not in others
+    assert len({str(one) for one in others}) == len(fields)

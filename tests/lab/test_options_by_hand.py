@@ -125,7 +125,7 @@ def worker(known: Any, *, seed: Annotated[int, "Seed."] = 7) -> Any:
 
 def first_worker(known: Any, *, free: bool = False) -> Any:
     """Return what makes Records of another study."""
-    return lambda one: Record("first", one)
+    return lambda one: Record("first", one, counts={"free": int(free)})
 
 
 def of(**more: Any) -> Study:
@@ -158,6 +158,8 @@ def test_records_of_studies_before_are_known_first_and_are_those_of_the_study_to
         assert [one.counts.get("seed") for one in again] == [None, 3, 3]
         fresh = study.measure(records, True, links=5, seed=4)
         assert [one.counts.get("seed") for one in fresh] == [None, 4, 4]
+        # What comes before is measured anew as well.
+        assert (again[0].counts["free"], fresh[0].counts["free"]) == (1, 0)
     other = Record("other", {})
     assert study.of([other, *found]) == found and of().of([other, *found]) == found[1:]
 

@@ -182,3 +182,14 @@ def test_code_that_a_corpus_names_is_imported_only_where_it_is_named(tmp_path, m
 def test_robots_and_registered_scenes_run_no_code():
     assert runs_code("sleigh") is runs_code("arm.urdf:floating") is runs_code("arm.xml") is None
     assert runs_code("package.module:Own") == ("package.module", "Own")
+
+
+def test_one_file_has_one_name_whatever_leads_to_it(tmp_path: Path):
+    (tmp_path / "own").mkdir()
+    own, link = tmp_path / "own" / "own.py", tmp_path / "link.py"
+    own.write_text("Own = 1\n")
+    link.symlink_to(own)
+    expected = str(own.resolve()), "Own"
+    for path in (own, link, tmp_path / "own" / ".." / "own" / "own.py"):
+        assert runs_code(f"{path}:Own") == expected
+    assert runs_code(f"{own}:Other") == (expected[0], "Other")

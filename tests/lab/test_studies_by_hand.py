@@ -33,7 +33,11 @@ AU = FORMULATIONS["au"]
 def certified(**change: Any) -> Any:
     """Return what is certified of an acceleration whose true entries are at most 2."""
     usual = {"relative": 1e-14, "digits": 13.5, "ulps": np.array([1.0, 7.0, 3.0]), "kappa": 6.0}
-    usual |= {"condition": {"M": 20.0, "a": 300.0}, "ratio": 0.125, "relative_bound": 4e-14}
+    usual |= {
+        "condition": {"M": 20.0, "a": 300.0, "C": 5.0},
+        "ratio": 0.125,
+        "relative_bound": 4e-14,
+    }
     usual["truth"] = SimpleNamespace(doubles=lambda: np.array([-2.0, 1.0]))
     return SimpleNamespace(**(usual | change))
 

@@ -356,6 +356,40 @@ def test_errors_of_stiff_joints_are_those_of_coordinates_and_scaled_velocities(w
     assert solved[2:] == [("scipy", 0.02)] * 2
 
 
+@pytest.mark.parametrize("jacobian", ["exact", "differences"])
+def test_scipy_s_run_counts_its_own_right_hand_sides_and_has_the_jacobian_asked_for(
+    monkeypatch, jacobian
+):
+    class Rates:
+        calls = 17  # of a run before
+
+        def reset(self) -> None:
+            self.calls = 0
+
+    motion: Any = SimpleNamespace(rates=Rates(), y0="y0", scene="scene", formulation="kane")
+    asked: list[Any] = []
+
+    def solved(rates, span, start, integrator, **how):
+        rates.calls += 5
+        asked.append((rates, span, start, integrator, how))
+        return SimpleNamespace(
+            y=np.array([[1.0, 2.0], [3.0, 4.0]]), success=True, message="why", njev=3, nlu=4
+        )
+
+    monkeypatch.setattr(stiff, "solve_ivp", solved)
+    monkeypatch.setattr(stiff, "_jacobian_of", lambda *of: of)
+    settings = {"jacobian": jacobian, "integrator": "BDF", "tolerance": 1e-6}
+    found = stiff._in_scipy(motion, 2.5, settings)
+    assert (motion.rates.calls, found.state.tolist(), found.reason) == (5, [2.0, 4.0], "why")
+    assert found.counts == {"jacobians": 3, "factorizations": 4}
+    ((rates, span, start, integrator, how),) = asked
+    assert (rates, span, start, integrator) == (motion.rates, (0.0, 2.5), "y0", "BDF")
+    assert how == {
+        "t_eval": [2.5], "rtol": 1e-6, "atol": 1e-6,
+        "jac": ("scene", "kane") if jacobian == "exact" else None,
+    }  # fmt: skip
+
+
 def test_stiff_motions_that_stop_and_truths_that_are_not_known_are_told(work):
     run, _ = work
     record = run(cell("undamped", 2e6, tolerance=0.0))

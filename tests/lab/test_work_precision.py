@@ -37,6 +37,7 @@ from eomcheck.lab.studies.work_precision import (
     sheets,
     summary,
 )
+from eomcheck.motion.integrators import INTEGRATORS
 
 
 def record(
@@ -221,6 +222,16 @@ def test_cells_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.Mo
     rough, fine = by_tolerance["DOP853", 1e-4], by_tolerance["DOP853", 1e-8]
     assert fine.errors["final"] < rough.errors["final"] / 100
     assert fine.counts["steps"] > rough.counts["steps"]
+
+
+def test_cells_are_of_the_paper_at_rest_by_everything_at_six_tolerances_unless_asked():
+    found = list(cells())
+    assert {one["reference"] for one in found} == {"paper-rest"}
+    assert {one["integrator"] for one in found} == set(INTEGRATORS)
+    assert [one["tolerance"] for one in found[:6]] == pytest.approx(
+        [1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13]
+    )
+    assert len(found) == 6 * len(INTEGRATORS) * len({one["formulation"] for one in found})
 
 
 @pytest.mark.parametrize("key", ["au", "kane"])

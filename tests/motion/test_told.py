@@ -48,10 +48,12 @@ def test_right_hand_sides_that_are_not_finite_are_counted_where_code_has_loops(k
     assert (rates.calls, rates.failed, rates.failure_time) == (3, 2, 0.5)
 
 
-def test_a_loop_that_writes_outputs_counts_those_that_are_not_finite():
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_loop_that_writes_outputs_counts_those_that_are_not_finite(sign: int):
     tape, size = Tape(), 200
     y = tape.inputs("y", (size,))
-    program = program_of(tape, {"rates": [tape.number(x * x + x).place for x in y]}, short=0)
+    rates = [tape.number(sign * x * x + x).place for x in y]
+    program = program_of(tape, {"rates": rates}, short=0)
     assert len(program.items) == 1  # a loop
     kernel = Kernel(program, {}, {"rates": size})
     block = kernel.block({})
