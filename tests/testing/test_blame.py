@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.testing.own import coriolis, given, guide
 
-from eomcheck.claims.finding import Finding
+from eomcheck.claims.finding import Finding, diagnose
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
 from eomcheck.testing.blame import READS, SETTLES, reads, settled_by
 from eomcheck.testing.of_terms import proportional
@@ -67,6 +67,16 @@ def test_a_difference_from_one_has_as_many_digits_as_are_known():
 def test_a_factor_beyond_noise_is_another_one():
     assert proportional(0.50001 * EXPECTED, EXPECTED, 1e-13, (1,)).startswith("0.50001 times")
     assert proportional(EXPECTED * [1.0, 1.0, 0.5], EXPECTED, 1e-13, (1,)) == ""
+
+
+def test_a_factor_of_which_not_one_digit_is_known_is_none():
+    expected, found = np.array([-6.8, -4.08, 0.0]), np.array([-6.8, -2.04, 0.0])
+    assert proportional(found, expected, 1.83, (1,)) == ""
+    assert diagnose(found, expected, 1.83, (1,)) == "half of it"
+    size = np.abs(EXPECTED).max()
+    assert proportional(0.8 * EXPECTED, EXPECTED, 0.11 * size, (1,)) == ""
+    found = proportional(0.8 * EXPECTED, EXPECTED, 0.09 * size, (1,))
+    assert found == "0.8 times what is expected, in every row"
 
 
 # ---- Which function ------------------------------------------------------------------------------

@@ -168,8 +168,8 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
         if (np.abs(found - value * expected) <= near).all():
             return name + EVERY_ROW
     factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
-    if not (np.abs(found - factor * expected) <= near).all():
-        return ""
+    if near > 0.1 * size or not (np.abs(found - factor * expected) <= near).all():
+        return ""  # or not one digit of the factor is known
     digits = min(max(int(-np.log10(near / size)), 1), 7)
     text = f"{factor:.{digits}g}"
     if text not in ("1", "-1"):
