@@ -298,7 +298,8 @@ def test_the_code_of_what_was_not_looked_at_runs_too():
     assert run(code) == ""
 
 
-def test_the_code_takes_each_function_from_its_own_file(tmp_path, capsys):
+def test_the_code_takes_each_function_from_its_own_file(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
     own = {}
     for name, value in (("M", "[[1.0]]"), ("gravity", "q"), ("R", "-(v @ v)")):
         path, head = tmp_path / f"of_{name}.py", f"def {name}(q{', v' * (name == 'R')}):"
@@ -310,6 +311,28 @@ def test_the_code_takes_each_function_from_its_own_file(tmp_path, capsys):
     assert re.findall(r"^[\w-]+ \[\w+\]", capsys.readouterr().out, re.M) == [
         "dissipation-positive [R]"
     ]
+    assert sys.path.count(str(tmp_path)) == 1
+
+
+def test_the_code_finds_modules_beside_the_file_of_a_function(tmp_path, capsys, monkeypatch):
+    (tmp_path / "beside_the_file.py").write_text("factor = -1.0\n")
+    path = tmp_path / "own.py"
+    path.write_text(
+        "from beside_the_file import factor\ndef R(q, v):\n    return factor * (v @ v)\n"
+    )
+    with monkeypatch.context() as here:
+        here.syspath_prepend(str(tmp_path))
+        R = runpy.run_path(str(path))["R"]
+    del sys.modules["beside_the_file"]
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    state = State(np.array([0.5]), np.array([1.0]), 0.0)
+    exec(
+        Functions(1, M=lambda q: np.eye(1), R=R, name="own")
+        .as_python(state)
+        .replace("    M=M,\n", "    M=lambda q: [[1.0]],\n"),
+        {},
+    )
+    assert capsys.readouterr().out.startswith("dissipation-positive [R] failed")
 
 
 def test_the_code_says_which_functions_are_to_be_put_in():

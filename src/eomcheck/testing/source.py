@@ -49,7 +49,9 @@ def python_of_functions(
             head.append(f"from {where[0]} import {where[1]}")
             arguments.append(f"{one.name}={where[1]}")
     if paths:
-        head.insert(0, "import runpy\n")
+        folders = dict.fromkeys(str(path.parent) for path in paths)
+        head.insert(0, "import runpy\nimport sys\n")
+        head.append(f"sys.path += {[*folders]!r}")  # a file may import what is beside it
     head.extend(f"{name} = runpy.run_path({str(path)!r})" for path, name in paths.items())
     if state is not None:
         arguments.append(f"states=[({state.q.tolist()}, {state.v.tolist()})]")
