@@ -22,6 +22,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake
 from eomcheck.testing import Functions, check_functions
+from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.subject import ComparedFunctions
 
 CART = guide("cart")
@@ -150,6 +151,47 @@ def test_columns_numbers_in_arrays_and_lists_are_read():
         "M": lambda q: CART.M(q).tolist(),
     }
     assert not [x for x in check_functions(**given_, states=2) if x.verdict == "failed"]
+
+
+def asked(**functions) -> Answers:
+    """Functions of two coordinates, to be called one by one."""
+    return Answers(Functions(2, **functions))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_have_no_value_whatever_their_shape(bad: float):
+    q, v = np.zeros(2), np.ones(2)
+    answers = asked(
+        U=lambda q: bad, T=lambda q, v: np.float64(bad), gravity=lambda q: np.array([0, bad])
+    )
+    for name, entry in (("U", "U"), ("T", "T"), ("gravity", "gravity[1]")):
+        for _ in range(2):
+            with pytest.raises(BrokenError, match=re.escape(f"{entry} = {bad}")):
+                answers(name, q, v)
+
+
+def test_answers_stay_as_they_were_when_a_function_writes_into_its_array_again():
+    kept = np.zeros(2)
+
+    def gravity(q):
+        kept[:] = q
+        return kept
+
+    answers, v = asked(gravity=gravity), np.ones(2)
+    first = answers("gravity", np.array([1.0, 2.0]), v)
+    assert answers("gravity", np.array([3.0, 4.0]), v).tolist() == [3.0, 4.0]
+    assert first.tolist() == [1.0, 2.0]
+
+
+def test_a_function_that_answers_in_the_shape_of_another_has_no_value():
+    q, v = np.zeros(2), np.ones(2)
+    turn = iter([np.eye(2), np.ones(2), np.eye(2)])
+    answers = asked(M=lambda q: next(turn), gravity=lambda q: q)
+    assert answers("gravity", q, v).shape == (2,)
+    assert answers("M", q, v).shape == (2, 2)
+    with pytest.raises(BrokenError, match=re.escape("of shape (2,), expected (2, 2)")):
+        answers("M", q, v)
+    assert answers("M", q, v).shape == (2, 2)
 
 
 def test_functions_of_another_library_get_its_arrays():

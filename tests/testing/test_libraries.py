@@ -114,7 +114,8 @@ def test_functions_in_doubles_pass(how: str):
 def test_a_wrong_sign_in_them_is_named(how: str):
     source, switches = DOUBLES[how]
     first, *_ = told(source, '{"gravity": lambda q: -gravity(q)}', **switches)
-    assert first.startswith("gravity-of-potential [gravity] failed: gravity, row q[1]: sign")
+    assert first.startswith("gravity-of-potential [gravity] failed: gravity is wrong: ")
+    assert "; gravity, row q[1]: sign" in first
 
 
 @pytest.mark.parametrize("how", SINGLES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from inspect import Parameter, signature
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ class Answers:
         self.single: dict[str, str] = {}
         """Names of functions that answered in single precision or less, and their type."""
         self._reads: dict[str, str] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
         self.changed: set[str] = set()
         """Names of functions that wrote into what they were handed."""
         self.repeated: set[str] = set()
@@ -65,9 +67,9 @@ class Answers:
         assert function is not None
         handed = {"q": q.copy(), "v": v.copy()}
         arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
-        arguments = [(arrays | {"t": t})[letter] for letter in self.reads(name)]
-        copied = {} if make is None else arrays
-        before = _bytes(copied)
+        given = {**arrays, "t": t}
+        arguments = [given[letter] for letter in self.reads(name)]
+        before = [] if make is None else _bytes(arrays)
         try:
             answer = call(f"{self.functions.name}: {name}", function, *arguments)
         except EngineFault as fault:
@@ -80,12 +82,27 @@ class Answers:
             hint = "; say array=torch.as_tensor" if make is None and "Tensor" in what else ""
             raise BrokenError(name, what + hint) from error
         finally:
-            written = any(handed[x].tobytes() != y.tobytes() for x, y in (("q", q), ("v", v)))
-            if written or _bytes(copied) != before:
+            written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
+            if written or (make is not None and _bytes(arrays) != before):
                 self.changed.add(name)
         return self._checked(name, answer)
 
     def _checked(self, name: str, answer: Any) -> Array:
+        if type(answer) is np.ndarray and answer.dtype == np.float64:
+            array = answer.copy()
+        else:
+            array = self._read(name, answer)
+        array = self._shaped(name, array)
+        # Of a single number NumPy's own `all` takes longer than the rest.
+        finite = np.isfinite(array).all() if array.ndim else isfinite(array.item())
+        if not finite:
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            entry = f"{name}{list(where)}" if where else name
+            raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
+        return array
+
+    def _read(self, name: str, answer: Any) -> Array:
+        """The numbers of an answer of whatever kind, in doubles."""
         if answer is None:
             raise BrokenError(name, "answers None, expected an array of numbers")
         try:
@@ -106,14 +123,11 @@ class Answers:
             raise BrokenError(name, what) from None
         if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
             self.single[name] = str(raw.dtype)
-        array = self._shaped(name, array)
-        if not np.isfinite(array).all():
-            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            entry = f"{name}{list(where)}" if where else name
-            raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
         return array
 
     def _shaped(self, name: str, array: Array) -> Array:
+        if array.shape == self._shapes.get(name):
+            return array
         symbols = INPUTS[name].shape
         if "r" in symbols and "r" not in self.sizes and array.ndim >= 1:
             self.sizes["r"] = array.shape[0]
@@ -123,6 +137,7 @@ class Answers:
             return array.reshape(shape)
         if array.shape != shape:
             raise BrokenError(name, f"answers an array of shape {array.shape}, expected {shape}")
+        self._shapes[name] = shape
         return array
 
 
@@ -147,8 +162,14 @@ def _type_of(answer: Any) -> str:
     return f"{kind} of {of.__name__}"
 
 
+PLAIN = np.ndarray, np.float64, float
+"""Types of answers that NumPy reads as they are."""
+
+
 def _plain(answer: Any) -> Any:
     """Return an answer without what NumPy cannot read: gradients, another device."""
+    if type(answer) in PLAIN:
+        return answer
     if isinstance(answer, list | tuple):
         return [_plain(one) for one in answer]
     for method in ("detach", "cpu"):
