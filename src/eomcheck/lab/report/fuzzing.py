@@ -143,13 +143,16 @@ def print_replayed(results: Sequence[Replayed]) -> None:
 def print_campaign(campaign: Campaign) -> None:
     """Print what a campaign came to: of each find the code that shows it; what was not told."""
     sheets = [summary_sheet(campaign), strata_sheet(campaign), crossings_sheet(campaign)]
-    print_sheets([*(sheet for sheet in sheets if sheet is not None), worst_sheet(campaign)])
+    worst = worst_sheet(campaign)
+    print_sheets([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
     if campaign.finds:
         print_sheets([finds_sheet(campaign)])
         for find in campaign.finds.values():
             print(f"# {find}\n{find.python}")
-    else:
+    elif campaign.states:
         print("no find")
-    if isinstance(campaign.plan, FunctionsPlan):
+    else:
+        print(f"nothing was checked: no {campaign.plan.noun} came to its end")
+    if isinstance(campaign.plan, FunctionsPlan) and campaign.states:
         for line in campaign.plan.caveats(campaign.counts, campaign.open, campaign.entries):
             say(printable(line))
