@@ -145,6 +145,7 @@ def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     number = "a number that all functions share, such as a mass, a length or g"
     assert said == [
         f"motion [forces] inconclusive in all states: {why}",
+        f"kinetic-energy [few] not looked at on {about} (needs M and T)",
         f"reference [few] not looked at on {about} ({number}: against would tell)",
         f"reference [few] not looked at on {about} "
         "(checked q in [-1, 1], v in [-1, 1]: `ranges` for more)",

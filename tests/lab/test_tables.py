@@ -18,6 +18,7 @@ from eomcheck.engines import CasadiEngine
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.functions import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.strata import Stratum
@@ -385,6 +386,24 @@ def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
             **{"what": "row", "evidence": "known by"},
         }
     ]
+
+
+def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, capsys):
+    plan = FunctionsPlan("mine.py:own", 5, ("motion",))
+    caveats: list[Any] = []
+    monkeypatch.setattr(FunctionsPlan, "caveats", lambda *given: caveats.append(given) or ["bare"])
+    empty = Campaign(plan, "own", [Stratum(None, ())])
+    fuzzing.print_campaign(empty)
+    said = capsys.readouterr().out
+    assert "nothing was checked: no state came to its end" in said and "no find" not in said
+    assert not caveats and "Observed / allowed" not in said
+    empty.counts["states"] = 1
+    fuzzing.print_campaign(empty)
+    said = capsys.readouterr().out
+    assert "no find\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
+    empty.worst = {("motion", ""): Candidate(0.25, None)}  # type: ignore[arg-type]
+    fuzzing.print_campaign(empty)
+    assert "Observed / allowed at most" in capsys.readouterr().out
 
 
 def test_a_campaign_prints_its_finds_or_that_there_are_none(

@@ -15,6 +15,7 @@ from tests.testing.trees import random_tree
 from eomcheck.claims.finding import Finding
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing.run import caveats
 from eomcheck.testing.subject import INPUTS
 
 CART, DRIVE = guide("cart"), guide("drive")
@@ -516,3 +517,38 @@ def test_an_answer_of_the_last_call_is_seen_where_only_differences_of_coordinate
 
     found = check_functions(3, gravity=gravity, states=1, claims=["same-answer"])
     assert [one.verdict for one in found] == ["failed"]
+
+
+# ---- Asked for, and nothing to look at -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("claim", FUNCTION_CLAIMS)
+def test_a_claim_that_is_asked_for_alone_says_something_whatever_is_given(claim: str):
+    one: list[dict[str, Any]] = [
+        {"M": lambda q: np.eye(1)},
+        {"U": lambda q: 0.0},
+        {"M": lambda q: np.eye(1), "bias": lambda q, v: 0.0 * v, "qdot": lambda q, u: u},
+    ]
+    for functions in one:
+        found = check_functions(1, **functions, claims=[claim], states=2)
+        assert found and {x.claim for x in found} == {claim}
+        assert all(x.detail for x in found if x.verdict != "passed")
+
+
+def test_a_claim_that_is_asked_for_names_what_it_needs_where_that_is_missing():
+    asked = ["motion", "fresh-answer", "coriolis-skew", "bias-power", "mass-matrix-symmetric"]
+    found = check_functions(1, M=lambda q: np.eye(1), claims=asked, states=2)
+    assert [(x.claim, x.verdict, x.detail) for x in found] == [
+        ("motion", "not looked at", "needs (M or T) and qdd"),
+        ("fresh-answer", "not looked at", "needs factory"),
+        ("coriolis-skew", "not looked at", "needs C and (M or T), without qdot"),
+        ("bias-power", "not looked at", "needs (M or T) and bias"),
+        ("mass-matrix-symmetric", "passed", ""),
+    ]
+    # Where all are asked for, those that do not concern what is given are left out.
+    every = check_functions(1, M=lambda q: np.eye(1), states=2)
+    assert not any(x.detail.startswith("needs ") for x in every)
+    functions = Functions(1, M=lambda q: np.eye(1))
+    details = [x.detail for x in caveats(functions, ["motion", "mass-matrix-symmetric"])]
+    assert details == ["needs (M or T) and qdd"]
+    assert not any(x.detail.startswith("needs ") for x in caveats(functions, FUNCTION_CLAIMS))

@@ -12,6 +12,7 @@ from tests.testing.own import given, guide
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
 from eomcheck.testing.measured import Measured
+from eomcheck.testing.noise import noise
 from eomcheck.testing.registry import Sides
 from eomcheck.testing.run import BY_NUMBER, RANKS, compared
 from eomcheck.testing.trials import FunctionsTrial
@@ -148,11 +149,63 @@ def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
 
     state = ([0.3, 0.3, -0.4], [0.5, -0.8, 0.9])
     model = given("cart") | {"bias": bias}
-    found = check_functions(**model, states=[state])
-    details = {one.claim: one.detail for one in found if one.verdict == "failed"}
-    assert "bias-of-mass-matrix" in details
-    jump = "bias jumps within 0.001 of this state"
-    assert (jump in details["bias-of-mass-matrix"]) == (near <= 1e-3)
+    for others in ([], [([0.5, -0.2, 0.4], [0.3, -0.6, 0.2])]):
+        found = check_functions(**model, states=[state, *others])
+        details = {one.claim: one.detail for one in found if one.verdict == "failed"}
+        assert "bias-of-mass-matrix" in details
+        jump = "bias jumps within 0.001 of this state"
+        assert (jump in details["bias-of-mass-matrix"]) == (near <= 1e-3)
+
+
+@pytest.mark.parametrize("near", [0.0, 1e-9, 1e-8, 3e-8, 1e-7])
+def test_a_value_that_stands_alone_is_no_noise_beside_other_states_and_references(near: float):
+    def M(q: Any) -> Any:
+        return np.array([[3.0, np.sin(q[1])], [np.sin(q[1]), 1.0]])
+
+    def B(q: Any, v: Any) -> Any:
+        return np.array([np.cos(q[1]) * v[1] ** 2, 0.0])
+
+    def wrong(q: Any, v: Any) -> Any:
+        return B(q, v) * (1.5 if abs(q[1]) <= near else 1.0)
+
+    right = Functions(2, M=M, bias=B, name="right")
+    states = [([0.3, 0.0], [0.2, 0.7]), ([0.5, 0.4], [0.3, -0.6])]
+    found = of(check_functions(2, M=M, bias=wrong, against=right, states=states), "failed")
+    assert {"bias-of-mass-matrix", "bias-power", "reference"} <= found.keys()
+    assert "row q[0]: 1.5 times what is expected" in found["bias-of-mass-matrix"]
+    assert not of(check_functions(2, M=M, bias=B, against=right, states=states), "failed")
+    T = {"T": lambda q, v: v @ M(q) @ v / 2, "states": states, "claims": ["kinetic-energy"]}
+    scaled = check_functions(2, M=lambda q: M(q) * (1.5 if abs(q[1]) <= near else 1.0), **T)
+    assert "kinetic-energy" in of(scaled, "failed")
+    assert "kinetic-energy" in of(check_functions(2, M=M, **T), "passed")
+
+
+def noises(f: Any) -> float:
+    return float(noise(lambda x: np.array(f(x[0])), np.zeros(1), np.ones(1)))
+
+
+@pytest.mark.parametrize("away", [1e-3, 1.0, 1e3])
+def test_the_noise_of_a_function_is_that_without_a_value_that_stands_alone(away: float):
+    def alone(x: Any) -> Any:
+        return np.cos(x) + away * (x == 0.0)
+
+    plain = noises(np.cos)
+    assert plain < 1e-15
+    assert noises(alone) == pytest.approx(plain, abs=1e-15)
+    branch = noises(lambda x: np.cos(x) + away * (abs(x) < 3e-8))
+    assert branch < 1e-14
+
+
+def test_a_value_within_the_noise_of_others_does_not_stand_alone():
+    random = np.random.default_rng(0)
+    rough = {x: 1e-9 * random.normal() for x in range(-3000, 3000)}
+
+    def f(x: Any) -> Any:
+        return np.cos(x) + rough[int(np.round(x * 2.0**26)) % 3000] + 1e-8 * (x == 0.0)
+
+    assert noises(f) > 5e-10
+    assert noises(np.sign) == noises(lambda x: np.sign(x) + 0.0)
+    assert noises(np.abs) < 1e-3
 
 
 @pytest.mark.parametrize("away", [1e-5, pytest.param(4e-4, marks=pytest.mark.night)])

@@ -66,7 +66,8 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     The short line decides. Where f is constant between two of its points, or where the long line
     is much noisier, f may have steps, and the long line counts; not where f jumps there once, at
     this very point or near it, nor where it is smooth on the line between, undersampled on the long
-    one: neither a jump nor a fast vibration is noise.
+    one: neither a jump nor a fast vibration is noise. Nor is a value at x that stands alone among
+    those of the long line, as in a branch for angles that are 0: it is left out.
 
     Args:
         f: function of an array (m,), which returns an array.
@@ -89,7 +90,22 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         smooth = asked & (middle < long / DISAGREE)
     rough = steps | (asked & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of them, the other tells.
-    return np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
+    found = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
+    alone, rest = _alone(LONG, far)
+    return np.where(alone, np.fmin(found, _noise_on(LONG, rest)), found) if alone.any() else found
+
+
+def _alone(line: Line, values: Array) -> tuple[Array, Array]:
+    """Whether each entry at the center of a line is far from all others, and values without it.
+
+    There (points, ...) have at their center what three values on each side interpolate.
+    """
+    center, rest = line.points // 2, values.copy()
+    sides = [values[center - k] + values[center + k] for k in (1, 2, 3)]
+    rest[center] = (15.0 * sides[0] - 6.0 * sides[1] + sides[2]) / 20.0
+    apart, rounding = np.abs(values[center] - rest[center]), EPS * np.abs(values).max(axis=0)
+    alone = apart > DISAGREE * rounding
+    return alone & (apart > DISAGREE * _noise_on(line, rest)) if alone.any() else alone, rest
 
 
 def _vanishes_within_jump(near: Array, far: Array) -> Array:

@@ -177,6 +177,9 @@ def check(
     for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
         if claim.id in LAST:
             found[claim.id] = [*worst(functions, claim, points)]
+    if claims is not None:
+        for claim in selected:
+            found[claim.id] = found[claim.id] or [lacking(functions, claim)]
     ordered = [one for claim in selected for one in found[claim.id]]
     return concluded(functions, ordered, points)
 
@@ -559,10 +562,27 @@ def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
     middle, _ = functions.half_ranges()
     at = Point(Answers(functions), middle[: functions.n], middle[functions.n :])
     ids = tuple(claims)
-    found = [one for id in ids for one in untold(functions, FUNCTION_CLAIMS[id], at)]
+    found: list[Finding] = []
+    for claim in map(FUNCTION_CLAIMS.__getitem__, ids):
+        each = list(untold(functions, claim, at))
+        if not (each or claim.applies(at) or len(ids) == len(FUNCTION_CLAIMS)):
+            each = [lacking(functions, claim)]
+        found += each
     if functions.ranges is None and {"answers", "reference"} <= {*ids}:
         found.append(_within(functions))
     return found
+
+
+def lacking(functions: Functions, claim: FunctionClaim) -> Finding:
+    """The Finding of a claim that was asked for and has nothing to look at."""
+    either = [need.replace("|", " or ") for need in claim.needs]
+    several = len(either) > 1
+    needs = " and ".join(f"({x})" if several and " or " in x else x for x in either)
+    detail = f"needs {needs}" if needs else "does not hold"
+    if claim.without:
+        detail += f", without {' or '.join(claim.without)}"
+    about = claim.id, functions.name, functions, None
+    return Finding(*about, 0.0, 0.0, "not looked at", "not looked at", detail)
 
 
 def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
