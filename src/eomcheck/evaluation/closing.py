@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.numbers.contract import Array
 from eomcheck.numbers.decompositions import least_squares
-
-if TYPE_CHECKING:
-    from eomcheck.evaluation.doubles import Evaluation
 
 CLOSING_STEPS = 50
 """Newton steps after which the search for a closed position gives up."""
 
 
-def position_residual(at: Evaluation) -> Array:
+def position_residual(at: Quantities) -> Array:
     """Return how far the holonomic constraints, if any, are from being closed (h,), m."""
     function = at.scene.position_residual
     if function is None:
@@ -25,7 +23,7 @@ def position_residual(at: Evaluation) -> Array:
     return at.run(function, at.parameters, at.prepared, at.q)
 
 
-def newton(at: Evaluation, q: Array, kept: Any = None) -> tuple[Array, float, bool]:
+def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bool]:
     """Return (q (n,), last step, whether steps shrank until nothing but rounding is left).
 
     The smallest correction is taken in each step.

@@ -99,7 +99,6 @@ class Evaluation(Quantities):
         self.speeds_rcond: dict[str, float] = {}
         self._solutions_in: dict[tuple[str, bytes], Acceleration] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
-        self._kept: dict[Callable[[Evaluation], Any], Any] = {}
         self.solves: dict[Key, dict[str, Solve]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -122,13 +121,6 @@ class Evaluation(Quantities):
     def time(self) -> Array:
         """The time (1,), as generic functions of doubles read it."""
         return (self.t if lanes_in(self.t) else np.full(1, self.t)).reshape(1)
-
-    def kept(self, function: Callable[[Evaluation], T]) -> T:
-        """Return function(self), found when it is first asked for."""
-        if function not in self._kept:
-            with self.computing(function.__qualname__):
-                self._kept[function] = function(self)
-        return self._kept[function]
 
     def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices of its own; copies round as it does here."""

@@ -100,6 +100,18 @@ class Quantities:
 
     def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
         self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
+        self._kept: dict[Callable[[Any], Any], Any] = {}
+
+    def kept(self, function: Callable[[Any], T]) -> T:
+        """Return function(self), found when it is first asked for."""
+        if function not in self._kept:
+            with self.computing(function.__qualname__):
+                self._kept[function] = function(self)
+        return self._kept[function]
+
+    def elsewhere(self, q: Array) -> Quantities:
+        """Return the same scene at other coordinates q (n,), where an arithmetic can."""
+        raise NotImplementedError
 
     def computing(self, name: str) -> AbstractContextManager:
         """Return the context in which what is called `name` is computed."""

@@ -14,13 +14,14 @@ in one position alone, that is a singular one: what they say there does not tell
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space, qr, solve_triangular
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.closing import newton
+from eomcheck.evaluation.point import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Partition
 from eomcheck.kernels.preparing import preparation
@@ -28,9 +29,6 @@ from eomcheck.numbers.contract import Array
 from eomcheck.numbers.entries import map_record
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import scale_of
-
-if TYPE_CHECKING:
-    from eomcheck.evaluation.doubles import Evaluation
 
 RANK = "rank of a"
 """What refusals call it."""
@@ -55,7 +53,7 @@ class Rank(NamedTuple):
     unsure: Array
 
 
-def rank_of(at: Evaluation) -> Rank:
+def rank_of(at: Quantities) -> Rank:
     """Return which constraints are independent at `at`, which has some.
 
     Raises:
@@ -67,7 +65,7 @@ def rank_of(at: Evaluation) -> Rank:
     return found
 
 
-def _rank(at: Evaluation) -> Rank | RefusedError:
+def _rank(at: Quantities) -> Rank | RefusedError:
     a, names = at.terms.a, at.scene.constraint_names
     r = len(a)
     a, unsure = _in_common_units(at, 1.0)
@@ -109,7 +107,7 @@ def _rank(at: Evaluation) -> Rank | RefusedError:
     return Rank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
 
 
-def _in_common_units(at: Evaluation, least: float) -> tuple[Array, Array]:
+def _in_common_units(at: Quantities, least: float) -> tuple[Array, Array]:
     """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
 
     With angles that are known as if they were `least` at least, rad.
@@ -129,7 +127,7 @@ def _in_common_units(at: Evaluation, least: float) -> tuple[Array, Array]:
     return a * rows[:, None], unsure * rows[:, None]
 
 
-def _moved(at: Evaluation, noise: Noise, least: float) -> Array:
+def _moved(at: Quantities, noise: Noise, least: float) -> Array:
     """Return a of moved coordinates and parameters, an angle as if it were `least` at least."""
     with noise.stream("rank"):
         floor = np.zeros(at.scene.n)
@@ -177,7 +175,7 @@ NEARBY = 2.0**-10
 share of the largest."""
 
 
-def _sizes(at: Evaluation) -> Array:
+def _sizes(at: Quantities) -> Array:
     """Return what changes of coordinates (n,) are small or large beside."""
     q = np.abs(at.q)
     q[at.scene.angle_coordinates] = 0.0
@@ -186,7 +184,7 @@ def _sizes(at: Evaluation) -> Array:
     return sizes
 
 
-def check_redundant(at: Evaluation, found: Rank) -> None:
+def check_redundant(at: Quantities, found: Rank) -> None:
     """Check that redundant constraints are so in a position nearby too.
 
     One that the kept constraints allow, either way along a motion that all constraints allow.
@@ -218,7 +216,7 @@ def check_redundant(at: Evaluation, found: Rank) -> None:
     )
 
 
-def check_rank_kept(at: Evaluation, partition: Partition) -> None:
+def check_rank_kept(at: Quantities, partition: Partition) -> None:
     """Check that the rank of a is still what it was when `partition` was chosen.
 
     In the position next to `at` that the kept constraints allow, for a motion drifts off them.
@@ -241,7 +239,7 @@ def check_rank_kept(at: Evaluation, partition: Partition) -> None:
         )
 
 
-def independent_partition(at: Evaluation) -> Partition:
+def independent_partition(at: Quantities) -> Partition:
     """Return the paper's partition with the rows that are kept, all rows if all are independent.
 
     Raises:
