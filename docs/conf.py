@@ -18,7 +18,7 @@ from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
 from eomcheck.lab.show.markdown import escaped as cell
 from eomcheck.lab.show.markdown import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
-from eomcheck.motion.stored import load_reference
+from eomcheck.motion.reference_io import load_reference
 from eomcheck.scenes import SCENES
 
 DOCS = Path(__file__).parent

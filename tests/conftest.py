@@ -8,7 +8,7 @@ import pytest
 from tests import machine_code
 
 from eomcheck.formulations import applicable
-from eomcheck.motion import trace
+from eomcheck.motion import right_hand_side
 from eomcheck.scenes import SCENES
 
 
@@ -25,5 +25,5 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def forgotten_kernels() -> Iterator[None]:
     """Forget machine code after each module: of all tests it would be a gigabyte."""
     yield
-    trace._kernels.clear()
+    right_hand_side._kernels.clear()
     machine_code._kept.clear()

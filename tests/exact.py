@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.generic import Angles
 from eomcheck.scenes import Snake
 
 SMALL_SCENES: list[Scene] = [scene for links in (1, 2, 3, 5) for scene in Snake.structures(links)]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 import flint
 import numpy as np
 
-from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.generic import Angles
 
 PRIME = 2**61 - 1
 SPARE = 6

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.layout import HEADER
 from eomcheck.kernels.program import SHORT, program_of
 from eomcheck.numbers import tape as tapes
-from eomcheck.numbers.banded import WIDTH, full
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.banded_solve import WIDTH, full
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.tape import Tape, live
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 

@@ -22,7 +22,7 @@ import eomcheck
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import right_hand_side
-from eomcheck.numbers.banded import solve_banded
+from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import GENERIC
 from eomcheck.numbers.linear import product, solve

@@ -14,7 +14,7 @@ import eomcheck
 from eomcheck.errors import InputError, UnwrittenError
 from eomcheck.files import check_regular, check_writable, read_text, replacing, write_text
 from eomcheck.lab.store.records import Records
-from eomcheck.motion.stored import load_reference
+from eomcheck.motion.reference_io import load_reference
 from eomcheck.robots import from_mjcf, from_urdf
 from eomcheck.testing.expected import expected_failures
 

@@ -25,16 +25,16 @@ class Edit(NamedTuple):
 RESIDUAL = "residual = b - self.times(x) + noise.changes", "residual = noise.changes"
 EDITS = (
     Edit("numbers/pivots.py", "REFINED = BAND_TERMS * EPS", "REFINED = 1.0"),
-    Edit("numbers/banded.py", *RESIDUAL),
-    Edit("kernels/lane_solves.py", *RESIDUAL),
+    Edit("numbers/banded_solve.py", *RESIDUAL),
+    Edit("kernels/batched_solves.py", *RESIDUAL),
     Edit(
-        "evaluation/sensitivity.py",
+        "evaluation/perturbed.py",
         "if not told.all():",
         "if False:",
     ),
-    Edit("evaluation/lanes.py", "unsure |= solve.sign != here[name].sign", "pass"),
+    Edit("evaluation/batched_evaluation.py", "unsure |= solve.sign != here[name].sign", "pass"),
     Edit(
-        "evaluation/lanes.py",
+        "evaluation/batched_evaluation.py",
         "unsure |= ~(allowed_error(1.0) * (change / STEP) <= INCONCLUSIVE)",
         "pass",
     ),

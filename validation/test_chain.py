@@ -16,13 +16,12 @@ import eomcheck
 from eomcheck.claims import Case
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import true_error, true_state
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.motion.reference_io import load_reference
 from eomcheck.motion.right_hand_side import RightHandSide
-from eomcheck.motion.stored import load_reference
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array
 from eomcheck.scenes import Snake
 from validation.harness import holds
 

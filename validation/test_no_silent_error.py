@@ -17,7 +17,7 @@ import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import EomcheckError, RefusedError
 from eomcheck.evaluation.certified import true_error
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.studies.stability.families import FAMILIES, Posed

@@ -8,8 +8,8 @@ import pytest
 
 import eomcheck
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.stored import load_reference
+from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.simulate import Motion
 from eomcheck.scenes import Snake
 
 STORED = Path(__file__).with_name("references")

@@ -25,28 +25,31 @@ if TYPE_CHECKING:
         RefusedError,
         UnknownNameError,
     )
-    from eomcheck.evaluation.certified import Accuracy, accuracy
-    from eomcheck.evaluation.doubles import Acceleration
-    from eomcheck.evaluation.dynamics import acceleration, speeds_of, velocity
-    from eomcheck.evaluation.enclosure import Enclosure, enclose
-    from eomcheck.evaluation.redundant import Dependence, independent_constraints
+    from eomcheck.evaluation.certified import Accuracy, Enclosure, accuracy, enclose
+    from eomcheck.evaluation.dynamics import (
+        Dependence,
+        acceleration,
+        independent_constraints,
+        speeds_of,
+        velocity,
+    )
+    from eomcheck.evaluation.evaluation import Acceleration
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.mechanics.subset import with_constraints
+    from eomcheck.motion.batch import Trajectories, simulate_many
     from eomcheck.motion.integrators import INTEGRATORS
-    from eomcheck.motion.many import Trajectories, simulate_many
-    from eomcheck.motion.simulate import simulate
-    from eomcheck.motion.trajectory import Trajectory
+    from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
 
 _HOME = {
     "acceleration": "evaluation.dynamics",
-    "Acceleration": "evaluation.doubles",
+    "Acceleration": "evaluation.evaluation",
     "velocity": "evaluation.dynamics",
     "speeds_of": "evaluation.dynamics",
-    "enclose": "evaluation.enclosure",
-    "Enclosure": "evaluation.enclosure",
-    "independent_constraints": "evaluation.redundant",
-    "Dependence": "evaluation.redundant",
+    "enclose": "evaluation.certified",
+    "Enclosure": "evaluation.certified",
+    "independent_constraints": "evaluation.dynamics",
+    "Dependence": "evaluation.dynamics",
     "with_constraints": "mechanics.subset",
     "accuracy": "evaluation.certified",
     "Accuracy": "evaluation.certified",
@@ -64,9 +67,9 @@ _HOME = {
     "SCENES": "scenes",
     "INTEGRATORS": "motion.integrators",
     "simulate": "motion.simulate",
-    "Trajectory": "motion.trajectory",
-    "simulate_many": "motion.many",
-    "Trajectories": "motion.many",
+    "Trajectory": "motion.simulate",
+    "simulate_many": "motion.batch",
+    "Trajectories": "motion.batch",
     "EomcheckError": "errors",
     "InputError": "errors",
     "UnknownNameError": "errors",

@@ -10,7 +10,7 @@ from tests.evaluation.test_acceleration import stretched
 import eomcheck
 from eomcheck.claims import Case
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.scenes import Snake
 

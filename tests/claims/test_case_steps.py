@@ -15,8 +15,8 @@ from eomcheck.claims import CLAIMS, Case, Finding, case, trial
 from eomcheck.claims.registry import Claim, Sides, Skipped
 from eomcheck.engines import CasadiEngine, PinocchioEngine
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State

@@ -14,8 +14,8 @@ from eomcheck.claims import CLAIMS, Case, State, refusals
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.redundant import CONTRADICTION
+from eomcheck.evaluation.dynamics import CONTRADICTION
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.pivots import EPS

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eomcheck import strategies
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall

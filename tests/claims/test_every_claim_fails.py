@@ -43,7 +43,7 @@ from eomcheck.claims.refusals import ENOUGH, MAY_REFUSE, Drawn, coverage, indepe
 from eomcheck.claims.registry import Claim, Sides, Skipped, names_of_term
 from eomcheck.engines import ALWAYS, ENGINES, Engine
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

@@ -13,7 +13,7 @@ import eomcheck
 from eomcheck.claims import CLAIMS, Case, truth
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 

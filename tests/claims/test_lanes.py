@@ -16,7 +16,7 @@ from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judge, judged
 from eomcheck.claims.lanes import ABSENT, lane_cases, liftable
 from eomcheck.claims.strata import scene_cases
 from eomcheck.engines import ENGINES
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw

@@ -8,7 +8,7 @@ import pytest
 import eomcheck
 from eomcheck.claims.physics import _Rates
 from eomcheck.claims.strata import state_cases
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES, Snake

@@ -11,7 +11,7 @@ from tests.mechanics.descriptions import Arm, FourBar
 
 import eomcheck
 from eomcheck.claims.positions import tried_motions
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians, Symmetry
 from eomcheck.mechanics.scene import Scene

@@ -11,7 +11,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 from eomcheck.claims import CLAIMS, Case, Finding, State, refusals
 from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake

@@ -11,7 +11,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
 from eomcheck.claims.registry import Sides
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES
 

@@ -11,8 +11,8 @@ from hypothesis import Phase, given, settings
 from eomcheck import acceleration, strategies
 from eomcheck.claims.refusals import MAY_REFUSE
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import UNHURRIED

@@ -16,7 +16,7 @@ from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree

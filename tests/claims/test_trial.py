@@ -13,7 +13,7 @@ from eomcheck.claims import CLAIMS, Case, trial
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import null_space
 
 from eomcheck import strategies
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 

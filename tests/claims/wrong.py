@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import generic

@@ -13,7 +13,7 @@ import pytest
 
 import eomcheck
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians

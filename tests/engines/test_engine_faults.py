@@ -100,7 +100,7 @@ def test_found_is_the_engines_and_expected_the_references():
 
 
 def _arguments():
-    from eomcheck.evaluation.doubles import Evaluation
+    from eomcheck.evaluation.evaluation import Evaluation
 
     at = Evaluation(SCENE, Q, V)
     return at.parameters, at.prepared, at.q, at.v

@@ -16,7 +16,7 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.speeds import kane_system
 from eomcheck.engines import Answers, Engine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum
 

@@ -13,7 +13,7 @@ from eomcheck.claims.strata import scene_cases
 from eomcheck.claims.trial import inertia_size, mass_size
 from eomcheck.engines import ENGINES, Answers, Engine, represents
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link, knife_edge, rolling_ball

@@ -16,11 +16,11 @@ from eomcheck.claims.trial import inertia_size, mass_size
 from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.errors import EngineError, UnknownNameError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, kane
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import Snake
 
 every_engine = pytest.mark.parametrize("key", ENGINES)

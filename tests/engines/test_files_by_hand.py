@@ -22,7 +22,7 @@ from eomcheck.engines.files.pinocchio import PinocchioFile
 from eomcheck.engines.files.pybullet import PybulletFile
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.robots import from_mjcf
 from eomcheck.scenes import ChainPendulum, from_urdf
 

@@ -11,8 +11,8 @@ from eomcheck.claims import CLAIMS, Case
 from eomcheck.engines import ENGINES, Answers, Engine
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.described import words
@@ -21,7 +21,7 @@ from eomcheck.mechanics.described.words import Joint, distance
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.decompositions import null_space
+from eomcheck.numbers.linear import null_space
 from eomcheck.scenes import SCENES, ChainPendulum
 
 TREES = [key for key, kind in SCENES.items() if kind.example().tree() is not None]

@@ -12,7 +12,7 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.claims import CLAIMS
 from eomcheck.engines import ENGINES, Answers, Engine
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
 ASKING = [one.id for one in CLAIMS.values() if one.asks]

@@ -18,16 +18,16 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
-from eomcheck.evaluation.lanes import LaneEvaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link, coupling
 from eomcheck.mechanics.records import State
-from eomcheck.numbers import banded, linear
+from eomcheck.numbers import banded_solve, linear
 from eomcheck.scenes import Bicycle, FourBarChain, Snake
 from eomcheck.strategies import NEGLIGIBLE
 
@@ -327,7 +327,7 @@ def test_the_condition_of_every_matrix_solved_is_recorded_under_its_name(key, mo
         return recording
 
     monkeypatch.setattr(linear, "eliminate", recorded(linear.eliminate))
-    monkeypatch.setattr(banded, "eliminate_banded", recorded(banded.eliminate_banded))
+    monkeypatch.setattr(banded_solve, "eliminate_banded", recorded(banded_solve.eliminate_banded))
     Point(SNAKE, RandomFractions(0)).solution(FORMULATIONS[key])
     rcond = acceleration(SNAKE, key, Q, V).rcond
     assert list(rcond) == solved_exactly

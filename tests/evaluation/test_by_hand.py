@@ -15,20 +15,14 @@ import pytest
 from tests.samples import ordinary
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
-from eomcheck.evaluation import (
-    certified,
-    closing,
-    dynamics,
-    enclosure,
-    rank,
-    redundant,
-    sensitivity,
-    violations,
-)
-from eomcheck.evaluation import lanes as in_lanes
-from eomcheck.evaluation.doubles import SPEEDS, Acceleration, Evaluation
-from eomcheck.evaluation.enclosure import Enclosure
-from eomcheck.evaluation.point import Solution
+from eomcheck.evaluation import batched_evaluation as in_lanes
+from eomcheck.evaluation import certified, constraint_rank, dynamics, violations
+from eomcheck.evaluation import certified as enclosure
+from eomcheck.evaluation import dynamics as redundant
+from eomcheck.evaluation import perturbed as sensitivity
+from eomcheck.evaluation.certified import Enclosure
+from eomcheck.evaluation.evaluation import SPEEDS, Acceleration, Evaluation
+from eomcheck.evaluation.scene_quantities import Solution
 from eomcheck.evaluation.tolerance import C, allowed_error, can_overflow
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State, Terms
@@ -260,7 +254,7 @@ def newton(residual, q: list, kept: Any = None) -> tuple[np.ndarray, float, bool
     at.elsewhere = lambda q: SimpleNamespace(
         **{**vars(at), "q": q, "terms": Terms(None, None, None, a, None, None)}
     )
-    return closing.newton(at, np.array(q), kept)
+    return constraint_rank.newton(at, np.array(q), kept)
 
 
 def test_a_search_ends_with_the_constraints_that_are_kept():
@@ -427,12 +421,12 @@ def test_a_lane_is_refused_by_any_of_its_matrices_its_speeds_or_what_overflows(m
 # ---- Redundant constraints -----------------------------------------------------------------------
 
 NAMES = ("front", "rear", "left", "right")
-FOUND = rank.Rank(
+FOUND = constraint_rank.Rank(
     np.array([0, 2]), np.array([1, 3]), np.array([1, 0.25, 1, 0.5]), np.array([0, 0.3, 0, 0.6])
 )
 
 
-def around(monkeypatch, closed: list[bool], there: list[rank.Rank]) -> tuple[Any, list]:
+def around(monkeypatch, closed: list[bool], there: list[constraint_rank.Rank]) -> tuple[Any, list]:
     """Return a pose of which the neighbours, either way, may be closed and have these ranks."""
     a = np.array([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [3.0, 0.0, -6.0], [0.0, 0.0, 0.0]])
     scene = SimpleNamespace(n=3, angle_coordinates=slice(1, 2), constraint_names=NAMES)
@@ -445,13 +439,13 @@ def around(monkeypatch, closed: list[bool], there: list[rank.Rank]) -> tuple[Any
         asked.append((q - at.q, kept.tolist()))
         return len(asked) - 1, 0.0, closed[len(asked) - 1]
 
-    monkeypatch.setattr(rank, "newton", search)
-    monkeypatch.setattr(rank, "rank_of", lambda place: there[place])
+    monkeypatch.setattr(constraint_rank, "newton", search)
+    monkeypatch.setattr(constraint_rank, "rank_of", lambda place: there[place])
     return at, asked
 
 
-GROWN = rank.Rank(np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.unsure)
-OTHERS = rank.Rank(np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.unsure)
+GROWN = constraint_rank.Rank(np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.unsure)
+OTHERS = constraint_rank.Rank(np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.unsure)
 
 
 @pytest.mark.parametrize(
@@ -470,23 +464,25 @@ def test_redundant_rows_are_so_in_a_position_nearby_to_one_side(
 ):
     at, asked = around(monkeypatch, closed, there)
     if fine:
-        rank.check_redundant(at, FOUND)
+        constraint_rank.check_redundant(at, FOUND)
     else:
         with pytest.raises(RefusedError, match="the constraints of rear, right depend") as refused:
-            rank.check_redundant(at, FOUND)
+            constraint_rank.check_redundant(at, FOUND)
         assert (refused.value.rcond, refused.value.threshold) == (0.25, 0.3)
     assert len(asked) == tried
     for (away, kept), side in zip(asked, (1.0, -1.0), strict=False):
         # Along what all constraints allow, by a share of the largest coordinate that is no angle.
         assert kept == [0, 2]
         assert away == pytest.approx(side * asked[0][0])
-        assert np.abs(away) == pytest.approx([4.0 * rank.NEARBY, 0.0, 2.0 * rank.NEARBY])
+        assert np.abs(away) == pytest.approx(
+            [4.0 * constraint_rank.NEARBY, 0.0, 2.0 * constraint_rank.NEARBY]
+        )
 
 
 def test_rows_of_what_cannot_move_are_redundant(monkeypatch):
     at, asked = around(monkeypatch, [], [])
     at.terms = at.terms._replace(a=np.eye(4)[:, :3])
-    rank.check_redundant(at, FOUND._replace(kept=np.array([0, 1, 2])))
+    constraint_rank.check_redundant(at, FOUND._replace(kept=np.array([0, 1, 2])))
     assert not asked
 
 
@@ -504,7 +500,7 @@ def test_along_a_motion_the_rank_is_watched_next_to_it(monkeypatch, closed, kept
     at, asked = around(monkeypatch, [closed], [FOUND._replace(kept=np.array(kept))])
     partition: Any = SimpleNamespace(kept=np.array([0, 2]))
     with pytest.raises(RefusedError, match=says) if says else nullcontext():
-        rank.check_rank_kept(at, partition)
+        constraint_rank.check_rank_kept(at, partition)
     assert [kept for _, kept in asked] == [[0, 2]] and not asked[0][0].any()
 
 

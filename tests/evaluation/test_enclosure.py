@@ -16,8 +16,8 @@ from tests.exact import ExactFloats
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError, UnknownNameError
-from eomcheck.evaluation.enclosure import _certain_digits
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.certified import _certain_digits
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.ball import precision

@@ -14,11 +14,12 @@ from validation.test_no_silent_error import with_an_entry_of_nothing_but_roundin
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
-from eomcheck.evaluation import perturbed, sensitivity
+from eomcheck.evaluation import perturbed
+from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.certified import true_error, true_state
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,
@@ -28,7 +29,7 @@ from eomcheck.evaluation.tolerance import (
 )
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels import moved_solves
+from eomcheck.kernels import perturbed_solves
 from eomcheck.numbers.linear import SOLVERS, like_present, noise_present
 from eomcheck.numbers.noise import Noise
 from eomcheck.scenes import Snake
@@ -72,7 +73,7 @@ def of_its_own_factors(name):
     return None if like is None else like._replace(rounding=None)
 
 
-NOTHING_OF_FACTORS = patch.object(moved_solves, "like_present", of_its_own_factors)
+NOTHING_OF_FACTORS = patch.object(perturbed_solves, "like_present", of_its_own_factors)
 
 
 class NotRounding:
@@ -95,8 +96,8 @@ def without_factors(A, b, name):
     noise = noise_present()
     copies = A.size // A.shape[-1] ** 2
     quiet = NotRounding(noise, A.shape[-1] ** 2, b.size // copies)
-    with patch.object(moved_solves, "noise_present", lambda: quiet):
-        return moved_solves.moved_solve(A, b, name)
+    with patch.object(perturbed_solves, "noise_present", lambda: quiet):
+        return perturbed_solves.moved_solve(A, b, name)
 
 
 def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
@@ -281,5 +282,5 @@ def test_a_choice_between_equal_pivots_is_the_same_in_every_copy(key: str, snake
     """By the other row, which most copies would take, nearly nothing is lost."""
     at = Evaluation(snake, *AT)
     truth = eomcheck.enclose(snake, key, at.q, v=at.v, digits=20)
-    any_row = patch.object(moved_solves, "like_present", lambda _: None)
+    any_row = patch.object(perturbed_solves, "like_present", lambda _: None)
     assert bound(at, key, any_row) < error(at, key, truth) < bound(at, key)

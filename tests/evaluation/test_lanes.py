@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluation.lanes import LaneEvaluation, substituted
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation, substituted
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import TurntableBall
 

@@ -15,16 +15,16 @@ from tests.mechanics.descriptions import GROUND, Driven, Lifted, rod
 
 from eomcheck import with_constraints
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import net_force, rate_of_velocity, with_literals
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import net_force, rate_of_velocity, with_literals
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics import composed
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint
 from eomcheck.mechanics.scene import MOST, checked_scene, finite_array
-from eomcheck.motion import cyrk, trace
+from eomcheck.motion import integrators, right_hand_side
+from eomcheck.motion.reference_io import Run, decimals, difference
 from eomcheck.motion.right_hand_side import ACCELERATION, RightHandSide, exact_jacobian, kernel_of
-from eomcheck.motion.run import Run, decimals, difference
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.scenes import Bricard, ChainPendulum, Snake
 
@@ -270,10 +270,10 @@ def test_a_kernel_with_accelerations_has_these_outputs(key):
 
 def test_parameters_that_are_absent_are_no_part_of_a_block_and_come_back_as_none():
     scene = replace(Snake.coil(2), stiffness=None)
-    arrays = trace.parameter_arrays(scene)
+    arrays = right_hand_side.parameter_arrays(scene)
     assert "stiffness" not in arrays and "mass" in arrays
     assert arrays["mass"].tolist() == scene.mass.tolist()
-    record = trace.record_of(scene, {name: name for name in arrays})
+    record = right_hand_side.record_of(scene, {name: name for name in arrays})
     assert {name: x for name, x in record._asdict().items() if x is not None} == {
         name: name for name in arrays
     }
@@ -282,11 +282,13 @@ def test_parameters_that_are_absent_are_no_part_of_a_block_and_come_back_as_none
 
 def test_only_a_chain_with_the_same_terms_is_continued(monkeypatch):
     scene = replace(Snake.coil(3), stiffness=None)
-    other: Any = trace._alike(scene, 5)
+    other: Any = right_hand_side._alike(scene, 5)
     assert other.links == 5 and other.stiffness is None
     monkeypatch.setattr(Snake, "structures", classmethod(lambda kind, links: [Snake.coil(links)]))
-    with pytest.raises(trace.NotRegularError, match="no snake of 5 links has the terms of snake"):
-        trace._alike(scene, 5)
+    with pytest.raises(
+        right_hand_side.NotRegularError, match="no snake of 5 links has the terms of snake"
+    ):
+        right_hand_side._alike(scene, 5)
 
 
 # ---- Runs in many digits -------------------------------------------------------------------------
@@ -324,8 +326,8 @@ def test_digits_are_read_in_their_places_and_others_are_refused():
 def test_reaching_cyrk_leaves_nothing_of_its_packages_behind():
     names = ("CyRK", "CyRK.nb", "CyRK.cy")
     before = [name in sys.modules for name in names]
-    common = cyrk._extension("cy.common")
+    common = integrators._extension("cy.common")
     assert [name in sys.modules for name in names] == before
-    assert cyrk.library().MAX_SIZE == common.MAX_SIZE > 2**31
-    assert cyrk.library() is cyrk.library()
-    assert {*cyrk.FUNCTIONS} <= {*vars(cyrk.library())}
+    assert integrators.library().MAX_SIZE == common.MAX_SIZE > 2**31
+    assert integrators.library() is integrators.library()
+    assert {*integrators.FUNCTIONS} <= {*vars(integrators.library())}

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation import closing
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation import constraint_rank
 from eomcheck.evaluation.dynamics import check_consistent, closed_position, closing_error
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.numbers.decompositions import least_squares
+from eomcheck.numbers.linear import least_squares
 from eomcheck.scenes import SCENES, FourBarChain
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
@@ -32,7 +32,7 @@ def test_a_search_that_overflows_is_refused(monkeypatch, capfd):
     assert np.isnan(least_squares(np.array([[np.inf, 1.0]]), np.ones(1))).all()
     assert np.isnan(least_squares(np.eye(2), np.array([np.nan, 1.0]))).all()
     assert capfd.readouterr() == ("", ""), "LAPACK complains by itself"
-    monkeypatch.setattr(closing, "least_squares", lambda a, b: np.full(a.shape[1], np.nan))
+    monkeypatch.setattr(constraint_rank, "least_squares", lambda a, b: np.full(a.shape[1], np.nan))
     with pytest.raises(RefusedError, match="no closed position is found"):
         closed_position(FourBarChain.rods(1), [0.3, 1.0, 2.0])
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.lanes import LaneEvaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import applicable
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Angles
+from eomcheck.numbers.generic import Angles
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.noise import STEP
 from eomcheck.scenes import Bicycle, Snake, TurntableBall

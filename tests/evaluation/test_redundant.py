@@ -15,11 +15,11 @@ from eomcheck import RefusedError, acceleration, independent_constraints, with_c
 from eomcheck.claims.case import Case
 from eomcheck.claims.refusals import independent_rcond, judged
 from eomcheck.errors import InputError
-from eomcheck.evaluation import rank as rank_module
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation import constraint_rank as rank_module
+from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of
+from eomcheck.evaluation.dynamics import CONTRADICTION
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
-from eomcheck.evaluation.rank import RANK, check_rank_kept, rank_of
-from eomcheck.evaluation.redundant import CONTRADICTION
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
 from eomcheck.scenes import Bricard, FourBarChain, Snake
 

@@ -12,14 +12,18 @@ from scipy.linalg import null_space
 
 from eomcheck import velocity
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import Together, perturbed_copies
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import (
+    Together,
+    acceleration_sensitivity,
+    perturbed_copies,
+    sensitivity_of,
+)
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.moved import Moves
+from eomcheck.kernels.perturbed_trace import Moves
 from eomcheck.named import kinds_of
-from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.generic import map_record
 from eomcheck.numbers.linear import solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
 from eomcheck.scenes import SCENES, Snake

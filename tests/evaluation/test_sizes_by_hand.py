@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation import closing, rank, redundant, sensitivity, violations
+from eomcheck.evaluation import constraint_rank, dynamics, violations
+from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, larger, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Terms
@@ -277,7 +278,7 @@ def test_a_search_goes_on_while_steps_are_less_than_half_of_those_before(steps, 
     at.run = lambda function, *given: function(*given)
     at.terms = Terms(None, None, None, np.array([[1.0]]), None, None)
     at.elsewhere = lambda q: at
-    _, step, closed = closing.newton(at, np.array([0.5]))
+    _, step, closed = constraint_rank.newton(at, np.array([0.5]))
     assert closed and step == pytest.approx(1e-15 * steps[taken - 1], abs=0.0)
     assert len(list(left)) == len(steps) - taken
 
@@ -285,8 +286,8 @@ def test_a_search_goes_on_while_steps_are_less_than_half_of_those_before(steps, 
 def test_what_has_no_position_constraint_is_closed_where_it_is():
     at: Any = SimpleNamespace(scene=SimpleNamespace(position_residual=None))
     q = np.array([3.0, -1.0])
-    assert closing.position_residual(at).shape == (0,)
-    found, step, closed = closing.newton(at, q)
+    assert constraint_rank.position_residual(at).shape == (0,)
+    found, step, closed = constraint_rank.newton(at, q)
     assert found is q and (step, closed) == (0.0, True)
 
 
@@ -298,14 +299,16 @@ def ranked(monkeypatch, a: Any, unsure: Any, own: Any = 0.0) -> Any:
     a = np.array(a, float)
     unsure, own = (np.broadcast_to(np.asarray(x, float), a.shape) for x in (unsure, own))
     monkeypatch.setattr(
-        rank, "_in_common_units", lambda at, least: (a.copy(), (unsure if least else own).copy())
+        constraint_rank,
+        "_in_common_units",
+        lambda at, least: (a.copy(), (unsure if least else own).copy()),
     )
     names = tuple(f"row {i}" for i in range(len(a)))
     at: Any = SimpleNamespace(
         terms=SimpleNamespace(a=a), scene=SimpleNamespace(constraint_names=names)
     )
     at.kept = lambda function: function(at)
-    return rank.rank_of(at)
+    return constraint_rank.rank_of(at)
 
 
 def test_rows_are_kept_by_the_largest_that_is_left(monkeypatch):
@@ -362,10 +365,10 @@ def test_rows_are_measured_by_the_energy_in_velocities_and_by_their_size(monkeyp
         asked.append((noise.seed, least))
         return a + next(moves)
 
-    monkeypatch.setattr(rank, "_moved", moved)
+    monkeypatch.setattr(constraint_rank, "_moved", moved)
     M = np.diag([1.0, 4.0, 100.0])
     at: Any = SimpleNamespace(terms=SimpleNamespace(a=a, M=M))
-    found, unsure = rank._in_common_units(at, 0.5)
+    found, unsure = constraint_rank._in_common_units(at, 0.5)
     assert asked == [(k, 0.5) for k in range(SAMPLES)]
     columns = np.array([0.5, 0.25, 2.0**-4])  # powers of two that bring 1, 2 and 10 to [1/2, 1)
     scaled, size = a * columns, np.array([1.0, 1.0 + 2.0**-20])
@@ -388,10 +391,10 @@ def test_results_are_held_against_rows_that_are_redundant_where_these_are_fine(
     monkeypatch, key: str, rows: Any, held: bool
 ):
     asked: list[Any] = []
-    monkeypatch.setattr(redundant, "check_no_contradiction", lambda *given: asked.append(given))
+    monkeypatch.setattr(dynamics, "check_no_contradiction", lambda *given: asked.append(given))
     at: Any = SimpleNamespace(independent_partition=SimpleNamespace(redundant=rows))
     at.acceleration = lambda formulation, pivoted: (formulation.key, pivoted)
-    found = redundant.solution_of(at, FORMULATIONS[key], True)
+    found = dynamics.solution_of(at, FORMULATIONS[key], True)
     assert found == (key, True)
     assert asked == ([(at, FORMULATIONS[key], (key, True))] if held else [])
 
@@ -400,7 +403,7 @@ def test_results_are_held_against_rows_that_are_redundant_where_these_are_fine(
 @pytest.mark.parametrize("row", [0, 1])
 def test_rows_contradict_beyond_the_rounding_of_what_is_added(monkeypatch, share, fine, row):
     """Of both rows |a| |v̇| + |gamma| is 16 and 6, the larger counts."""
-    monkeypatch.setattr(redundant, "sensitivity_of", lambda at, quantity, solved: 2.0)
+    monkeypatch.setattr(dynamics, "sensitivity_of", lambda at, quantity, solved: 2.0)
     vdot = np.array([-2.0, 3.0])
     off = share * allowed_error(16.0 + 2.0)
     terms = Terms(None, None, None, np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([5.0, -1.0]), None)
@@ -410,7 +413,7 @@ def test_rows_contradict_beyond_the_rounding_of_what_is_added(monkeypatch, share
     found: Any = SimpleNamespace(vdot=vdot)
     at.acceleration = lambda formulation: found
     if fine:
-        redundant.check_no_contradiction(at, FORMULATIONS["uk"], found)
+        dynamics.check_no_contradiction(at, FORMULATIONS["uk"], found)
         return
     with pytest.raises(RefusedError, match=f"constraint of {('one', 'two')[row]} contradicts"):
-        redundant.check_no_contradiction(at, FORMULATIONS["uk"], found)
+        dynamics.check_no_contradiction(at, FORMULATIONS["uk"], found)

@@ -12,8 +12,8 @@ from eomcheck.claims.finding import judge
 from eomcheck.claims.strata import scene_cases
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import true_state
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import _check_digits
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.noise import STEP

@@ -20,27 +20,32 @@ from tests.samples import ordinary
 
 from eomcheck import acceleration, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import net_force
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.scene_quantities import net_force
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels import band_ends, machine, sincos
-from eomcheck.kernels.instructions import FEW_ANGLES
+from eomcheck.kernels import band, jit, sincos
+from eomcheck.kernels.emit import HEADER, layout_of
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.layout import HEADER, layout_of
-from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
+from eomcheck.kernels.program import FEW_ANGLES, NotRegularError, Program, continued, program_of
 from eomcheck.mechanics.records import velocity as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion import trace
-from eomcheck.motion.observe import solves_of
-from eomcheck.motion.right_hand_side import RightHandSide, exact_jacobian, kernel_of, rates_on
-from eomcheck.motion.state import state_of
-from eomcheck.motion.trace import MANY_LINKS, SHORTER, parameter_arrays
+from eomcheck.motion import right_hand_side
+from eomcheck.motion.observables import solves_of
+from eomcheck.motion.right_hand_side import (
+    MANY_LINKS,
+    SHORTER,
+    RightHandSide,
+    exact_jacobian,
+    kernel_of,
+    parameter_arrays,
+    rates_on,
+    state_of,
+)
 from eomcheck.numbers import tape as tapes
-from eomcheck.numbers.banded import WIDTH, solve_banded
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.banded_solve import WIDTH, solve_banded
+from eomcheck.numbers.generic import Array, NotRationalError
 from eomcheck.numbers.linear import solve
 from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import SCENES, Sleigh, Snake
@@ -162,14 +167,14 @@ def test_a_kernel_is_made_once_for_all_snakes_of_one_structure(key):
 
 
 def test_of_many_kernels_those_that_were_used_last_are_kept(monkeypatch):
-    monkeypatch.setattr(trace, "_kernels", {})
-    monkeypatch.setattr(trace, "KEPT", 2)
+    monkeypatch.setattr(right_hand_side, "_kernels", {})
+    monkeypatch.setattr(right_hand_side, "KEPT", 2)
     scene, (first, second, third) = Sleigh(), (FORMULATIONS[key] for key in ("kane", "ml", "au"))
     made = kernel_of(scene, first)
     lost = kernel_of(scene, second)
     assert kernel_of(scene, first) is made
     kernel_of(scene, third)
-    assert len(trace._kernels) == 2
+    assert len(right_hand_side._kernels) == 2
     assert kernel_of(scene, first) is made
     assert kernel_of(scene, second) is not lost
 
@@ -457,7 +462,7 @@ def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(
     bands, b = hostile_band(size)
     found = []
     for part in (2, 10**6):
-        monkeypatch.setattr(band_ends, "PART", part)
+        monkeypatch.setattr(band, "PART", part)
         found.append(MachineCode(lambda A, b: solve_banded(A, b, "A"), bands, b)(bands, b))
     assert np.isfinite(found[0]).all()
     assert found[0].tobytes() == found[1].tobytes()
@@ -659,11 +664,11 @@ def test_code_for_another_machine_works_and_with_fma_has_the_bits_of_this_one(
     scene = uneven(3, springs=True)
     at = Evaluation(scene, *state(scene))
     found: list[list[Array]] = []
-    if fused and not machine.features()[2]:
+    if fused and not jit.features()[2]:
         pytest.skip("this machine cannot multiply and add at once")
     for other in (None, MACHINES[name]):
         if other is not None:
-            for module in (machine, sincos):
+            for module in (jit, sincos):
                 monkeypatch.setattr(module, "features", lambda other=other: other)
         found.append([])
         for key in ("au", "el", "kane", "banded"):

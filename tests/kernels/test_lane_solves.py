@@ -9,8 +9,8 @@ import pytest
 from tests.numbers.test_banded import factors_above_the_matrix, inside
 
 from eomcheck.errors import RefusedError
-from eomcheck.kernels.lane_solves import solve_banded_in_lanes, solve_in_lanes
-from eomcheck.numbers.banded import TERMS, WIDTH, full, solve_banded
+from eomcheck.kernels.batched_solves import solve_banded_in_lanes, solve_in_lanes
+from eomcheck.numbers.banded_solve import TERMS, WIDTH, full, solve_banded
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import Solve, singular_below, solve, watching
 from eomcheck.numbers.noise import STEP

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import eomcheck.kernels.moved_solves  # noqa: F401  (what it solves is registered there)
+import eomcheck.kernels.perturbed_solves  # noqa: F401  (what it solves is registered there)
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.linear import Solve, solve, watching
 from eomcheck.numbers.noise import STEP, Noise, Noises

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from tests.machine_code import MachineCode
 
-from eomcheck.kernels import gathered, machine, moved, repeat, rows
-from eomcheck.kernels.code import LANES, Code
-from eomcheck.kernels.each import each
-from eomcheck.kernels.gathered import Seen
-from eomcheck.kernels.layout import HEADER, Layout, aligned, layout_of, reads_of, results_of
-from eomcheck.kernels.machine import CACHE_LINE, Machine, memory
-from eomcheck.kernels.moved import FEW, Moves
+from eomcheck.kernels import jit, kernel, perturbed_solves, perturbed_trace
+from eomcheck.kernels.batched_solves import each
+from eomcheck.kernels.emit import HEADER, Layout, aligned, layout_of, reads_of, results_of
+from eomcheck.kernels.jit import CACHE_LINE, Machine, memory
+from eomcheck.kernels.llvm_builder import LANES, Code
+from eomcheck.kernels.perturbed_trace import FEW, Moves, Seen
 from eomcheck.kernels.program import NotRegularError, Program, continued
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.linear import product, solve
@@ -164,7 +163,7 @@ def test_rows_are_substituted_by_factors_and_by_their_sizes(size: int, many: int
     lower = np.tril(factors[:, :size], -1) + np.eye(size)
     upper = np.triu(factors[:, :size])
     # What is below the diagonal of U, and above that of L, is nobody's.
-    made = Machine(rows.texts())
+    made = Machine(perturbed_solves.texts())
     kinds = *[ctypes.c_int64] * 2, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
     before = factors.copy()
     for name, expected in (
@@ -201,16 +200,16 @@ def test_a_kernel_is_called_row_by_row_and_so_often_as_is_said():
     made = Machine([text])
     t, y = np.array([[2.0], [3.0], [5.0]]), np.array([[[1.0], [9.0]], [[2.0], [9.0]], [[4.0], [9]]])
     out, last = np.full((3, 2, 1), -1.0), np.array([10.0])
-    repeat.along(made.address("one"), last, t, y, out)
+    kernel.along(made.address("one"), last, t, y, out)
     assert out[:, :, 0].tolist() == [[21, -1], [32, -1], [54, -1]]
     empty = np.zeros((0, 2, 1))
-    repeat.along(made.address("one"), last, np.zeros((0, 1)), empty, empty)
+    kernel.along(made.address("one"), last, np.zeros((0, 1)), empty, empty)
     grow = Code()
     grow.store(grow.add(grow.load("%a"), grow.load("%b")), "%a")
     text = grow.function("define void @more(ptr %a, double %t, ptr %b, ptr %c, ptr %d)")
     more = Machine([text])
     total, step = np.array([1.0]), np.array([0.5])
-    repeat.repeated(more.address("more"), total.ctypes.data, step.ctypes.data)(6)
+    kernel.repeated(more.address("more"), total.ctypes.data, step.ctypes.data)(6)
     assert total.tolist() == [4.0]
 
 
@@ -278,7 +277,7 @@ def test_several_noises_are_side_by_side_in_one_run_and_their_arrays_in_front():
 def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_forgotten(monkeypatch):
     made: list[Any] = []
 
-    class Counted(moved._List):
+    class Counted(perturbed_trace._List):
         def __init__(self, function: Any, arguments: Any, front: int):
             made.append(function.__name__)
             super().__init__(function, arguments, front)
@@ -292,7 +291,7 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
     def branch(x: Any) -> Any:
         return x if x[0] > 0 else -x
 
-    monkeypatch.setattr(moved, "_List", Counted)
+    monkeypatch.setattr(perturbed_trace, "_List", Counted)
     moves, still = Moves(), Noise(0, step=0.0)
     for x, flag in ((np.ones(3), 1), (2 * np.ones(3), 1), (np.ones(4), 1), (np.ones(3), 2)):
         assert moves.run(still, one, x, flag).tolist() == (x * x).tolist()
@@ -304,16 +303,16 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
     # 3 that are read, and 3 results: 6 places, of which two functions fill 12.
     made.clear()
     moves = Moves()
-    monkeypatch.setattr(moved, "MOST", 12)
+    monkeypatch.setattr(perturbed_trace, "MOST", 12)
     for function in (one, two, one, two):
         moves.run(still, function, np.ones(3))
     assert made == ["one", "two"]
-    monkeypatch.setattr(moved, "MOST", 11)
+    monkeypatch.setattr(perturbed_trace, "MOST", 11)
     moves = Moves()
     for function in (one, two, two, one):
         moves.run(still, function, np.ones(3))
     assert made[2:] == ["one", "two", "one"]
-    monkeypatch.setattr(moved, "MOST", 1)
+    monkeypatch.setattr(perturbed_trace, "MOST", 1)
     moves = Moves()
     for _ in range(2):
         moves.run(still, one, np.ones(3))
@@ -323,13 +322,13 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
 def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch):
     runs: list[int] = []
 
-    class Counted(moved._List):
+    class Counted(perturbed_trace._List):
         def run(self, noise: Any, doubles: Any) -> Any:
             runs.append(len(self.operations))
             assert not noise.changes((2, 3)).any() and noise.changes((2, 3)).shape == (2, 3)
             return super().run(noise, doubles)
 
-    monkeypatch.setattr(moved, "_List", Counted)
+    monkeypatch.setattr(perturbed_trace, "_List", Counted)
     for size in (FEW - 1, FEW):
         x = np.arange(1.0, size + 1)
         assert Moves().unmoved(lambda x: x * x, x).tolist() == (x * x).tolist()
@@ -344,8 +343,8 @@ def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch)
 
 def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeypatch):
     asked: list[Any] = []
-    of = gathered.gathered
-    monkeypatch.setattr(gathered, "gathered", lambda *x: asked.append(x[0]) or of(*x))
+    of = perturbed_trace.gathered
+    monkeypatch.setattr(perturbed_trace, "gathered", lambda *x: asked.append(x[0]) or of(*x))
     a, b, names = np.ones((2, 3)), np.arange(2.0), np.array([1, 2])
     record, seen = (a, (b, None, names), "word"), Seen()
     key = tuple, (2, 3), (tuple, (2,), None, ((2,), names.tobytes())), "word"
@@ -358,7 +357,7 @@ def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeyp
     assert seen.key(a, 1, []) == (3,) and seen.key(3.5, 0, []) == 3.5
     lanes, doubles = LaneArray(np.ones((2, 4))), []
     assert seen.key(lanes, 0, doubles) == lanes.shape and doubles == [lanes] * 1
-    monkeypatch.setattr(gathered, "RECORDS", 2)
+    monkeypatch.setattr(perturbed_trace, "RECORDS", 2)
     seen, others = Seen(), [(a,), (b,), (a, b)]
     asked.clear()
     for one in (others[0], others[1], others[0], others[2], others[2], others[0]):
@@ -368,6 +367,6 @@ def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeyp
 
 
 def test_this_machine_tells_what_it_can_do():
-    name, known, fused = machine.features()
+    name, known, fused = jit.features()
     assert name and "-prefer-256-bit" in known.split(",")
     assert isinstance(fused, bool)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.samples import random_scene, random_state
 
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.formulations import applicable
 from eomcheck.lab.studies.operations import STUDY
 from eomcheck.lab.studies.operations.absent import absent_terms, with_zeros

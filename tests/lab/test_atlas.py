@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.show.heat import Heat
 from eomcheck.lab.show.panel import Panel
 from eomcheck.lab.store.record import Record

@@ -22,7 +22,7 @@ from eomcheck.engines.files.description import described
 from eomcheck.engines.files.free import AXES, BaseVelocity, free_base
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError, InputError, UnknownNameError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import comparing
 from eomcheck.lab.comparing import _worse, compare
 from eomcheck.lab.comparison import Comparison

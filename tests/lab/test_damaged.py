@@ -18,7 +18,7 @@ from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import STUDIES
-from eomcheck.motion.stored import load_reference
+from eomcheck.motion.reference_io import load_reference
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.lab.fuzzing import growth, motion_finds, parameters, velocities
 from eomcheck.lab.fuzzing.growth import starts_nearby

@@ -13,8 +13,8 @@ import pytest
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.fuzzing import draws, function_states, replay, smaller, structures
 from eomcheck.lab.fuzzing import functions as fuzzed
 from eomcheck.lab.fuzzing.draws import drawn_of, drawn_position

@@ -17,9 +17,9 @@ from eomcheck.claims.lanes import NotInLanesError
 from eomcheck.claims.registry import Sides
 from eomcheck.claims.strata import strata_of as measured_strata
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.lanes import LaneEvaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing import draws, judging, rounds

@@ -33,7 +33,7 @@ from eomcheck.lab.fuzzing.strata import Stratum, strata_of
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.motion import many
+from eomcheck.motion import batch
 from eomcheck.scenes import SCENES, FourBarChain, Sleigh, Snake
 
 KEYS = tuple(FORMULATIONS)
@@ -127,7 +127,7 @@ def test_motions_of_scenes_without_time_all_begin(monkeypatch):
 
 def scene_constraints(scene, state):
     """Return a and b."""
-    from eomcheck.evaluation.doubles import Evaluation
+    from eomcheck.evaluation.evaluation import Evaluation
 
     terms = Evaluation(scene, *state).terms
     return terms.a, 0.0 if terms.b is None else terms.b
@@ -149,7 +149,7 @@ def test_fast_scenes_are_moved_for_a_shorter_time():
 def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tmp_path: Path):
     case = turning()
     assert failures_of_motion(case, FEW, 5.0) == []
-    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    monkeypatch.setattr(batch, "solves_partition", lambda *_: False)
     failed = failures_of_motion(case, FEW, 5.0)
     assert {(x.claim, x.subject) for x in failed} >= {(END_STATES, "em")}
     assert {x.subject for x in failed} == {"em"}
@@ -168,7 +168,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
 
 
 def test_the_code_of_a_find_shows_what_is_apart(monkeypatch, capsys):
-    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    monkeypatch.setattr(batch, "solves_partition", lambda *_: False)
     (failed, *_) = failures_of_motion(turning(), FEW, 5.0)
     exec(failed.as_python(), {})
     said = {line.split()[0]: line.split()[3] for line in capsys.readouterr().out.splitlines()}
@@ -176,7 +176,7 @@ def test_the_code_of_a_find_shows_what_is_apart(monkeypatch, capsys):
 
 
 def test_random_motions_find_it(monkeypatch):
-    monkeypatch.setattr(many, "solves_partition", lambda *_: False)
+    monkeypatch.setattr(batch, "solves_partition", lambda *_: False)
     result = one_round(Sleigh, batch=16)
     assert {x.subject for x in result.failed if x.claim == END_STATES} == {"em"}
 
@@ -189,8 +189,8 @@ def test_a_pose_that_is_not_crossed_is_counted_by_formulation():
 
 @pytest.mark.night
 def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
-    right = many.in_lanes
-    monkeypatch.setattr(many, "in_lanes", lambda scenes: right([scenes[0]] * len(scenes)))
+    right = batch.in_lanes
+    monkeypatch.setattr(batch, "in_lanes", lambda scenes: right([scenes[0]] * len(scenes)))
     claims = {x.claim for number in range(2) for x in round_of(number).failed}
     assert ALONE in claims
 

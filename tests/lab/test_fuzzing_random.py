@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import CLAIMS
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
 from eomcheck.lab.fuzzing.campaign import Campaign

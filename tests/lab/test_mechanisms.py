@@ -12,8 +12,8 @@ from PIL import Image
 import eomcheck
 from eomcheck.cli import main
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closing_error
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketched, sketches_of_motion
 from eomcheck.lab.show.colors import DARK, LIGHT
@@ -24,8 +24,8 @@ from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
 from eomcheck.named import kinds_of
-from eomcheck.numbers.decompositions import null_space
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
+from eomcheck.numbers.linear import null_space
 from eomcheck.scenes import SCENES, Andrews, Bicycle, RollingDisk, Snake
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"

@@ -33,7 +33,9 @@ from eomcheck.lab.studies.operations.show import (
     springs_in,
     table_i_text,
 )
-from eomcheck.motion import right_hand_side, state, trace
+from eomcheck.motion import right_hand_side
+from eomcheck.motion import right_hand_side as state
+from eomcheck.motion import right_hand_side as trace
 from eomcheck.numbers.counting import Counted, Counting, System
 from eomcheck.scenes import Snake
 

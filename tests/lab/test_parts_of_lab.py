@@ -17,7 +17,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.engines.files.description import described
 from eomcheck.errors import EngineError, InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import comparing, proof_jobs, proofs, run_time
 from eomcheck.lab.comparing import compare, readers
 from eomcheck.lab.comparison import Comparison

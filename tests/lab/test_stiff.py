@@ -12,8 +12,8 @@ from tests.samples import ordinary
 from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.show.terminal import print_sheets
 from eomcheck.lab.store.record import Record
@@ -22,10 +22,9 @@ from eomcheck.lab.studies.stiff import STUDY
 from eomcheck.lab.studies.stiff import measure as stiff
 from eomcheck.lab.studies.stiff.measure import COMPILED, scene_of
 from eomcheck.lab.studies.stiff.show import cheapest, crossover
-from eomcheck.motion import trace
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, rates_on
-from eomcheck.motion.trace import parameter_arrays
+from eomcheck.motion import right_hand_side
+from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
+from eomcheck.motion.simulate import Motion
 from eomcheck.numbers import tape
 from eomcheck.scenes import SCENES, Snake
 
@@ -107,7 +106,7 @@ def test_jacobians_in_machine_code_are_those_on_the_tape(key):
 
 def test_products_of_matrices_too_large_to_be_written_out_are_differentiated_as_well(monkeypatch):
     monkeypatch.setattr(tape, "WRITTEN_OUT", 0)
-    monkeypatch.setattr(trace, "_kernels", {})
+    monkeypatch.setattr(right_hand_side, "_kernels", {})
     for key in ("gw", "el"):
         motion = moving(Snake.coil(3), key)
         traced = rates_on(motion.scene, motion.formulation)

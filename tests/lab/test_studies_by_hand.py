@@ -12,15 +12,15 @@ import pytest
 from tests.lab.test_tables import trajectory
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import accuracy, long_run, motion, rhs, work_precision
 from eomcheck.lab.studies.stability.families import FAMILIES, dependent, every
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake, bicycle
 

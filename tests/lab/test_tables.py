@@ -38,8 +38,8 @@ from eomcheck.lab.store.findings import PROOFS, RUNS
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.records import State
-from eomcheck.motion.many import Trajectories
-from eomcheck.motion.trajectory import Trajectory
+from eomcheck.motion.batch import Trajectories
+from eomcheck.motion.simulate import Trajectory
 from eomcheck.scenes import SCENES, FlyballGovernor, FourBarChain, Sleigh, Snake
 
 SLEIGH = Sleigh.example()

@@ -25,8 +25,8 @@ from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.described import (
     closures,
     constraints,

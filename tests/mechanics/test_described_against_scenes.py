@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from eomcheck import acceleration
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.pose import Prepared
 from eomcheck.mechanics.described.words import Joint, Link, rolling_ball, rolling_disk
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Angles
 from eomcheck.numbers.counting import Counting, Tally
 from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.numbers.generic import Angles
 from eomcheck.scenes import Bicycle, ChainPendulum, FlyballGovernor, Snake
 
 ROD = (1.0 / 12.0,) * 3

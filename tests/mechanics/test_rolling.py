@@ -13,9 +13,9 @@ from tests.scenes.by_hand import Residues
 import eomcheck
 from eomcheck import acceleration
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.description import Described, Description

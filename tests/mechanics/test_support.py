@@ -8,10 +8,10 @@ from tests.mechanics.descriptions import ALL, GROUND, TREES, rod, turning
 from tests.samples import random_state
 
 import eomcheck
-from eomcheck.evaluation import doubles, lanes, perturbed
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation import batched_evaluation, evaluation, perturbed
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels.moved import MOST, Moves
+from eomcheck.kernels.perturbed_trace import MOST, Moves
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code, rates_on
@@ -76,7 +76,7 @@ def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ):
     moves = Moves()  # without the lists of tests before
-    for module in (doubles, perturbed, lanes):
+    for module in (evaluation, perturbed, batched_evaluation):
         monkeypatch.setattr(module, "MOVES", moves)
     scene = chain(50)
     at = state(scene)

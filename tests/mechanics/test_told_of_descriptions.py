@@ -9,7 +9,7 @@ import pytest
 from tests.mechanics.descriptions import GROUND, rod, turning
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.described.bodies import doubtful
 from eomcheck.mechanics.described.build import described, mechanism
 from eomcheck.mechanics.described.mechanism import Mechanism

@@ -9,12 +9,11 @@ import pytest
 from tests.samples import ordinary
 
 from eomcheck import simulate, simulate_many
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion import crossing
-from eomcheck.motion.crossing import partition_on, singular_between, solves_partition
-from eomcheck.motion.state import state_of
-from eomcheck.motion.trace import block_of, traced_kernel
+from eomcheck.motion import observables
+from eomcheck.motion.observables import partition_on, singular_between, solves_partition
+from eomcheck.motion.right_hand_side import block_of, state_of, traced_kernel
 from eomcheck.scenes import SCENES, FourBarChain, Sleigh
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)
@@ -168,7 +167,7 @@ def test_a_state_in_which_it_is_singular_exactly_is_told_by_the_right_hand_side(
 
 def test_states_are_looked_at_a_few_at_a_time_and_none_is_left_out(monkeypatch):
     whole = simulate(SLEIGH, "em", 10.0, **START)
-    monkeypatch.setattr(crossing, "ENTRIES", 1)
+    monkeypatch.setattr(observables, "ENTRIES", 1)
     again = simulate(SLEIGH, "em", 10.0, **START)
     assert again.reason == whole.reason
     assert again.times.tolist() == whole.times.tolist()

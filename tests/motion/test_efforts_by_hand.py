@@ -12,14 +12,13 @@ import pytest
 from tests.samples import ordinary
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
-from eomcheck.motion import many
-from eomcheck.motion.extrapolation import Extrapolation, GaveUpError, chosen
-from eomcheck.motion.observe import as_integrated, observer_of
-from eomcheck.motion.state import state_of
-from eomcheck.motion.trace import block_of
+from eomcheck.motion import batch
+from eomcheck.motion.observables import as_integrated, observer_of
+from eomcheck.motion.reference import Extrapolation, GaveUpError, chosen
+from eomcheck.motion.right_hand_side import block_of, state_of
 from eomcheck.scenes import ChainPendulum, Sleigh, TurntableBall
 
 SLEIGH = Sleigh.example()
@@ -149,7 +148,7 @@ def test_a_step_below_a_millionth_of_a_millionth_of_all_time_gives_up(step: floa
 def test_many_motions_are_refused_what_one_is(name: str, value: float):
     how: dict[str, Any] = {"t_end": 0.1, "u0": np.ones((2, 2)), name: value}
     with pytest.raises(InputError, match=f"{name} = "):
-        many.simulate_many(SLEIGH, "kane", **how)
+        batch.simulate_many(SLEIGH, "kane", **how)
 
 
 @pytest.mark.parametrize(
@@ -187,12 +186,12 @@ def test_work_is_cut_to_pieces_of_whole_groups_of_lanes(
         names = "q", "v", "u", "energy", "right_hand_sides", "steps", "status", "reason"
         return {"seconds": np.array([2.0]), **dict.fromkeys(names, number)}
 
-    monkeypatch.setattr(many, "_integrated", integrated)
+    monkeypatch.setattr(batch, "_integrated", integrated)
     u0 = np.stack((np.arange(count) + 0.5, np.ones(count)), axis=1)
     options: dict[str, Any] = {"rtol": 1e-5, "atol": 1e-7, "max_steps": 77, "lanes": lanes}
     if spread:
         options["executor"] = executor
-    found = many.simulate_many(SLEIGH, "kane", 0.5, u0=u0, output_times=[0.25, 0.5], **options)
+    found = batch.simulate_many(SLEIGH, "kane", 0.5, u0=u0, output_times=[0.25, 0.5], **options)
     assert made == [(size, spread) for size in sizes]
     assert found.steps.tolist() == u0[:, 0].tolist()
     assert (found.seconds, found.rtol, found.atol) == (2.0 * len(sizes), 1e-5, 1e-7)
@@ -204,7 +203,7 @@ def test_motions_side_by_side_keep_the_same_constraints():
     first, second = ((0,), (1, 2), (0,), None), ((1,), (0, 2), None, (0,))
     choices: Any = [first, second, None, first, first, first, second]
     motions = np.array([0, 1, 3, 4, 6])
-    found = [(group.tolist(), choice) for group, choice in many._alike(motions, choices, 2)]
+    found = [(group.tolist(), choice) for group, choice in batch._alike(motions, choices, 2)]
     assert found == [([0, 3], first), ([4, 4], first), ([1, 6], second)]
 
 
@@ -228,12 +227,12 @@ def test_a_motion_says_why_it_ended(monkeypatch, status, says: str, refusal: str
             if refusal is not None:
                 raise RefusedError("M", 0.0, 0.0, refusal)
 
-    monkeypatch.setattr(many, "Evaluation", At)
+    monkeypatch.setattr(batch, "Evaluation", At)
     record = np.zeros(dop853.FIELDS)
     record[dop853.STATUS], record[dop853.T] = status, 0.375
     q, v = np.array([1.0, 2.0]), np.array([3.0, np.nan])
     given: Any = SLEIGH, FORMULATIONS["kane"], q, v, record, 12
-    found = many._reason(*given)
+    found = batch._reason(*given)
     if status == dop853.TOO_MANY:
         assert found == says and not asked
         return
@@ -243,9 +242,9 @@ def test_a_motion_says_why_it_ended(monkeypatch, status, says: str, refusal: str
 
 
 def test_a_motion_that_crossed_a_pose_says_so_whatever_ended_it(monkeypatch):
-    monkeypatch.setattr(many, "solves_partition", lambda *given: True)
-    monkeypatch.setattr(many, "crossed", lambda scene, f, parameters, t, y: [None, (1, 2)])
-    found = many.simulate_many(
+    monkeypatch.setattr(batch, "solves_partition", lambda *given: True)
+    monkeypatch.setattr(batch, "crossed", lambda scene, f, parameters, t, y: [None, (1, 2)])
+    found = batch.simulate_many(
         *(SLEIGH, "kane", 5.0), u0=np.ones((2, 2)), lanes=2, max_steps=3, output_times=[0.0, 0.5]
     )
     assert "3 steps do not reach the end" in found.reason[0]
@@ -258,7 +257,7 @@ def test_one_of_many_motions_is_kept_up_to_where_it_came():
     q = np.arange(24.0).reshape(2, 4, 3)
     q[1, 2:] = np.nan
     energy, residual = np.arange(8.0).reshape(2, 4), np.arange(8.0).reshape(2, 4, 1) / 4
-    whole = many.Trajectories(
+    whole = batch.Trajectories(
         **{"scenes": (SLEIGH, Sleigh.example()), "key": "em", "rtol": 1e-5, "atol": 1e-7},
         **{"t": np.array([0.0, 0.5, 1.0, 2.0]), "q": q, "v": -q, "u": 2 * q[:, :, :2]},
         **{"energy": energy, "constraint_residual": residual},

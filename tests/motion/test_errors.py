@@ -10,7 +10,9 @@ import pytest
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion.errors import (
+from eomcheck.motion.reference_io import Reference, load_reference
+from eomcheck.motion.simulate import Trajectory
+from eomcheck.motion.trajectory_errors import (
     FEWEST,
     constraint_drift,
     constraint_error,
@@ -20,8 +22,6 @@ from eomcheck.motion.errors import (
     error_norm,
     errors_of,
 )
-from eomcheck.motion.stored import Reference, load_reference
-from eomcheck.motion.trajectory import Trajectory
 
 REFERENCE = load_reference(Path("validation/references/free-3.json"))
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError
-from eomcheck.motion.extrapolation import MOST, Extrapolation, GaveUpError, chosen, cost
+from eomcheck.motion.reference import MOST, Extrapolation, GaveUpError, chosen, cost
 from eomcheck.numbers.ball import precision
 
 BITS = 200

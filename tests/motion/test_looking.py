@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from eomcheck import console
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion import motion as module
-from eomcheck.motion import trajectory as looks
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.simulate import simulate
+from eomcheck.motion import simulate as looks
+from eomcheck.motion import simulate as module
+from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import Snake
 
 PAPER = Snake.paper()

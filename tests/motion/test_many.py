@@ -16,12 +16,12 @@ from typer.testing import CliRunner
 
 import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import allowed_violation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
 from eomcheck.lab.store.executors import executor
-from eomcheck.motion import starts
+from eomcheck.motion import batch
 from eomcheck.scenes import SCENES, Snake
 
 TOLERANCE = 1e-9
@@ -214,14 +214,14 @@ def test_a_start_in_doubt_is_looked_at_alone_and_is_the_same(key: str, given: st
     if given == "v0":
         start = {"v0": [eomcheck.velocity(scene, q, [0.2, 0.2]) for q in q0[:3]]}
     sure = simulate_many(scene, key, 0.1, q0=q0[:3], **start)
-    examined = starts._examined
+    examined = batch._examined
 
     def doubted(*given) -> tuple[np.ndarray, np.ndarray]:
         speeds, sound = examined(*given)
         assert sound.all()
         return np.zeros_like(speeds), ~sound
 
-    monkeypatch.setattr(starts, "_examined", doubted)
+    monkeypatch.setattr(batch, "_examined", doubted)
     alone = simulate_many(scene, key, 0.1, q0=q0[:3], **start)
     np.testing.assert_allclose(sure.q, alone.q, atol=1e-12)
     np.testing.assert_array_equal(sure.steps, alone.steps)

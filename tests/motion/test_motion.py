@@ -9,13 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError, UnknownNameError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.simulate import simulate
-from eomcheck.motion.trajectory import LOOKED_AT
+from eomcheck.motion.simulate import LOOKED_AT, Motion, simulate
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from tests.samples import ordinary
 
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
-from eomcheck.motion.many import _reason
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.observe import as_integrated
+from eomcheck.motion.batch import _reason
+from eomcheck.motion.observables import as_integrated
+from eomcheck.motion.right_hand_side import state_of
+from eomcheck.motion.simulate import Motion
 from eomcheck.motion.stabilization import projected
-from eomcheck.motion.state import state_of
 from eomcheck.scenes import TurntableBall
 
 SCENE = TurntableBall(swing=1.0, frequency=3.0)

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from eomcheck import independent_constraints, simulate, simulate_many, with_constraints
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion.motion import Motion
 from eomcheck.motion.right_hand_side import exact_jacobian
-from eomcheck.motion.trajectory import Trajectory
+from eomcheck.motion.simulate import Motion, Trajectory
 from eomcheck.scenes import Bricard, FourBarChain
 
 RING = Bricard(redundant=2.0)

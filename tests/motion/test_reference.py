@@ -30,11 +30,17 @@ from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import reference
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
-from eomcheck.motion.run import DIGITS, Run, decimals, difference
-from eomcheck.motion.stored import load_reference, save_reference
+from eomcheck.motion.reference_io import (
+    DIGITS,
+    Run,
+    decimals,
+    difference,
+    load_reference,
+    save_reference,
+)
 from eomcheck.numbers.ball import precision
 from eomcheck.numbers.linear import eliminate, solve
-from eomcheck.numbers.taylor import Expressions
+from eomcheck.numbers.symbolic import Expressions
 from eomcheck.scenes import Snake, TurntableBall
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"
@@ -298,7 +304,7 @@ def test_a_solve_of_expressions_is_the_solution(heyoka, size: int, columns: tupl
 
 
 def test_nothing_else_needs_heyoka():
-    modules = "eomcheck.cli, eomcheck.motion.stored, eomcheck.lab.reference_runs"
+    modules = "eomcheck.cli, eomcheck.motion.reference_io, eomcheck.lab.reference_runs"
     code = f"import sys, {modules}; assert 'heyoka' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 

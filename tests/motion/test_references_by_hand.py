@@ -17,10 +17,9 @@ from tests.scenes.test_own_scene import Free, OnBelt
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import reference
-from eomcheck.motion.crossing import singular_between, solves_partition
 from eomcheck.motion.integrators import INTEGRATORS, integrate
-from eomcheck.motion.run import Run, decimals
-from eomcheck.motion.stored import load_reference, save_reference
+from eomcheck.motion.observables import singular_between, solves_partition
+from eomcheck.motion.reference_io import Run, decimals, load_reference, save_reference
 from eomcheck.scenes import RollingDisk, Sleigh, Snake
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"

@@ -7,16 +7,14 @@ import pytest
 from tests.samples import ordinary
 
 import eomcheck
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels.machine import EFFORT, LEAST_EFFORT
+from eomcheck.kernels.jit import EFFORT, LEAST_EFFORT
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.right_hand_side import kernel_of
-from eomcheck.motion.simulate import simulate
-from eomcheck.motion.trace import ACCELERATION, block_of
+from eomcheck.motion.right_hand_side import ACCELERATION, block_of, kernel_of
+from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.scenes import SCENES
 
 

@@ -8,15 +8,14 @@ from typer.testing import CliRunner
 
 from eomcheck.cli import app
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.motion import stabilization
-from eomcheck.motion.errors import constraint_error
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.simulate import simulate
+from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.motion.stabilization import fed_back, projected
+from eomcheck.motion.trajectory_errors import constraint_error
 from eomcheck.numbers.counting import Counting
 from eomcheck.scenes import Snake
 

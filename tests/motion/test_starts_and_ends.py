@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion import crossing, trajectory
-from eomcheck.motion.errors import drift_of
-from eomcheck.motion.extrapolation import Extrapolation
+from eomcheck.motion import observables, simulate
+from eomcheck.motion.batch import starts_of, state_vectors
 from eomcheck.motion.integrators import Steps
+from eomcheck.motion.reference import Extrapolation
 from eomcheck.motion.simulate import check_options, checked_times, initial
 from eomcheck.motion.stabilization import check_stabilization, in_pieces
-from eomcheck.motion.starts import starts_of, state_vectors
+from eomcheck.motion.trajectory_errors import drift_of
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)
@@ -161,7 +161,7 @@ def test_pieces_are_as_many_as_fit_and_as_steps_are_enough_for(t_end, most, coun
 COUNT = 1000
 
 
-def course(multipliers: np.ndarray, refused: set[int], crossed: Any = None) -> trajectory._Course:
+def course(multipliers: np.ndarray, refused: set[int], crossed: Any = None) -> simulate._Course:
     """Return the course of a motion of which state i is i, and v, energy and constraint 0."""
     zero = np.zeros((COUNT, 1))
     seen = {"v": zero, "energy": zero, "constraint": zero, "multipliers": multipliers}
@@ -183,12 +183,12 @@ def course(multipliers: np.ndarray, refused: set[int], crossed: Any = None) -> t
     )
     t = np.arange(COUNT) / 10.0
     steps = Steps(t, np.arange(COUNT)[:, None].astype(float), COUNT, True, "")
-    return trajectory._Course(motion, steps, steps)
+    return simulate._Course(motion, steps, steps)
 
 
 def test_a_motion_is_kept_up_to_the_first_state_that_is_refused():
     both = np.zeros((COUNT, 2))
-    looked = set(np.linspace(0, COUNT - 1, trajectory.LOOKED_AT).astype(int).tolist())
+    looked = set(np.linspace(0, COUNT - 1, simulate.LOOKED_AT).astype(int).tolist())
     whole = course(both, set())
     assert (whole.kept, whole.whole, whole.refused) == (COUNT, True, None)
     assert whole.rcond == {"M": 1.0 / COUNT}
@@ -220,12 +220,12 @@ def test_the_pose_that_is_told_is_the_first_and_where_it_was(monkeypatch):
     kernel = SimpleNamespace(
         block=lambda given: None, rows=lambda block, t, y: {"a_1": a_1[t[:, 0].astype(int)]}
     )
-    monkeypatch.setattr(crossing, "traced_kernel", lambda *how: kernel)
+    monkeypatch.setattr(observables, "traced_kernel", lambda *how: kernel)
     t, y = np.arange(5.0)[:, None], np.zeros((5, 1, 1))
     for entries in (1, 2, 3, 100):
-        monkeypatch.setattr(crossing, "ENTRIES", entries)
-        assert crossing.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
-    assert "between t = 0.5 s and 0.75 s the matrix a_1" in str(crossing.crossing(0.5, 0.75))
+        monkeypatch.setattr(observables, "ENTRIES", entries)
+        assert observables.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
+    assert "between t = 0.5 s and 0.75 s the matrix a_1" in str(observables.crossing(0.5, 0.75))
 
 
 # ---- Errors --------------------------------------------------------------------------------------

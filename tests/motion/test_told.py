@@ -13,25 +13,25 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.kernels.emit import FAILURE_TIME
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.layout import FAILURE_TIME
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import reference_cases, reference_runs
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
 from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.described.words import Joint, Link
-from eomcheck.motion import crossing, errors, reference, trajectory
+from eomcheck.motion import observables, reference, trajectory_errors
+from eomcheck.motion import simulate as trajectory
+from eomcheck.motion.batch import OUTPUTS, simulate_many
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.many import OUTPUTS, simulate_many
-from eomcheck.motion.right_hand_side import RightHandSide
-from eomcheck.motion.run import Run
+from eomcheck.motion.reference_io import Run
+from eomcheck.motion.right_hand_side import RightHandSide, state_of
 from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stabilization import in_pieces
-from eomcheck.motion.state import state_of
 from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import Sleigh, Snake
 
@@ -138,7 +138,7 @@ def test_of_many_motions_each_has_its_own_counts_and_its_share_of_the_time():
 
 def test_the_time_of_many_motions_is_that_of_all_groups_of_lanes(monkeypatch):
     clock = count()
-    monkeypatch.setattr("eomcheck.motion.many.time.perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr("eomcheck.motion.batch.time.perf_counter", lambda: float(next(clock)))
     found = simulate_many(SLEIGH, "kane", 0.1, u0=np.ones((3, 2)), lanes=1)
     assert found.seconds == 3.0
 
@@ -231,9 +231,9 @@ def test_pieces_end_with_the_first_that_fails_or_cannot_be_projected(fails, refu
 def test_of_poses_that_are_crossed_the_first_is_told(monkeypatch):
     a_1 = np.array([1.0, 2.0, -1.0, -2.0, 1.0]).reshape(5, 1, 1)
     kernel = SimpleNamespace(block=lambda given: None, rows=lambda block, t, y: {"a_1": a_1})
-    monkeypatch.setattr(crossing, "traced_kernel", lambda *how: kernel)
+    monkeypatch.setattr(observables, "traced_kernel", lambda *how: kernel)
     t, y = np.arange(5.0)[:, None], np.zeros((5, 1, 1))
-    assert crossing.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
+    assert observables.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
 
 
 # ---- Energies ------------------------------------------------------------------------------------
@@ -242,15 +242,15 @@ def test_of_poses_that_are_crossed_the_first_is_told(monkeypatch):
 def test_changes_of_energy_are_relative_to_the_largest_at_any_time():
     motion = simulate(SLEIGH, "kane", 1.0, u0=np.array([1.0, 0.5]), output_times=np.arange(5) / 4)
     grown = replace(motion, energy=1.0 + 3.0 * motion.times)
-    assert errors._largest_energy_error(grown) == 0.75
-    law = errors.energy_drift(grown)
+    assert trajectory_errors._largest_energy_error(grown) == 0.75
+    law = trajectory_errors.energy_drift(grown)
     assert law is not None and (law.rate, law.exponent) == pytest.approx((0.75, 1.0))
 
 
 def test_a_law_of_growth_needs_four_errors():
     times = np.arange(1.0, 5.0)
-    assert errors.drift_of(times[:3], times[:3]) is None
-    assert errors.drift_of(times, times) is not None
+    assert trajectory_errors.drift_of(times[:3], times[:3]) is None
+    assert trajectory_errors.drift_of(times, times) is not None
 
 
 # ---- References ----------------------------------------------------------------------------------

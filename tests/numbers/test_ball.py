@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.ball import Balls, ball, midpoints, precision
-from eomcheck.numbers.banded import HALF, WIDTH, solve_banded
+from eomcheck.numbers.banded_solve import HALF, WIDTH, solve_banded
 from eomcheck.numbers.linear import solve
 
 finite = st.floats(-1e6, 1e6)

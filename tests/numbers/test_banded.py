@@ -18,17 +18,17 @@ from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import perturbed
 from eomcheck.evaluation.certified import true_error
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity
-from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
-from eomcheck.kernels.lane_solves import solve_banded_in_lanes
+from eomcheck.kernels.batched_solves import solve_banded_in_lanes
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
-from eomcheck.numbers.banded import (
+from eomcheck.numbers.banded_solve import (
     HALF,
     REACH,
     TERMS,
@@ -38,10 +38,9 @@ from eomcheck.numbers.banded import (
     full,
     solve_banded,
 )
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import Degrees
-from eomcheck.numbers.entries import each
+from eomcheck.numbers.generic import Array, each
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import EPS, eliminate, singular_below, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise

@@ -11,11 +11,18 @@ from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import dynamics
-from eomcheck.evaluation.point import Quantities
-from eomcheck.numbers.decompositions import least_squares, row_scale
-from eomcheck.numbers.factors import Factors, Rounding
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
-from eomcheck.numbers.linear import Solve, one_by_one, record, watching
+from eomcheck.numbers.linear import (
+    Factors,
+    Rounding,
+    Solve,
+    least_squares,
+    one_by_one,
+    record,
+    row_scale,
+    watching,
+)
 from eomcheck.numbers.noise import NORMAL, STEP, Noise, Noises
 
 # ---- Noise ---------------------------------------------------------------------------------------

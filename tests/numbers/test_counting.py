@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.evaluation.point import net_force, velocity
+from eomcheck.evaluation.scene_quantities import net_force, velocity
 from eomcheck.formulations import kane
-from eomcheck.numbers.banded import HALF, WIDTH, solve_banded
+from eomcheck.numbers.banded_solve import HALF, WIDTH, solve_banded
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, Snake, snake_terms

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.numbers.contract import Angles
-from eomcheck.numbers.decompositions import least_squares, null_space, singular_values
+from eomcheck.numbers.generic import Angles
 from eomcheck.numbers.lanes import (
     IN_LANES,
     LaneArray,
@@ -19,6 +18,7 @@ from eomcheck.numbers.lanes import (
     size_of,
     where,
 )
+from eomcheck.numbers.linear import least_squares, null_space, singular_values
 from eomcheck.numbers.noise import NORMAL, STEP
 from eomcheck.numbers.pivots import EPS, SMALLEST_SIZE
 

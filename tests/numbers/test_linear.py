@@ -14,12 +14,11 @@ from tests.machine_code import MachineCode, in_machine_code
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.kernels.instructions import INLINE
-from eomcheck.kernels.layout import HEADER
+from eomcheck.kernels.emit import HEADER
+from eomcheck.kernels.program import INLINE
 from eomcheck.lab.studies.stability.families.snake import MASS_RATIO
 from eomcheck.numbers import linear
-from eomcheck.numbers.factors import column_scale
-from eomcheck.numbers.linear import eliminate, singular_below, solve, watching
+from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching
 from eomcheck.numbers.noise import STEP
 
 SIZES = [1, 2, 3, INLINE, INLINE + 1, 20]

@@ -13,17 +13,14 @@ from hypothesis import strategies as st
 from eomcheck import acceleration, check, velocity
 from eomcheck.claims import case
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_copies, sensitivity_of
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest, largest_of_each
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.gathered import RECORDS
-from eomcheck.kernels.moved import FEW, Moves
-from eomcheck.numbers.banded import BANDED_SOLVERS
-from eomcheck.numbers.contract import Angles
+from eomcheck.kernels.perturbed_trace import FEW, RECORDS, Moves
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.entries import map_record, objects
+from eomcheck.numbers.generic import Angles, map_record, objects
 from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, solve, watching
 from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise, Noises
 from eomcheck.scenes import SCENES, Snake
@@ -291,7 +288,7 @@ def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
         moves.run(still, function, np.ones(3))
     each = [one.places for one in moves._known.values() if one]
     assert moves._places == sum(each)
-    with patch("eomcheck.kernels.moved.MOST", sum(each)):
+    with patch("eomcheck.kernels.perturbed_trace.MOST", sum(each)):
         moves.run(still, functions[0], np.ones(4))
     assert moves._places == sum(one.places for one in moves._known.values() if one) <= sum(each)
     assert [key[0] for key in moves._known] == [*functions[2:], functions[0]]

@@ -9,12 +9,11 @@ import pytest
 
 from eomcheck.numbers import generic as marks
 from eomcheck.numbers import tape as tapes
-from eomcheck.numbers.banded import solve_banded
+from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.generic import NotRationalError, generic, product_of
 from eomcheck.numbers.linear import product, solve
-from eomcheck.numbers.symbolic import Symbols
+from eomcheck.numbers.symbolic import Expressions, Symbols
 from eomcheck.numbers.tape import Group, Tape, live
-from eomcheck.numbers.taylor import Expressions
 
 
 def listing(tape: Tape) -> list[str]:

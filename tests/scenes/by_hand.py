@@ -19,9 +19,9 @@ import flint
 import numpy as np
 from tests.samples import random_scene
 
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.generic import Angles, Array
 from eomcheck.scenes import SCENES
 
 PRIME = 2**61 - 1

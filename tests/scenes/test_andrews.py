@@ -12,8 +12,8 @@ from tests.samples import random_state
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Andrews
 

@@ -7,8 +7,8 @@ import pytest
 
 from eomcheck import acceleration, simulate, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Bicycle
 

@@ -9,8 +9,8 @@ import pytest
 
 from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import Bricard
 

@@ -8,7 +8,7 @@ from scipy.special import ellipk
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import ChainPendulum
 

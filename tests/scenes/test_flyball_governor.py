@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import FlyballGovernor
 

@@ -11,8 +11,8 @@ from scipy.special import ellipj, ellipk
 import eomcheck
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import FourBarChain
 

@@ -15,7 +15,7 @@ from eomcheck.claims.selection import Selection
 from eomcheck.cli import app
 from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.comparing import compare
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.named import scene_of

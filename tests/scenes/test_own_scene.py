@@ -25,8 +25,8 @@ from eomcheck import (
 from eomcheck.claims.blame import raised_in
 from eomcheck.engines import ALWAYS, ENGINES, Answers, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable, formulations_for
 from eomcheck.mechanics.records import Bodies, Speeds, Terms

@@ -17,7 +17,7 @@ import pytest
 from eomcheck.claims.proof import prove
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import from_urdf
 
 FOLDERS = "cmeel.prefix/share/example-robot-data/robots", "pybullet_data", "pybullet_robots"

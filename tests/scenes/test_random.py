@@ -31,8 +31,8 @@ from eomcheck.claims.strata import (
     strata_of,
 )
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.choices import FromGenerator
 from eomcheck.mechanics.described import motion

@@ -13,7 +13,7 @@ from sympy.physics import mechanics
 import eomcheck
 from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.mechanics.sketch import Body
 from eomcheck.scenes import RollingDisk

@@ -11,13 +11,13 @@ import eomcheck
 from eomcheck import strategies
 from eomcheck.claims.proof import prove
 from eomcheck.engines import ALWAYS, ENGINES
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.counting import Counting
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
 from eomcheck.scenes import SCENES
 
 kinds = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)

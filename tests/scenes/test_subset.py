@@ -11,7 +11,7 @@ import pytest
 import eomcheck
 from eomcheck import with_constraints
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import Bicycle, Bricard, ChainPendulum, FourBarChain, Snake
 
 RING = Bricard(redundant=2.0)

@@ -12,7 +12,7 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.parameters import MOST_LINKS, Parametric, parameter, with_parameters
 from eomcheck.mechanics.records import Range
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
 from eomcheck.scenes import (
     SCENES,
     Bicycle,

@@ -7,7 +7,7 @@ import pytest
 
 from eomcheck import acceleration, simulate, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import TurntableBall
 

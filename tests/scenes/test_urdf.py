@@ -18,7 +18,7 @@ from eomcheck.claims.selection import Selection
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.named import kinds_of, left_out, scene_of
 from eomcheck.robots.urdf import urdf_kind

@@ -10,7 +10,7 @@ import pytest
 
 from eomcheck.engines import Engine
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake, TurntableBall
 from eomcheck.testing import Functions, registry, run

@@ -21,7 +21,7 @@ from sympy.physics.mechanics import (
 )
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import RollingDisk
 from eomcheck.testing import check, check_functions, from_kane, from_lagrange, from_scene

@@ -29,17 +29,16 @@ from eomcheck.claims.registry import (
 from eomcheck.claims.trial import answer, compared, is_on_trial, size_of, unseen
 from eomcheck.engines import Answers, Engine, EngineFault
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, can_overflow, largest
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.motion.observe import as_integrated
+from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import least_squares, null_space, row_scale, singular_values
-from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.generic import Array, NotRationalError
 from eomcheck.numbers.lanes import lanes_in, where
+from eomcheck.numbers.linear import least_squares, null_space, row_scale, singular_values
 from eomcheck.numbers.noise import NORMAL
 
 

@@ -19,9 +19,9 @@ from eomcheck.claims.own import broken_on_doubles
 from eomcheck.claims.registry import CLAIMS, Claim, Names, Sides, names_of_term, term_of
 from eomcheck.engines import Answers, Engine
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Acceleration, Evaluation
-from eomcheck.evaluation.redundant import solution_of
-from eomcheck.evaluation.sensitivity import (
+from eomcheck.evaluation.dynamics import solution_of
+from eomcheck.evaluation.evaluation import Acceleration, Evaluation
+from eomcheck.evaluation.perturbed import (
     acceleration_sensitivity,
     entry_sensitivity_of,
     sensitivity_of,
@@ -30,7 +30,7 @@ from eomcheck.evaluation.sensitivity import (
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import column_scale
 
 OFTEN, ONCE = 90, 1

@@ -19,14 +19,13 @@ from eomcheck.claims.registry import (
     size,
     vanishing,
 )
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations.banded import joint_gaps
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import least_squares
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.entries import objects
+from eomcheck.numbers.generic import Array, objects
 from eomcheck.numbers.lanes import doubles, everywhere, lanes_in
+from eomcheck.numbers.linear import least_squares
 
 
 def _is_chain(at: Quantities) -> bool:

@@ -16,8 +16,8 @@ from eomcheck.claims.speeds import embedding
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.numbers.generic import Array
 
 Key = tuple[str, str]
 """Claim and subject."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 if TYPE_CHECKING:
     from eomcheck.claims.finding import Finding

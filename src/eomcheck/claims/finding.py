@@ -13,7 +13,7 @@ from eomcheck.claims.repeat import python_of
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
 Verdict = Literal["passed", "failed", "inconclusive", "not looked at"]

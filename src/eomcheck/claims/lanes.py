@@ -19,19 +19,19 @@ from eomcheck.claims.at_doubles import AtDoubles
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
 from eomcheck.claims.registry import CLAIMS, Claim, Sides
 from eomcheck.errors import RefusedError, described_error
-from eomcheck.evaluation.doubles import SPEEDS, Acceleration
-from eomcheck.evaluation.lanes import (
+from eomcheck.evaluation.batched_evaluation import (
     LaneEvaluation,
     acceleration_sensitivity_in_lanes,
     largest_in,
     sensitivity_in_lanes,
     speeds_told_in_lanes,
 )
+from eomcheck.evaluation.evaluation import SPEEDS, Acceleration
 from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in
 from eomcheck.numbers.linear import watching
 from eomcheck.numbers.noise import SAMPLES

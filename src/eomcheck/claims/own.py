@@ -10,8 +10,8 @@ from eomcheck.claims.blame import raised_in
 from eomcheck.claims.point import Point
 from eomcheck.claims.shapes import compare_shapes, returned
 from eomcheck.errors import InputError, RefusedError, message_of
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.finite_field import DomainError, FiniteField, random_prime

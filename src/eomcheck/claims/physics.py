@@ -12,15 +12,13 @@ from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import Look, Sides, check, claim, size, vanishing
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
-from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_copies
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate, value
-from eomcheck.numbers.entries import each, map_record, objects
+from eomcheck.numbers.generic import Array, each, map_record, objects
 from eomcheck.numbers.lanes import doubles, lanes_in, where
 from eomcheck.numbers.noise import SAMPLES, STEP
 

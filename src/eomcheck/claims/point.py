@@ -10,10 +10,10 @@ import numpy as np
 
 from eomcheck.claims.registry import NoRateError
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.point import Quantities, Solution
+from eomcheck.evaluation.scene_quantities import Quantities, Solution
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 
 
 class Variables(Arithmetic, Protocol):

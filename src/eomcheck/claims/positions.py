@@ -16,17 +16,15 @@ import numpy as np
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import Look, Sides, check, claim
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.mechanics import plane
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import Dual, duals, rate, value
-from eomcheck.numbers.entries import each, map_record, objects
-from eomcheck.numbers.generic import NotRationalError
+from eomcheck.numbers.generic import Array, NotRationalError, each, map_record, objects
 from eomcheck.numbers.lanes import lanes_in
 
 # ---- Velocities of bodies ------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from eomcheck.errors import (
     distinct,
     whole_number,
 )
-from eomcheck.evaluation import point as quantities
+from eomcheck.evaluation import scene_quantities as quantities
 from eomcheck.formulations import Formulation, formulations_for
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.degree import Bound, Degrees

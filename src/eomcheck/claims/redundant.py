@@ -8,7 +8,7 @@ import numpy as np
 
 from eomcheck.claims.registry import Look, Sides, Skipped, claim, measured_where, size
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 
 
 @claim(

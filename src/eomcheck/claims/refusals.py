@@ -17,16 +17,16 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import CLAIMS, Claim, check
 from eomcheck.claims.strata import strata_of
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.rank import RANK
-from eomcheck.evaluation.redundant import CONTRADICTION, explained, solution_of
+from eomcheck.evaluation.constraint_rank import RANK
+from eomcheck.evaluation.dynamics import CONTRADICTION, explained, solution_of
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
 from eomcheck.formulations import Formulation
 from eomcheck.formulations.gw import MOBILITY
 from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.factors import column_scale
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.linear import column_scale
 from eomcheck.numbers.pivots import EPS, scale_of
 from eomcheck.output import counted
 

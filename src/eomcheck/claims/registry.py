@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import doubles, lanes_in, where
 
 if TYPE_CHECKING:

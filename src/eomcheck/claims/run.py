@@ -32,8 +32,8 @@ from eomcheck.claims.strata import measured, scene_cases, state_cases
 from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene, checked_scene
 
 

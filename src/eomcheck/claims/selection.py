@@ -12,7 +12,7 @@ from eomcheck.claims.shapes import check_shapes
 from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
 from eomcheck.engines.files import FileEngine, default_reader
 from eomcheck.errors import message_of, named, some
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake

@@ -16,10 +16,9 @@ import numpy as np
 from eomcheck.calls import is_ours
 from eomcheck.claims.blame import raised_in
 from eomcheck.errors import InputError, RefusedError, described_error
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.entries import map_record
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, map_record
 
 Shape = tuple[int, ...]
 Returned = tuple[str, str, Any, Shape]

@@ -25,14 +25,13 @@ from eomcheck.claims.registry import (
 )
 from eomcheck.claims.trial import answer, compared, inertia_size
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.point import Quantities
-from eomcheck.evaluation.sensitivity import sensitivity_of
+from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.projection import project
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.entries import map_record, objects
+from eomcheck.numbers.generic import Array, map_record, objects
 
 
 def embedding(e: Quantities, partition: Partition) -> Array:

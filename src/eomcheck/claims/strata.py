@@ -21,7 +21,7 @@ from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.mechanics.choices import FromGenerator, Ways
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.strategies.states import ordinary_state, state_ranges
 
 REST_EVERY = 10

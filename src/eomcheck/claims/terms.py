@@ -11,11 +11,10 @@ from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.point import Point
 from eomcheck.claims.registry import Look, Sides, along, check, claim, names_of_term, size
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import constant, duals, rate
-from eomcheck.numbers.entries import map_record, objects
+from eomcheck.numbers.generic import Array, map_record, objects
 
 
 @check("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")

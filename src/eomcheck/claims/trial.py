@@ -24,10 +24,10 @@ from eomcheck.engines import (
     version_of,
 )
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 if TYPE_CHECKING:
     from eomcheck.claims.case import Case

@@ -15,11 +15,13 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import (
     TRUE_DIGITS,
     TRUTH_WITHOUT_SPEEDS,
+    Enclosure,
     certify,
+    enclose,
+    enclosure,
     true_state,
 )
-from eomcheck.evaluation.enclosure import Enclosure, enclose, enclosure
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import Formulation
 
 EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"

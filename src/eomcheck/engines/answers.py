@@ -15,7 +15,7 @@ from eomcheck.calls import call
 from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.output import printable
 
 ELSEWHERE = 0.25

@@ -27,7 +27,7 @@ import numpy as np
 
 from eomcheck.errors import required as required
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class EngineAcceleration(NamedTuple):

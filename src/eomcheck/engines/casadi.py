@@ -19,8 +19,7 @@ from eomcheck.engines.base import Engine, EngineAcceleration
 from eomcheck.errors import required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array
 from eomcheck.numbers.symbolic import Symbols
 
 (_gesvx,) = get_lapack_funcs(("gesvx",), dtype=np.float64)

@@ -10,7 +10,7 @@ from eomcheck.engines.base import EngineAcceleration
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
 from eomcheck.errors import required
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class ExudynEngine(TreeEngine):

@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 BASE = 6
 """Velocities of the base, before those of the joints."""

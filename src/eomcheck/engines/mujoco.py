@@ -15,7 +15,7 @@ import numpy as np
 from eomcheck.engines.base import EngineAcceleration
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Carried, Link, bodies_with_mass
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 STIFFEST = 0.9999
 """The largest impedance that MuJoCo takes: of a constraint's own response it leaves 1e-4."""

@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck.engines.base import EngineAcceleration
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class PinocchioEngine(TreeEngine):

@@ -16,7 +16,7 @@ from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
 from eomcheck.files import write_text
 from eomcheck.mechanics.described.quaternions import roll_pitch_yaw_of
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 BASE = 7
 """Entries of a free base's pose, from which it counts even where the base is fixed."""

@@ -12,7 +12,7 @@ from eomcheck.engines.walk import Link, links_of
 from eomcheck.errors import EngineError, required
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 TOUCHING = 1e-12
 """Relative: of a thin rod or plate one moment is the sum of the others."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class Link(NamedTuple):

@@ -1,1 +1,1 @@
-"""A scene and its formulations at one state: any numbers, doubles, balls."""
+"""Evaluation of a scene and its formulations at one state: in any scalar type, float64, balls."""

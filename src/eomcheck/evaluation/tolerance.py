@@ -1,10 +1,10 @@
-"""How large an error may be before it means something: allowed = C · κ · ε · scale.
+"""The tolerance of a comparison: allowed error = C · κ · ε · scale.
 
-κ · scale is measured, not guessed (`eomcheck.numbers.noise`): it is how far the quantity moves,
-per relative change, when every number that its computation reads is moved relative to itself and
-every matrix that it solves is moved by the backward error of elimination. The condition numbers of
-the matrices are in it, and so is the cancellation before and after them, which a matrix alone does
-not show. ε is the spacing of doubles at 1.
+κ · scale is measured, not guessed, by perturbation analysis (`eomcheck.numbers.noise`): it is the
+change of the quantity, per relative change, when every number that its computation reads is
+perturbed relative to itself and every matrix that it solves by the backward error of elimination.
+The condition numbers of the matrices are in it, and so is the cancellation before and after them,
+which a matrix alone does not show. ε is the spacing of float64 at 1.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
 from eomcheck.numbers.pivots import EPS
 

@@ -1,4 +1,4 @@
-"""How far velocities violate the constraints, and how far rounding alone may make them."""
+"""Constraint violations of velocities, and how large rounding alone may make them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 
 SLIP = 4.0

@@ -1,7 +1,10 @@
-"""Machine code in milliseconds: a tape becomes a program, the program LLVM's code.
+"""Just-in-time compiled kernels: a tape becomes a program, the program LLVM IR, that an address.
 
-The way of the data: `eomcheck.numbers.tape` -> `program` (a tape with its loops found again) ->
-`emit` (LLVM, by `code`; what is more than an operation by `sincos`, `dense`, `band`) -> `machine`
-(an address). Everything is made for one lane, a double, or for several lanes side by side, each a
-state of its own; a lane's bits are those of a single run.
+The data flow: `eomcheck.numbers.tape` -> `program` (a tape whose loops are found again) -> `emit`
+(LLVM IR, by `llvm_builder`; what is more than an operation by `sincos`, `dense`, `band`) -> `jit`
+(an address) -> `kernel` (to be called). All of it takes milliseconds. Code is generated for one
+state or for several side by side, one per SIMD lane; the bits of a lane are those of a single run.
+
+Beside it, for the analysis of rounding errors: `perturbed_trace` (a function recorded once and
+replayed with perturbed operations, or on a batch), `perturbed_solves` and `batched_solves`.
 """

@@ -1,21 +1,27 @@
-"""Band solves in machine code: `eomcheck.numbers.banded`, eight rows at once.
+"""Band solves in machine code: `eomcheck.numbers.banded_solve`, eight rows at once.
 
-The matrix stands diagonal by diagonal, so that rows lie side by side in a vector: they are scaled,
-and their residuals found, eight at a time. What waits for one row after the other is done from both
-ends (`eomcheck.kernels.band_ends`). All is by the law of `eomcheck.numbers.pivots`; where that
-refuses, x is NaN.
+The matrix is stored diagonal by diagonal, so that rows lie side by side in a vector: they are
+scaled, and their residuals computed, eight at a time. Scales, pivots and refinement follow
+`eomcheck.numbers.pivots`; where these refuse, x is NaN.
 
-Of a long chain the time goes into reading and writing memory. So x is refined once without looking
-how good it was before: what is written then is the residual alone. Only where it is not good enough
-afterwards, all steps are made again, each one judged by the one before.
+Elimination waits for one column after the other. So it works from both ends at once (`BothEnds`),
+the end as if it were the beginning, and what is left in the middle is solved in registers. From
+each end four rows have an entry in a column: they are stored column by column, four numbers to a
+vector, and a pivot row stays where it is and leaves its slot to the next one.
+
+For a long chain reading and writing memory takes most of the time. So x is refined once without
+asking for the backward error before: only the residual is written then. Only where x is not good
+enough afterwards, all steps are repeated, each one judged by the one before.
 """
 
 from __future__ import annotations
 
-from eomcheck.kernels import band_ends
-from eomcheck.kernels.band_ends import HALF, WIDTH, BothEnds, minus, padded, plus
-from eomcheck.kernels.code import LANES, Code
-from eomcheck.kernels.dense import scale_of
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from eomcheck.kernels import jit
+from eomcheck.kernels.dense import Inline, scale_of
+from eomcheck.kernels.llvm_builder import LANES, Code
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -23,12 +29,368 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SHARE,
     SMALLEST_SIZE,
     STALLED,
+    from_both_ends,
 )
+
+# ---- Elimination from both ends ------------------------------------------------------------------
+
+HALF, WIDTH = 3, 7
+"""Entries on each side of the diagonal, and in a row."""
+
+OPEN = HALF + 1
+"""Rows that have an entry in a column while it is eliminated."""
+
+ENDS = 2
+
+ROW = (WIDTH - 1) * ENDS
+"""Doubles that are kept of two rows of U, one of each end, side by side: entries behind the pivot,
+divided by it."""
+
+
+PART = 16
+"""Vectors of rows that are made ready at once."""
+
+AHEAD = 2 * ENDS
+"""How many vectors of rows steps are ahead of those that are made ready: `HALF` rows at each end,
+and what a vector at the far end is short of."""
+
+
+def padded(size: int) -> int:
+    """Return the length of a diagonal, or of a right-hand side, in memory: whole vectors."""
+    return -(-size // LANES) * LANES
+
+
+def steps_of(size: int) -> int:
+    """Return how many columns are eliminated from each end: 6 or 7 are left, or all."""
+    return max((size - 2 * HALF) // 2, 0)
+
+
+def factors_workspace(size: int) -> int:
+    """Return how many doubles factors take."""
+    steps = steps_of(size)
+    return steps * (ROW + ENDS * (OPEN + 1)) + -(-steps * ENDS // 8)
+
+
+class End(NamedTuple):
+    """One of the ends: its number, its first row, and the way to the next."""
+
+    number: int
+    first: int
+    way: int
+
+    def entry(self, j: int) -> int:
+        """Return the diagonal of what is entry j of a row, seen from this end."""
+        return j if self.way > 0 else WIDTH - 1 - j
+
+    def row(self, code: Code, i: str) -> str:
+        """Return the place of the row that is i rows from this end."""
+        return code.integer("add" if self.way > 0 else "sub", self.first, i)
+
+
+class BothEnds:
+    """Factors of a band matrix of `size` rows.
+
+    Args:
+        code: what is written.
+        size: rows.
+        diagonals: addresses of the diagonals (7, size).
+        right: address of the right-hand side.
+        residual: address of what else is solved for. What elimination makes of either stands there.
+        place: address of the room for factors.
+    """
+
+    def __init__(
+        self,
+        code: Code,
+        size: int,
+        diagonals: Sequence[str],
+        right: str,
+        residual: str,
+        place: str,
+    ):
+        self.code, self.size, self.steps = code, size, steps_of(size)
+        self.diagonals, self.right, self.residual = diagonals, right, residual
+        self.open, self.pair = (code.wider(k) for k in (OPEN, ENDS))
+        self.ends = [End(0, 0, 1), End(1, size - 1, -1)]
+        self.lanes = f"<{', '.join(f'i64 {i}' for i in range(OPEN))}>"
+        self.middle = from_both_ends(size)[2 * self.steps :].tolist()
+        counts = (0, ROW, ENDS * OPEN, ENDS)
+        self.upper, self.factors, self.inverses, self.which = (
+            code.at(place, self.steps * sum(counts[: i + 1])) for i in range(4)
+        )
+
+    def _inward(
+        self,
+        prepare: Callable[[str], None],
+        begin: Callable[[], list[tuple[str, str]]],
+        step: Callable[[str, list[str]], list[str]],
+    ) -> list[str]:
+        """Make the steps of both ends, and return what they hand on to the middle.
+
+        Args:
+            prepare: writes what makes eight rows ready, whose place it is handed. All are made
+                ready once, not long before they are read: they are still near the processor then.
+            begin: returns types and numbers that the first step is handed.
+            step: writes step i, and returns what it hands on.
+        """
+        code, vectors = self.code, padded(self.size) // LANES
+        parts = (vectors - AHEAD) // PART
+        first = vectors - parts * PART if parts > 1 else vectors
+
+        def ready(count: int, before: str | int) -> None:
+            with code.loop(count) as turn:
+                v = code.integer("add", turn.i, before)
+                near = code.integer("mul", code.integer("lshr", v, 1), LANES)
+                far = code.integer("sub", (vectors - 1) * LANES, near)
+                even = code.let(f"trunc i64 {v} to i1")
+                prepare(code.let(f"select i1 {even}, i64 {far}, i64 {near}"))
+
+        ready(first, 0)
+        if not self.steps:
+            return []
+        state = begin()
+        if parts <= 1:
+            with code.loop(self.steps, *state) as turn:
+                turn.handed = step(turn.i, turn.carried)
+            return turn.carried
+        some = PART * LANES // ENDS
+        with code.loop(parts, *state) as part:
+            ready(PART, code.integer("add", code.integer("mul", part.i, PART), first))
+            last = code.let(f"icmp eq i64 {part.i}, {parts - 1}")
+            rest = self.steps - (parts - 1) * some
+            count = code.let(f"select i1 {last}, i64 {rest}, i64 {some}")
+            done = code.integer("mul", part.i, some)
+            handed = [(kind, x) for (kind, _), x in zip(state, part.carried, strict=True)]
+            with code.loop(count, *handed) as turn:
+                turn.handed = step(code.integer("add", done, turn.i), turn.carried)
+            part.handed = turn.carried
+        return part.carried
+
+    def eliminate(self, prepare: Callable[[str], None]) -> None:
+        """Write factors, and what becomes of the right-hand side; `prepare` as for `_inward`."""
+        code, wide, kind = self.code, self.open, self.open.real
+
+        def begin() -> list[tuple[str, str]]:
+            state: list[tuple[str, str]] = []
+            for end in self.ends:
+                state += [(kind, self._first_rows(end, j)) for j in range(WIDTH - 1)]
+                state.append((kind, self._begun(end, self.right)))
+                state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
+            return state
+
+        count = WIDTH + 1
+        A, b = [], []
+        carried = self._inward(prepare, begin, self._step)
+        if self.steps:
+            for end in self.ends:
+                here = slice(end.number * count, (end.number + 1) * count)
+                *columns, which = carried[here]
+                *columns, right = (self._closed(x, which) for x in columns)
+                places = self._ahead(end)
+                for lane in range(HALF):
+                    row = dict(zip(places, (wide.lane(x, lane) for x in columns), strict=True))
+                    A.append([row.get(j, code.constant(0.0)) for j in self.middle])
+                    b.append(wide.lane(right, lane))
+        for i in self._between():
+            A.append([self._entry(i, j) for j in self.middle])
+            b.append(code.load(self.right, i))
+        self.dense = Inline(code, A, scaled=True)
+        self.found = self.dense.solve(b)
+
+    def _entry(self, i: int, j: int) -> str:
+        """Return entry (i, j) of the matrix."""
+        if abs(i - j) > HALF:
+            return self.code.constant(0.0)
+        return self.code.load(self.diagonals[HALF + j - i], i)
+
+    def _ahead(self, end: End) -> list[int]:
+        """Return the columns that an end has reached and not eliminated."""
+        return [end.first + end.way * (self.steps + j) for j in range(2 * HALF)]
+
+    def _between(self) -> range:
+        """Return the rows in the middle that neither end has begun with."""
+        reached = self.steps + HALF if self.steps else 0
+        return range(reached, self.size - reached)
+
+    def _first_rows(self, end: End, j: int) -> str:
+        """Return what an end begins with in its column j: three rows."""
+        rows = [end.first + end.way * i for i in range(HALF)]
+        entries = [self._entry(i, end.first + end.way * j) for i in rows]
+        return self.open.packed([*entries, self.code.constant(0.0)])
+
+    def _begun(self, end: End, numbers: str) -> str:
+        """Return the numbers of the first three rows of an end."""
+        first = [self.code.load(numbers, end.first + end.way * i) for i in range(HALF)]
+        return self.open.packed([*first, self.code.constant(0.0)])
+
+    def _at(self, which: str) -> str:
+        """Return where the row `which`, in all lanes, is the lane's own."""
+        return self.open.let(f"icmp eq {self.open.like('i64')} {which}, {self.lanes}")
+
+    def _closed(self, x: str, which: str) -> str:
+        """Return numbers of rows, that of the last in the place of the row that was the pivot."""
+        last = self.open.packed([self.open.lane(x, HALF)])
+        return self.open.choose(self._at(which), last, x)
+
+    def _step(self, i: str, carried: Sequence[str]) -> list[str]:
+        """Eliminate a column of each end; its pivot row makes room for the next one.
+
+        Operations on both ends alternate, so that neither waits behind the other.
+        """
+        code, wide = self.code, self.open
+        count = len(carried) // ENDS
+        windows, chosen = [], []
+        for end in self.ends:
+            *columns, right, which = carried[end.number * count : (end.number + 1) * count]
+            free = self._at(which)
+            new = end.row(code, code.integer("add", i, HALF))
+            numbers = [self.diagonals[end.entry(j)] for j in range(WIDTH)]
+            window = [*columns, wide.constant(0.0), right]
+            windows.append(
+                [
+                    wide.choose(free, wide.packed([code.load(to, new)]), x)
+                    for x, to in zip(window, [*numbers, self.right], strict=True)
+                ]
+            )
+        for window in windows:
+            which = self._pivot(window[0])
+            # Of all four, as long as it is not known which one is needed.
+            inverses = wide.div(wide.constant(1.0), window[0])
+            inverse = self._picked(wide.call("arithmetic.fence", inverses), which)
+            chosen.append((which, inverse, wide.mul(window[0], inverse)))
+        handed: list[list[str]] = [[] for _ in self.ends]
+        row, at = code.integer("mul", i, ROW), code.integer("mul", i, ENDS)
+        for j in range(1, WIDTH + 1):
+            for end in self.ends:
+                x, (which, inverse, factors) = windows[end.number][j], chosen[end.number]
+                pivot = self._picked(x, which)
+                handed[end.number].append(minus(wide, x, factors, pivot))
+                entry = code.mul(wide.lane(pivot, 0), wide.lane(inverse, 0))
+                if j < WIDTH:
+                    place = code.integer("add", row, ENDS * (j - 1) + end.number)
+                    code.store(entry, self.upper, place)
+                else:
+                    code.store(entry, self.residual, end.row(code, i))
+        for end, (which, inverse, factors) in zip(self.ends, chosen, strict=True):
+            place = code.integer("add", at, end.number)
+            code.store(wide.lane(inverse, 0), self.inverses, place)
+            wide.store(factors, code.at(self.factors, code.integer("mul", place, OPEN)))
+            lane = code.let(f"extractelement {wide.like('i64')} {which}, i64 0")
+            lane = code.let(f"trunc i64 {lane} to i8")
+            code.do(f"store i8 {lane}, ptr {code.at(self.which, place, 'i8')}")
+        pairs = zip(handed, chosen, strict=True)
+        return [x for window, (which, *_) in pairs for x in (*window, which)]
+
+    def _pivot(self, column: str) -> str:
+        """Return which of four entries is the largest, in all lanes.
+
+        Everything waits for it, so the leading 32 bits of each are compared, which is faster. Of
+        these the last two tell which entry it is: of several that are so far equal, the last.
+        """
+        wide, kind, halves = self.open, self.open.like("i64"), f"<{2 * OPEN} x i32>"
+        marks = ", ".join(f"i32 0, i32 {i}" for i in range(OPEN))
+        mask = ", ".join(f"i32 0, i32 {2**31 - 1 - HALF}" for _ in range(OPEN))
+        bits = wide.let(f"bitcast {wide.real} {column} to {halves}")
+        bits = wide.let(f"and {halves} {bits}, <{mask}>")
+        bits = wide.let(f"or {halves} {bits}, <{marks}>")
+        for order in ((2, 3, 0, 1, 6, 7, 4, 5), (4, 5, 6, 7, 0, 1, 2, 3)):
+            places = ", ".join(f"i32 {i}" for i in order)
+            both = f"{halves} {bits}, {halves} poison"
+            other = wide.let(f"shufflevector {both}, <{2 * OPEN} x i32> <{places}>")
+            bits = wide.let(f"call {halves} @llvm.umax.v8i32({halves} {bits}, {halves} {other})")
+        bits = wide.let(f"bitcast {halves} {bits} to {kind}")
+        bits = wide.let(f"lshr {kind} {bits}, {wide.splat_of('i64 32')}")
+        return wide.let(f"and {kind} {bits}, {wide.splat_of(f'i64 {HALF}')}")
+
+    def _picked(self, x: str, which: str) -> str:
+        """Return a row's number, in all lanes."""
+        wide, kind = self.open, self.open.like("i64")
+        places = [wide.let(f"extractelement {kind} {which}, i64 {i}") for i in range(OPEN)]
+        picked = wide.packed([wide.lane(x, place) for place in places])
+        return wide.call("arithmetic.fence", picked)
+
+    def forward(self, prepare: Callable[[str], None]) -> None:
+        """Write what elimination makes of the residual, and solve the middle.
+
+        The residual is what `prepare` writes, as for `_inward`.
+        """
+        code, wide, kind = self.code, self.open, self.open.like("i64")
+
+        def begin() -> list[tuple[str, str]]:
+            state = [(wide.real, self._begun(end, self.residual)) for end in self.ends]
+            return state + [(kind, wide.splat_of(f"i64 {HALF}"))] * ENDS
+
+        def step(i: str, carried: Sequence[str]) -> list[str]:
+            handed = list(carried)
+            for end in self.ends:
+                x, which = carried[end.number :: ENDS]
+                new = end.row(code, code.integer("add", i, HALF))
+                new = wide.packed([code.load(self.residual, new)])
+                x = wide.choose(self._at(which), new, x)
+                at = code.integer("add", code.integer("mul", i, ENDS), end.number)
+                place = code.let(f"load i8, ptr {code.at(self.which, at, 'i8')}")
+                place = code.let(f"zext i8 {place} to i64")
+                which = "poison"
+                for lane in range(OPEN):
+                    which = wide.let(f"insertelement {kind} {which}, i64 {place}, i64 {lane}")
+                pivot = self._picked(x, which)
+                factors = code.at(self.factors, code.integer("mul", at, OPEN))
+                entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
+                code.store(entry, self.residual, end.row(code, i))
+                handed[end.number :: ENDS] = [minus(wide, x, wide.load(factors), pivot), which]
+            return handed
+
+        b = []
+        carried = self._inward(prepare, begin, step)
+        if self.steps:
+            for end in self.ends:
+                x = self._closed(*carried[end.number :: ENDS])
+                b += [wide.lane(x, lane) for lane in range(HALF)]
+        b += [code.load(self.residual, i) for i in self._between()]
+        self.found = self.dense.solve(b)
+
+    def substitute(self, keep: Callable[[str, str], None]) -> None:
+        """Find unknowns from the middle to both ends; `keep` is handed places and unknowns."""
+        code, pair = self.code, self.pair
+        known = dict(zip(self.middle, self.found, strict=True))
+        for i, y in known.items():
+            keep(str(i), y)
+        if not self.steps:
+            return
+        begun = zip(*(self._ahead(end) for end in self.ends), strict=True)
+        state = [(pair.real, pair.packed([known[i] for i in places])) for places in begun]
+        with code.loop(self.steps, *state) as turn:
+            i = code.integer("sub", self.steps - 1, turn.i)
+            at = code.integer("mul", i, ROW)
+            places = [end.row(code, i) for end in self.ends]
+            y = pair.packed([code.load(self.residual, place) for place in places])
+            # The unknown found just before comes last: the others need not wait for it.
+            for j in range(2 * HALF, 0, -1):
+                entries = pair.load(code.at(self.upper, code.integer("add", at, ENDS * (j - 1))))
+                y = minus(pair, y, entries, turn.carried[j - 1])
+            for end, place in zip(self.ends, places, strict=True):
+                keep(place, pair.lane(y, end.number))
+            turn.handed = [y, *turn.carried[:-1]]
+
+
+def plus(code: Code, x: str, y: str, z: str) -> str:
+    """Return x + y z, rounded once where the machine can."""
+    if jit.features()[2]:
+        return code.call("fma", y, z, x)
+    return code.add(x, code.mul(y, z))
+
+
+def minus(code: Code, x: str, y: str, z: str) -> str:
+    """Return x - y z, rounded once where the machine can."""
+    return plus(code, x, code.neg(y), z)
+
+
+# ---- Scaling, solution and refinement ------------------------------------------------------------
 
 
 def room(size: int) -> int:
     """Return how many doubles the work of a solve takes."""
-    return 10 * padded(size) + 2 * LANES + 2 + band_ends.room(size)
+    return 10 * padded(size) + 2 * LANES + 2 + factors_workspace(size)
 
 
 def band_text(name: str, size: int, stride: int) -> str:

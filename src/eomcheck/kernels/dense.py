@@ -1,8 +1,8 @@
-"""Solves in machine code: rows scaled, largest pivots, no branch and no exception.
+"""Dense linear solves in machine code: rows scaled, partial pivoting, no branch, no exception.
 
-`eomcheck.numbers.pivots` says how. Small matrices are eliminated in registers, where a row is
-exchanged by choosing; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by lane. Where a
-pivot is 0 or no finite number, x is NaN.
+Scales and pivots follow `eomcheck.numbers.pivots`. Small matrices are eliminated in registers,
+where rows are exchanged by selection; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by
+lane. Where a pivot is 0 or not finite, x is NaN.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from functools import cache, reduce
 
-from eomcheck.kernels.code import FINITE_NOT_ZERO, LANES, Code
+from eomcheck.kernels.llvm_builder import FINITE_NOT_ZERO, LANES, Code
 from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52

@@ -1,8 +1,8 @@
-"""DOP853 in machine code, for motions side by side: each has its own steps, errors and end.
+"""DOP853 in machine code, for a batch of motions: each has its own steps, errors and end.
 
 Dormand and Prince's pair of order 8(5,3) with its continuous extension (Hairer, Norsett, Wanner
-1993); coefficients and control of steps are SciPy's. Powers of -1/8 are three square roots: no
-library rounds them differently. A lane that has come to its end stands still, by steps of 0.
+1993); coefficients and step-size control are SciPy's. Powers of -1/8 are three square roots: no
+library rounds them differently. A motion that has reached its end goes on by steps of 0.
 
 One function of each width serves right-hand sides of any size.
 """
@@ -16,8 +16,8 @@ from typing import Any
 
 from scipy.integrate import DOP853
 
-from eomcheck.kernels.code import Code
-from eomcheck.kernels.machine import Machine, features
+from eomcheck.kernels.jit import Machine, features
+from eomcheck.kernels.llvm_builder import Code
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
 """Status of a lane: under way; at its end; no step is small enough; too many steps; the right-hand

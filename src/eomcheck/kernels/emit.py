@@ -1,32 +1,120 @@
-"""From a program to the text of a function.
+"""The LLVM IR of a program, and the layout of the memory block that the function reads.
 
 The function (out, t, y, block) reads the state y and the time t and writes its outputs one after
-the other to `out`. All else stands in the block: parameters, results of groups, what loops leave
-for later, room to work. A number in memory is one double for each lane.
+the other to `out`. The block holds all else (`Layout`): parameters, results of groups, results of
+loops that are read later, workspace. A number in memory is one float64 for each lane.
 
-With one lane it is what CyRK calls: t is a double, and in the place of the block stands the address
-of its address. Such a function counts its calls, and those in which an output is not finite.
+With one lane it is what CyRK calls: t is a float64, and in place of the block stands the address of
+its address. Such a function counts its calls, and those in which an output is not finite.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
-from eomcheck.kernels.code import NOT_FINITE, Code
-from eomcheck.kernels.instructions import Tree
-from eomcheck.kernels.layout import (
-    FAILED,
-    FAILURE_TIME,
-    HEADER,
-    TIME,
-    Layout,
-    reads_of,
-    results_of,
-)
-from eomcheck.kernels.program import Program
+from eomcheck.kernels.jit import CACHE_LINE
+from eomcheck.kernels.llvm_builder import NOT_FINITE, Code
+from eomcheck.kernels.program import FARTHEST, Program, Tree
 from eomcheck.numbers import tape as t
+
+# ---- Layout of the memory block ------------------------------------------------------------------
+
+CALLS, FAILED, FAILURE_TIME, TIME = range(4)
+HEADER = 4
+"""Doubles of the block before all else: calls and failures (integers), time of the first failure,
+and the time given."""
+
+
+class Layout(NamedTuple):
+    """Where things stand in a block, in numbers of `width` lanes, behind its header.
+
+    Attributes:
+        places: first place of each array, by name.
+        size: numbers in all.
+        room: doubles behind them.
+    """
+
+    places: Mapping[str, int]
+    size: int
+    room: int
+
+    def doubles(self, width: int) -> int:
+        """Return the doubles of a block."""
+        return HEADER + self.size * width + self.room
+
+
+def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
+    """Return the layout for `parameters`, whose sizes are given by name."""
+    sizes = {**parameters, **dict(program.arrays)}
+    counts = [item[1] for item in program.items if item[0] == "loop"]
+    for loop, inner in sorted(results_of(program)[0]):
+        sizes[f"l{loop}.{inner}"] = counts[loop]
+    places, at = {}, 0
+    for name, size in sizes.items():
+        if name not in parameters:
+            at = aligned(at)
+        places[name] = at
+        at += size
+    return Layout(places, aligned(at), max((_room(item) for item in program.items), default=0))
+
+
+def aligned(count: int) -> int:
+    """Return the first place at or behind this one that begins a line of cache."""
+    return -(-count // CACHE_LINE) * CACHE_LINE
+
+
+def results_of(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int, int], int]]:
+    """Return what is read behind loops, as (loop, operation).
+
+    Returns:
+        What is to be written to memory; of all else, of which the last few are read: how far from
+        the last one that is.
+    """
+    counts = [item[1] for item in program.items if item[0] == "loop"]
+    reads = {x[1:] for x in reads_of(program.items) if x[0] == "l"}
+    written = {x[:2] for x in reads if x[3] or counts[x[0]] - x[2] > FARTHEST}
+    last: dict[tuple[int, int], int] = {}
+    for loop, inner, place, _ in reads:
+        if (loop, inner) not in written:
+            ago = counts[loop] - 1 - place
+            last[loop, inner] = max(ago, last.get((loop, inner), 0))
+    return written, last
+
+
+def reads_of(items: Tree) -> Iterator[Tree]:
+    """Yield everything that items read."""
+    for item in items:
+        if item[0] == "loop":
+            yield from reads_of(item[2])
+            continue
+        given = (
+            item[7] if item[0] == "group" and item[5] else item[1:4] if item[0] != "group" else ()
+        )
+        for x in given:
+            if isinstance(x, tuple):
+                yield x
+                if x[0] == "p":
+                    yield from x[2]
+
+
+def _room(item: Tree) -> int:
+    """Return the doubles of room that an item needs."""
+    if item[0] != "group" or item[5]:
+        return 0
+    kind, shape = item[2], item[4]
+    if kind == t.BAND:
+        return band.room(shape[0])
+    if kind == t.SOLVE:
+        return shape[0] * shape[1]
+    if kind == t.PRODUCT:
+        n, k, m = shape
+        return n * k + k * m + n * m
+    return 0
+
+
+# ---- Code ----------------------------------------------------------------------------------------
 
 
 def function_texts(

@@ -1,18 +1,27 @@
-"""A program: a tape whose loops are found again.
+"""A program: a tape whose loops are found again (loop rerolling).
 
 A recursion over the links of a chain leaves the same operations on the tape link by link, with
-places that step evenly. Such stretches are loops again in the program. What does not repeat stays
-straight. Loops make code short; they change no operation.
+indices that step evenly. `program_of` goes four steps:
 
-Programs are trees of tuples. What an operation reads is
+1.  `instructions_of` writes the tape as rows of integers, in the order in which they are executed.
+2.  `fused` makes the loops along one chain one loop. Functions of whole arrays leave one loop each,
+    and each of them writes what the next one reads: a long chain would be read and written from end
+    to end many times. Instructions are put into the order of their links, whichever function they
+    come from, each in the iteration of what it reads or in a later one.
+3.  `stretches_of` finds stretches of instructions that step evenly.
+4.  `items_of` writes these as loops, and the rest as it is.
+
+Loops make code short; no step changes an operation.
+
+Programs are trees of tuples. An operand is
 
 - ("c", x): a constant
-- ("s", k): the k-th value made outside of loops
+- ("s", k): the k-th value computed outside of loops
 - ("i", array, place, step): an entry of an array: an input, or the results of a group
-- ("l", loop, j, place, step): what operation j of an earlier loop made, by iteration
-- ("b", j): what operation j of this iteration made
-- ("p", j, first): what operation j made as many iterations before as there are entries in `first`;
-  these are what it is in the first ones
+- ("l", loop, j, place, step): the results of operation j of an earlier loop, by iteration
+- ("b", j): the result of operation j in this iteration
+- ("p", j, first): the result of operation j as many iterations before as there are entries in
+  `first`; these are its values in the first ones
 
 where `step` is 0 outside of loops. Items are ("op", op, x, y), ("put", x, array, place, step),
 ("group", number, kind, name, shape, inline, by, given), and ("loop", count, items).
@@ -20,14 +29,478 @@ where `step` is 0 outside of loops. Items are ("op", op, x, y), ("put", x, array
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from eomcheck.errors import EomcheckError
-from eomcheck.kernels.fusion import fused
-from eomcheck.kernels.instructions import Tree, instructions_of, urgent
-from eomcheck.kernels.loops import items_of, stretches_of
+from eomcheck.kernels.band import WIDTH, padded
+from eomcheck.kernels.sincos import room
+from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape, live
+
+# ---- Instructions --------------------------------------------------------------------------------
+
+INLINE = 9
+"""Up to this order a matrix is eliminated in registers; larger ones are written to memory."""
+
+FEW_ANGLES = 16
+"""Up to so many, sines and cosines stay in registers; more are written to memory."""
+
+Tree = tuple
+
+Stretch = tuple[int, int, int]
+"""Instructions that repeat themselves: the first, how many are an iteration, iterations."""
+
+
+class Instructions:
+    """Instructions as rows of integers: op, and (class, place) of what is read twice and written.
+
+    A class is 0 for the value of an earlier instruction, whose place is its number; otherwise it
+    stands for one array, or for one constant, whose place is 0.
+    """
+
+    def __init__(self):
+        self.rows: list[tuple[int, int, int, int, int, int, int]] = []
+        self.ops: list[Any] = []
+        self.names: list[Any] = [None]
+        self._op_codes: dict[Any, int] = {}
+        self._classes: dict[Any, int] = {}
+
+    def class_of(self, name: Any) -> int:
+        """Return the class of an array or a constant."""
+        found = self._classes.get(name)
+        if found is None:
+            found = self._classes[name] = len(self.names)
+            self.names.append(name)
+        return found
+
+    def add(self, op: Any, x=(0, -1), y=(0, -1), out=(0, -1)) -> int:
+        """Add an instruction, and return its number."""
+        code = self._op_codes.setdefault(op, len(self._op_codes))
+        if code == len(self.ops):
+            self.ops.append(op)
+        self.rows.append((code, *x, *y, *out))
+        return len(self.rows) - 1
+
+    def reads(self, at: int) -> list[tuple[int, int]]:
+        """Return (class, place) of all that an instruction reads."""
+        code, *reads = self.rows[at][:5]
+        op = self.ops[code]
+        inline = op[-1] if isinstance(op, tuple) and op[5] else ()
+        pairs = ((reads[0], reads[1]), (reads[2], reads[3]), *inline)
+        return [(kind, place) for kind, place in pairs if place >= 0]
+
+    def ordered(self, order: Sequence[int]) -> Instructions:
+        """Return the same instructions in another order: those at `order`."""
+        other, to = Instructions(), {old: new for new, old in enumerate(order)}
+        other.names = self.names
+
+        def moved(kind: int, place: int) -> tuple[int, int]:
+            return kind, to.get(place, place) if kind == 0 else place
+
+        for old in order:
+            code, *reads, target, place = self.rows[old]
+            op = self.ops[code]
+            if isinstance(op, tuple) and op[5]:
+                op = (*op[:-1], tuple(moved(*x) for x in op[-1]))
+            other.add(op, moved(*reads[:2]), moved(*reads[2:]), (target, place))
+        return other
+
+
+CYCLES = {t.ADD: 2, t.SUB: 2, t.MUL: 3, t.DIV: 14, t.NEG: 1, t.SQRT: 18, t.PART: 40}
+"""About what operations take until others can go on; inputs and constants wait for nothing."""
+
+
+def urgent(tape: Tape, places: Sequence[int]) -> list[int]:
+    """Return `places` in another order: first what most time passes after, up to an output.
+
+    A processor looks ahead of what waits by some hundred operations, and finds others to do.
+    """
+    left = dict.fromkeys(places, 0)
+    for place in reversed(places):
+        op, *reads = tape.operations[place]
+        left[place] += CYCLES.get(op, 0)
+        if op in (t.CONSTANT, t.INPUT):
+            continue
+        if op is t.PART:
+            group = tape.groups[reads[0]]
+            reads = group.reads if group.by < 0 else group.reads + tape.groups[group.by].reads
+        for x in reads:
+            if x is not None:
+                left[x] = max(left[x], left[place])
+    return sorted(places, key=left.__getitem__, reverse=True)
+
+
+def instructions_of(
+    tape: Tape, places: Sequence[int], outputs: Mapping[str, Sequence[int]]
+) -> tuple[Instructions, dict[str, int]]:
+    """Return what is done for `outputs`, in the order of `places`, and the sizes of arrays."""
+    lines, arrays = Instructions(), {}
+    made: dict[int, int] = {}
+    done: dict[int, int] = {}
+    factored: dict[Sequence[int], int] = {}
+
+    def read(place: int) -> tuple[int, int]:
+        op, x, y = tape.operations[place]
+        if op is t.CONSTANT:
+            return lines.class_of(("c", x)), 0
+        if op is t.INPUT:
+            return lines.class_of(("i", x)), y
+        if op is t.PART:
+            kind, _, (size, *_), _, _ = tape.groups[x]
+            if kind is t.ANGLES and y >= size > FEW_ANGLES:
+                y += room(size) - size
+            return lines.class_of(("i", f"x{done[x]}")), y
+        return 0, made[place]
+
+    def put(reads: Sequence[int | None], array: str) -> None:
+        target = lines.class_of(array)
+        # In the order in which they were made: what stands on both sides of a diagonal is put twice
+        # in one step of a loop.
+        given = ((place, i) for i, place in enumerate(reads) if place is not None)
+        for place, i in sorted(given):
+            if tape.value(place) != 0:
+                lines.add("put", read(place), out=(target, i))
+
+    def group(number: int) -> None:
+        if number in done:
+            return
+        kind, name, shape, reads, by = tape.groups[number]
+        if kind is t.FACTORS and reads in factored:
+            done[number] = factored[reads]  # of one matrix, whatever it is called
+            return
+        if by >= 0:
+            group(by)
+        mine = done[number] = len(done)
+        factors = done.get(by, -1)
+        if kind is t.FACTORS:
+            factored[reads] = mine
+        order = shape[0]
+        inline = kind is t.ANGLES and order <= FEW_ANGLES
+        if kind in (t.FACTORS, t.SOLVE):
+            inline = order <= INLINE
+        size = 2 * room(order) if kind is t.ANGLES else int(np.prod(shape))
+        arrays[f"x{mine}"] = order * (order + 2) if kind is t.FACTORS else size
+        given: Tree = ()
+        if inline:
+            given = tuple(read(place) for place in reads)
+        elif kind is t.ANGLES and (row := _in_a_row(tape, reads)):
+            given = row
+        else:
+            ordered = _ordered(kind, reads, order)
+            arrays[f"r{mine}"] = len(ordered)
+            put(ordered, f"r{mine}")
+        lines.add(("group", mine, kind, name, shape, inline, factors, given))
+
+    for place in places:
+        op, x, y = tape.operations[place]
+        if op is t.PART:
+            group(x)
+        elif op not in (t.CONSTANT, t.INPUT):
+            made[place] = lines.add(op, read(x), (0, -1) if y is None else read(y))
+    for name, roots in outputs.items():
+        target = lines.class_of(name)
+        for i, place in enumerate(roots):
+            lines.add("put", read(place), out=(target, i))
+    return lines, arrays
+
+
+def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None]:
+    """Return what a group reads as it is to stand in memory; None is nothing."""
+    if kind is t.FACTORS:  # column by column, as LAPACK wants it
+        return [reads[i * order + j] for j in range(order) for i in range(order)]
+    if kind is t.BAND:  # diagonal by diagonal, the right-hand side as the last one
+        rest = [None] * (padded(order) - order)
+        columns = [
+            *(reads[j : WIDTH * order : WIDTH] for j in range(WIDTH)),
+            reads[WIDTH * order :],
+        ]
+        return [x for column in columns for x in (*column, *rest)]
+    return reads
+
+
+def _in_a_row(tape: Tape, reads: Sequence[int]) -> Tree:
+    """Return (array, first place, count) of entries that follow one another in it, or ()."""
+    first = tape.operations[reads[0]]
+    for i, place in enumerate(reads):
+        if tape.operations[place] != (t.INPUT, first.x, _plus(first.y, i)):
+            return ()
+    return first.x, first.y, len(reads)
+
+
+def _plus(y: Any, i: int) -> Any:
+    return y + i if isinstance(y, int) else y
+
+
+# ---- Loop fusion ---------------------------------------------------------------------------------
+
+RAGGED = 8
+"""Loops along one chain differ by fewer iterations: some begin or end a few links later."""
+
+
+def fused(lines: Instructions, stretches: Sequence[Stretch]) -> Instructions:
+    """Return instructions in the order of iterations; as they are unless all go along one chain."""
+    counts = [count for _, _, count in stretches]
+    if len(counts) < 2 or max(counts) - min(counts) >= RAGGED:
+        return lines
+    times = _Times(lines)
+    at = 0
+    for start, period, count in (*stretches, (len(lines.rows), 1, 0)):
+        for straight in range(at, start):
+            times.found.append(times.straight(straight))
+            times.note(straight)
+        times.stretch(start, period, count)
+        at = start + period * count
+    return lines.ordered(sorted(range(len(lines.rows)), key=times.found.__getitem__))
+
+
+class _Times:
+    """When each instruction is done: in which iteration of the one loop.
+
+    Attributes:
+        found: of each instruction so far.
+        arrays: of each array: when all is there that was written to it.
+    """
+
+    def __init__(self, lines: Instructions):
+        self.lines = lines
+        self.found: list[int] = []
+        self.arrays: dict[str, int] = {}
+
+    def straight(self, at: int) -> int:
+        """Return when an instruction outside of loops can be done."""
+        op = self.lines.ops[self.lines.rows[at][0]]
+        values, arrays = self._reads(at)
+        if isinstance(op, tuple):
+            arrays += [f"r{op[1]}", f"x{op[6]}"]
+        return max([0, *(self.found[p] for p in values), *(self._when(name) for name in arrays)])
+
+    def stretch(self, start: int, period: int, count: int) -> None:
+        """Note the times of all iterations: each instruction goes along the chain on its own."""
+        first = [0] * period
+        reads = [self._reads(start + i) for i in range(period * count)]
+        settled = False
+        while not settled:
+            before = list(first)
+            for i, (values, arrays) in enumerate(reads):
+                turn, inner = divmod(i, period)
+                for place in values:
+                    other, there = divmod(place - start, period)
+                    when = self.found[place] if place < start else first[there] + other
+                    first[inner] = max(first[inner], when - turn)
+                for name in arrays:
+                    first[inner] = max(first[inner], self._when(name) - turn)
+            settled = first == before
+        for i in range(period * count):
+            turn, inner = divmod(i, period)
+            self.found.append(first[inner] + turn)
+            self.note(start + i)
+
+    def note(self, at: int) -> None:
+        """Note what an instruction writes, if it does, or that a group is there."""
+        op, out = self.lines.ops[self.lines.rows[at][0]], self.lines.rows[at][5]
+        name = f"x{op[1]}" if isinstance(op, tuple) else self.lines.names[out]
+        if name is not None:
+            self.arrays[name] = max(self._when(name), self.found[at])
+
+    def _reads(self, at: int) -> tuple[list[int], list[str]]:
+        """Return the places of values, and the arrays, that an instruction reads."""
+        reads, names = self.lines.reads(at), self.lines.names
+        return (
+            [place for kind, place in reads if kind == 0],
+            [names[kind][1] for kind, _ in reads if kind and names[kind][0] == "i"],
+        )
+
+    def _when(self, array: str) -> int:
+        return self.arrays.get(array, 0)
+
+
+# ---- Loop rerolling ------------------------------------------------------------------------------
+
+FEWEST = 4
+"""Iterations of a loop, at least."""
+
+FARTHEST = 4
+"""What a loop makes is handed on to so many later iterations, at most."""
+
+LONGEST = 256
+"""Operations in one iteration of a loop, at most."""
+
+
+def stretches_of(lines: Instructions) -> list[Stretch]:
+    """Return stretches that step evenly, in order, not overlapping: the longest that there are.
+
+    In each, from one period to the next every instruction is the same, and every place it names
+    moves by as much as it did before.
+    """
+    rows = np.array(lines.rows, np.int64).reshape(-1, 7)
+    kinds = np.unique(rows[:, (0, 1, 3, 5)], axis=0, return_inverse=True)[1].ravel()
+    places = rows[:, (2, 4, 6)]
+    found = []
+    for period in range(1, min(LONGEST, len(rows) // FEWEST) + 1):
+        same = kinds[period:] == kinds[:-period]
+        steady = same[:-period] & same[period:]
+        near = np.flatnonzero(steady)
+        one, two, three = (places[near + i * period] for i in range(3))
+        steady[near] = (two - one == three - two).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], steady.view(np.int8), [0]))))
+        for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            count = (end - start) // period + 2
+            if count >= FEWEST:
+                found.append((-count * period, period, start, count))
+    taken = np.zeros(len(rows), bool)
+    chosen = []
+    for _, period, start, count in sorted(found):
+        here = taken[start : start + count * period]
+        if here.any():
+            free = np.flatnonzero(np.diff(np.concatenate(([1], here.view(np.int8), [1]))))
+            lengths = free[1::2] - free[::2]
+            if not len(lengths):
+                continue
+            best = int(lengths.argmax())
+            start, count = start + int(free[2 * best]), int(lengths[best]) // period
+        if count >= FEWEST:
+            taken[start : start + count * period] = True
+            chosen.append((start, period, count))
+    return sorted(chosen)
+
+
+# ---- From instructions to items ------------------------------------------------------------------
+
+
+def items_of(lines: Instructions, stretches: Sequence[Stretch]) -> Tree:
+    """Return instructions as items, stretches among them as loops."""
+    return _Encoder(lines).items(stretches)
+
+
+class _Encoder:
+    def __init__(self, lines: Instructions):
+        self.lines, self.table = lines, lines.rows
+        # Where a value is: its loop, or -1, its operation there, or its number, its iteration.
+        self.loop = np.full(len(self.table), -1)
+        self.inner = np.zeros(len(self.table), np.int64)
+        self.turn = np.zeros(len(self.table), np.int64)
+        self.straight = self.loops = 0
+        self.found: list[Tree] = []
+
+    def items(self, stretches: Sequence[Stretch]) -> Tree:
+        at = 0
+        for start, period, count in stretches:
+            skipped, count = self._even_part(start, period, count)
+            if count < FEWEST:
+                continue
+            start += skipped * period
+            self._write_straight(at, start)
+            self._write_loop(start, period, count)
+            at = start + count * period
+        self._write_straight(at, len(self.table))
+        return tuple(self.found)
+
+    def one(self, kind: int, place: int) -> Tree | None:
+        """Return what an instruction outside of loops reads."""
+        if kind == 0:
+            if place < 0:
+                return None
+            if self.loop[place] < 0:
+                return ("s", int(self.inner[place]))
+            return ("l", int(self.loop[place]), int(self.inner[place]), int(self.turn[place]), 0)
+        name = self.lines.names[kind]
+        return name if name[0] == "c" else ("i", name[1], place, 0)
+
+    def _write_straight(self, start: int, end: int) -> None:
+        for at in range(start, end):
+            code, *reads, target, place = self.table[at]
+            op = self.lines.ops[code]
+            if op == "put":
+                item = ("put", self.one(*reads[:2]), self.lines.names[target], place, 0)
+            elif isinstance(op, tuple):
+                given = op[-1]
+                if op[5]:
+                    given = tuple(self.one(*x) for x in given)
+                item = (*op[:-1], given)
+            else:
+                item = ("op", op, self.one(*reads[:2]), self.one(*reads[2:]))
+                self.inner[at] = self.straight
+                self.straight += 1
+            self.found.append(item)
+
+    def _values(self, start: int, period: int) -> Iterator[tuple[int, int]]:
+        """Yield (place, step) of each value that an iteration reads."""
+        for at in range(start, start + period):
+            for column in (1, 3):
+                kind, place = self.table[at][column : column + 2]
+                if kind == 0 and place >= 0:
+                    yield place, self.table[at + period][column + 1] - place
+
+    def _even_part(self, start: int, period: int, count: int) -> tuple[int, int]:
+        """Return (iterations to skip, iterations) of the longest part that steps evenly."""
+        good = np.ones(max(count - 1, 0), bool)
+        even = np.ones(max(count - 2, 0), bool)
+        end, turns = start + count * period, np.arange(count)
+        for place, step in self._values(start, period):
+            if _own(place, step, start, period, count):
+                continue
+            if start <= place + step < end:
+                return 0, 0
+            if step == 0:
+                continue
+            places = place + step * turns
+            loops, inner, turn = self.loop[places], self.inner[places], self.turn[places]
+            good &= (loops[1:] == loops[:-1]) & (inner[1:] == inner[:-1]) & (loops[1:] >= 0)
+            even &= np.diff(turn, 2) == 0
+        best, first, at = 0, 0, 0
+        while at < count:
+            after = at + 1
+            while after < count and good[after - 1] and (after - at < 2 or even[after - 2]):
+                after += 1
+            if after - at > best:
+                best, first = after - at, at
+            at = after
+        return first, best
+
+    def _write_loop(self, start: int, period: int, count: int) -> None:
+        end = start + count * period
+        where, body = (start, period, count), []
+        for at in range(start, start + period):
+            code, *reads, target, place = self.table[at]
+            later = self.table[at + period]
+            args = [self._inside(reads[c], reads[c + 1], later[c + 2], where) for c in (0, 2)]
+            op = self.lines.ops[code]
+            if op == "put":
+                step = later[6] - place
+                body.append(("put", args[0], self.lines.names[target], place, step))
+            else:
+                body.append(("op", op, *args))
+        here = np.arange(start, end)
+        self.loop[here] = self.loops
+        self.inner[here] = (here - start) % period
+        self.turn[here] = (here - start) // period
+        self.loops += 1
+        self.found.append(("loop", count, tuple(body)))
+
+    def _inside(self, kind: int, place: int, later: int, where: Stretch) -> Tree | None:
+        """Return what an instruction of a loop reads: `place` first, then `later`."""
+        step = later - place
+        if kind == 0 and place >= 0 and step:
+            if _own(place, step, *where):
+                start, period, _ = where
+                first = tuple(self.one(kind, x) for x in range(place, start, period))
+                inner = (place - start) % period
+                return ("p", inner, first) if first else ("b", inner)
+            loop, inner, turn = (int(x[place]) for x in (self.loop, self.inner, self.turn))
+            return ("l", loop, inner, turn, int(self.turn[later]) - turn)
+        read = self.one(kind, place)
+        return ("i", read[1], place, step) if read and read[0] == "i" else read
+
+
+def _own(place: int, step: int, start: int, period: int, count: int) -> bool:
+    """Return whether what is read, `place` first, is made by the loop itself, after a while."""
+    return step == period and place >= start - min(FARTHEST, count - 1) * period
+
+
+# ---- Programs ------------------------------------------------------------------------------------
 
 SHORT = 2500
 """A program of fewer entries of a tape stays straight: it is faster, and soon there."""

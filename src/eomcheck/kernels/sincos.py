@@ -1,18 +1,18 @@
-"""Cosines and sines of many angles at once, the same bits in every lane and on every path.
+"""Sines and cosines of many angles at once, with the same bits in every lane and on every path.
 
 The angle is reduced by a multiple of π/2 in three parts (Cody and Waite 1980), the first two so
-short that their products with it are exact, and what the reduced angle loses by rounding is kept
+short that their products with it are exact, and the rounding error of the reduced angle is kept
 beside it. Polynomials are those of fdlibm (Sun Microsystems 1993; `k_sin`, `k_cos`) with the
-correction for that remainder. The error is below 1 ulp up to `REACH`; beyond it, for what is not
-finite, and on a machine that cannot multiply and add at once, each angle goes to the C library.
+correction for that remainder. The error is below 1 ulp up to `REACH`; beyond it, for angles that
+are not finite, and on a CPU without fused multiply-add, each angle goes to the C library.
 """
 
 from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.code import Code
-from eomcheck.kernels.machine import features, has_sincos
+from eomcheck.kernels.jit import features, has_sincos
+from eomcheck.kernels.llvm_builder import Code
 
 REACH = 1e5
 """rad."""

@@ -15,7 +15,7 @@ from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import Engine, version_of
 from eomcheck.engines.files import BY_FORMAT, FileEngine
 from eomcheck.errors import EngineError, InputError, UnknownNameError, message_of
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.draws import draw
 from eomcheck.lab.parting import Parting

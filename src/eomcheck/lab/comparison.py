@@ -10,7 +10,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.errors import InputError
 from eomcheck.lab.parting import Why
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 @dataclass

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity, FreeBase
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 CLOSE, ROUNDED = 1e-8, 1e-13
 """Relative: what agrees to this agrees but for digits; but for rounding."""

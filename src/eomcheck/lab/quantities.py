@@ -10,12 +10,12 @@ from eomcheck.claims.trial import inertia_size, weight_size
 from eomcheck.engines import Answers, EngineFault
 from eomcheck.engines.files import FileEngine
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.parting import Why, scale_of
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 QUANTITIES = {
     "M": "mass_matrix",

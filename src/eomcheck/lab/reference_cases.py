@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.errors import named
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import (
     Andrews,
     Bicycle,

@@ -15,8 +15,7 @@ from eomcheck.console import progress
 from eomcheck.lab.reference_cases import Case
 from eomcheck.lab.store.workers import spread
 from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
-from eomcheck.motion.run import difference
-from eomcheck.motion.stored import Reference, reference_of
+from eomcheck.motion.reference_io import Reference, difference, reference_of
 
 PERCENT = 100
 

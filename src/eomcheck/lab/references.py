@@ -10,7 +10,7 @@ from eomcheck.errors import InputError
 from eomcheck.lab.reference_cases import CASES
 from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
-from eomcheck.motion.stored import Reference, load_reference, save_reference
+from eomcheck.motion.reference_io import Reference, load_reference, save_reference
 
 
 def stored(name: str, folder: Path) -> Reference:

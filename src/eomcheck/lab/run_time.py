@@ -21,7 +21,7 @@ from eomcheck.formulations import formulation_of
 from eomcheck.lab.store.provenance import machine
 from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import Motion
 
 RUNS = 20
 FEWEST = 3

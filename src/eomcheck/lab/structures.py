@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, em
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import SOLVERS
 
 SAME = 1e-9

@@ -14,8 +14,7 @@ import numpy as np
 from eomcheck.errors import InputError, named, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.numbers.contract import Arithmetic
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Arithmetic
 
 MOST_LINKS = 1_000_000
 """Links of a scene: its parameters then take some 50 MB."""

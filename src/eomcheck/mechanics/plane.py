@@ -10,7 +10,7 @@ import numpy as np
 from eomcheck.errors import RefusedError
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
 TURN = 0.75

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Array, generic
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.scene import Scene

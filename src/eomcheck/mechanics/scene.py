@@ -43,8 +43,7 @@ from eomcheck.mechanics.composed import compose
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Arithmetic, Array, generic
 
 Functions = Mapping[str, Any] | tuple[ModuleType, ...]
 

@@ -15,8 +15,7 @@ import numpy as np
 from eomcheck.errors import InputError, distinct, named
 from eomcheck.mechanics.records import Terms
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Array, generic
 
 
 def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:

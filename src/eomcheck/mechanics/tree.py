@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 KINDS = ("px", "py", "pz", "rx", "ry", "rz")
 """Kinds of joints: prismatic along, or revolute about, an axis of their own frame."""

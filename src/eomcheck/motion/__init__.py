@@ -1,1 +1,1 @@
-"""Motion: right-hand sides of the formulations in machine code, and reference solutions."""
+"""Motions: compiled right-hand sides, integrators, trajectories, and reference solutions."""

@@ -1,18 +1,94 @@
-"""CyRK's integrators, driven by a C callback.
+"""CyRK's integrators, called with a right-hand side in machine code.
 
-CyRK's own entry in Python wants numba; it only hands its arguments to the C functions that
-`eomcheck.motion.cyrk` reaches, and so does this file.
+CyRK's own entry in Python wants numba; it only hands its arguments to C functions, and so does this
+file. `import CyRK` imports numba for its interfaces in Python, which nothing here uses: a fifth of
+a second, and a package that needs a writable directory for its files. So the C functions are loaded
+from their extension modules, without running CyRK's packages.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import ctypes
+import importlib
+import sys
+from ctypes import c_bool, c_double, c_int, c_size_t, c_void_p
+from functools import cache
+from importlib.util import find_spec, module_from_spec
+from threading import Lock
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eomcheck.errors import InputError, named
-from eomcheck.motion.cyrk import library
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
+
+# ---- CyRK's C functions --------------------------------------------------------------------------
+
+SOLVE = (
+    *(c_void_p, c_double, c_double, c_void_p, c_size_t, c_int, c_size_t, c_size_t),
+    *(c_void_p, c_size_t, c_size_t, c_size_t, c_bool, c_void_p, c_size_t, c_void_p),
+    *(c_void_p, c_size_t, c_void_p, c_size_t, c_void_p, c_size_t, c_double, c_double, c_bool),
+)
+"""Arguments of its `numba_cysolve_ivp`, as `eomcheck.motion.integrators` hands them over."""
+
+FUNCTIONS: dict[str, tuple[Any, ...]] = {
+    "solve": (c_void_p, *SOLVE),
+    "success": (c_bool, c_void_p),
+    "size": (c_size_t, c_void_p),
+    "num_dy": (c_size_t, c_void_p),
+    "steps_taken": (c_size_t, c_void_p),
+    "t": (ctypes.POINTER(c_double), c_void_p),
+    "y": (ctypes.POINTER(c_double), c_void_p),
+    "message_buffer": (None, c_size_t, c_size_t, c_size_t),
+    "free": (None, c_void_p),
+}
+"""Name in CyRK -> result and arguments."""
+
+
+_lock = Lock()
+"""Modules are imported by one thread at a time."""
+
+
+@cache
+def library() -> Any:
+    """Return CyRK's functions by name, its `methods` and `MAX_SIZE`."""
+    with _lock:
+        names = "nb.numba_c_api", "cy.cysolver_api", "cy.common"
+        api, solver, common = (_extension(name) for name in names)
+    found = {
+        name: ctypes.CFUNCTYPE(*kinds)(getattr(api, f"get_{name}_func_ptr")())
+        for name, kinds in FUNCTIONS.items()
+    }
+    return SimpleNamespace(**found, methods=solver.ODEMethod, MAX_SIZE=common.MAX_SIZE)
+
+
+def _extension(name: str) -> ModuleType:
+    """Import an extension module below CyRK, of whose packages no Python is run."""
+    if "CyRK" in sys.modules:
+        return importlib.import_module(f"CyRK.{name}")
+    spec = find_spec("CyRK")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    parts = ["CyRK", *(f"CyRK.{part}" for part in ("nb", "cy"))]
+    sys.modules["CyRK"] = package = module_from_spec(spec)
+    try:
+        for part in parts[1:]:
+            folder = find_spec(part)
+            if folder is not None:
+                sys.modules[part] = module_from_spec(folder)
+        if name.startswith("nb"):
+            # Its extensions are built for such a machine, and would otherwise only crash.
+            importlib.import_module("CyRK._cpu_check").check_cpu()
+        return importlib.import_module(f"CyRK.{name}")
+    finally:
+        # Somebody who imports CyRK gets all of it.
+        for part in parts:
+            sys.modules.pop(part, None)
+        del package
+
+
+# ---- Integrators ---------------------------------------------------------------------------------
 
 MEMORY = 2000
 """Most memory for the steps of one run, MB."""

@@ -1,23 +1,406 @@
-"""`simulate`: a trajectory by one formulation and one integrator, in machine code end to end."""
+"""Simulation of one motion: `simulate` integrates it by one formulation and one integrator.
+
+A `Motion` is a formulation of a scene in machine code, ready to be integrated from a state; no
+Python is called in between. A `Trajectory` is the computed motion with its error estimates.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.console import watched
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluation.constraint_rank import check_rank_kept
 from eomcheck.evaluation.dynamics import check_consistent, velocity
-from eomcheck.formulations import formulation_for
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity
+from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
-from eomcheck.motion.integrators import MOST_STEPS, integrator_of
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.stabilization import check_stabilization
-from eomcheck.motion.trajectory import Trajectory, trajectory
-from eomcheck.numbers.contract import Array
+from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
+from eomcheck.motion.observables import crossed, crossing, observer_of, solves_partition
+from eomcheck.motion.right_hand_side import (
+    ACCELERATION,
+    RightHandSide,
+    block_of,
+    choice_for,
+    kernel_of,
+    number_of_speeds,
+    parameter_arrays,
+    state_of,
+    take_speeds,
+)
+from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
+from eomcheck.numbers.generic import Array
+
+# ---- Compiled motions ----------------------------------------------------------------------------
+
+AT_ONCE = 2**20
+"""Numbers that are seen at once, of as many states as that makes."""
+
+SEEN = "v", "energy", "constraint"
+"""What is kept of what `observations_on` shows."""
+
+
+class Motion:
+    """A formulation of a scene in machine code, with the state vector that it integrates.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        q0: initial coordinates (n,).
+        v0: initial velocities (n,), consistent with the constraints.
+        u0: initial generalized speeds (p,), by default those of v0.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None.
+
+    Raises:
+        InputError: `baumgarte` is not positive or does not apply.
+        RefusedError: the generalized speeds do not exist, or it is not clear which constraints are
+            independent. Those of the start are kept all along the motion.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        formulation: Formulation,
+        q0: Array,
+        v0: Array,
+        u0: Array | None = None,
+        baumgarte: float | None = None,
+    ):
+        check_stabilization(scene, formulation, baumgarte, None)
+        self.scene, self.formulation, self.baumgarte = scene, formulation, baumgarte
+        at = Evaluation(scene, q0, v0)
+        if formulation.state == "q, u":
+            scene.refuse_speeds(at.q)
+        self.partition = at.partition_for(formulation, pivoted=False)
+        self.choice = choice_for(at, formulation)
+        if formulation.state == "q, u" and u0 is not None:
+            at.u = u0
+        self.y0 = state_of(at, formulation)
+        self.speeds = number_of_speeds(scene, formulation)
+        self.rates = RightHandSide(scene, formulation, baumgarte, self.choice)
+        self.solves_partition = solves_partition(scene, formulation)
+
+    def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
+        """Return `integrate`'s result for this motion; counts are set anew.
+
+        Args:
+            t_end: end, s.
+            projection: interval at which the velocity is projected onto the constraints, s.
+            options: of `integrate`.
+        """
+        self.rates.reset()
+        label = f"integrating by {self.formulation.key}"
+        with watched(label, t_end, lambda: self.rates.time):
+            return self._solve(t_end, projection, **options)
+
+    def every_step(
+        self, t_end: float, projection: float | None = None, *, output_times=None, **options
+    ) -> Steps | None:
+        """Return all states that `solve` steps to on its way to `output_times`.
+
+        None where those are its output, or where it has no pose that it cannot cross: poses lie
+        between steps, and between output times that are further apart the way is not straight.
+        """
+        if output_times is None or not self.solves_partition:
+            return None
+        return self.solve(t_end, projection, **options)
+
+    def _solve(self, t_end: float, projection: float | None, **options) -> Steps:
+        call = self.rates.address, self.rates.arguments
+        if projection is None:
+            return integrate(*call, self.y0, t_end, **options)
+        first, times = options.pop("first_step", 0.0), options.pop("output_times", None)
+        most = options.pop("max_steps", 0)
+
+        def piece(start, end, y, first_step, output_times, max_steps) -> Steps:
+            return integrate(
+                *call,
+                y,
+                end,
+                t_start=start,
+                first_step=first_step,
+                output_times=output_times,
+                max_steps=max_steps,
+                **options,
+            )
+
+        return in_pieces(piece, self.project, self.y0, t_end, projection, first, times, most)
+
+    def project(self, t: float, y: Array) -> Array:
+        """Return the state vector y with its speeds projected onto the constraints.
+
+        Raises:
+            RefusedError: a matrix is singular to working precision.
+        """
+        n, end = self.scene.n, self.scene.n + self.speeds
+        here = self.scene, self.formulation, self.partition
+        speeds = projected(*here, t, y[:n], y[n:end])
+        return np.concatenate((y[:n], speeds, y[end:]))
+
+    def split(self, y: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (q (n,), v (n,)) of a state vector at time t, s; NaN where it is not finite."""
+        n = self.scene.n
+        if not np.isfinite(y).all():
+            return np.full(n, np.nan), np.full(n, np.nan)
+        at = Evaluation(self.scene, y[:n], np.zeros(n), t)
+        del at.v
+        take_speeds(at, self.formulation, y[n : n + self.speeds])
+        return at.q, at.v
+
+    def seen(self, t: Array, y: Array) -> dict[str, Array]:
+        """Return v, energy, constraint and multipliers, each (k, ·), of states y (k, size).
+
+        Constraint and multipliers only where there are any. States are seen a few at a time, so
+        that little memory is taken but for what is returned.
+        """
+        observer = observer_of(self.scene, self.formulation)
+        here = self.scene, self.formulation
+        solving = kernel_of(*here, also=ACCELERATION, choice=self.choice)
+        looks = []
+        for kernel, wanted in ((observer, SEEN), (solving, ("multipliers",))):
+            names = [name for name in wanted if name in kernel.outputs]
+            if names:
+                looks.append((kernel, block_of(kernel, self.scene), names))
+        found = {
+            name: np.empty((len(t), k.outputs[name])) for k, _, names in looks for name in names
+        }
+        rows = max(1, AT_ONCE // max(kernel.size for kernel, *_ in looks))
+        first = 0
+        with watched(f"looking at the states of {self.formulation.key}", len(t), lambda: first):
+            for first in range(0, len(t), rows):
+                some = slice(first, first + rows)
+                for kernel, block, names in looks:
+                    seen = kernel.rows(block, t[some, None], y[some, :, None])
+                    for name in names:
+                        found[name][some] = seen[name][:, :, 0]
+        return found
+
+    def crossed(self, t: Array, y: Array) -> tuple[float, float] | None:
+        """Return the times, s, between which states y (k, size) went over such a pose, or None."""
+        if not self.solves_partition or len(t) == 0:
+            return None
+        parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
+        here = self.scene, self.formulation, parameters
+        # From where it started, which need not be an output.
+        t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
+        (place,) = crossed(*here, t[:, None], y[:, :, None])
+        return None if place is None else (float(t[place[0]]), float(t[place[1]]))
+
+    def evaluation(self, y: Array, t: float) -> Evaluation | None:
+        """Return the evaluation at a state vector; None where doubles cannot hold it."""
+        q, v = self.split(y, t)
+        if not np.isfinite((q, v)).all():
+            return None
+        at = Evaluation(self.scene, q, v, t)
+        at.independent_partition = self.partition
+        if self.formulation.state == "q, u":
+            at.u = y[self.scene.n : self.scene.n + self.speeds]
+        return at
+
+
+# ---- Trajectories --------------------------------------------------------------------------------
+
+LOOKED_AT = 200
+"""Most states of a trajectory at which the matrices solved are looked at."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion, as one formulation and one integrator found it.
+
+    Attributes:
+        scene: the scene.
+        key: the formulation.
+        integrator: the integrator.
+        rtol: relative tolerance.
+        atol: absolute tolerance.
+        times: (k,), s.
+        q: coordinates (k, n).
+        v: velocities (k, n).
+        multipliers: λ (k, r), or None where the formulation has none.
+        energy: T + U (k,), J.
+        constraint_residual: |a v + b| (k, r), m/s, or None without constraints.
+        right_hand_sides: right-hand sides evaluated.
+        steps: steps taken.
+        status: "finished", or "failed" if the end was not reached.
+        reason: why not.
+        seconds: time of the integration alone, s.
+        refusal: what the formulation says to the state where it failed, if it refuses it.
+        rcond: smallest reciprocal condition number of each matrix solved, by name, at the states
+            looked at: `LOOKED_AT` of them at most, first and last included.
+        rate_error: bound on the relative error of v̇ that rounding alone makes, the largest of the
+            first, the last and the worst conditioned of these states; infinite where none can be
+            measured.
+        baumgarte: rate of Baumgarte's feedback, 1/s, or None without.
+        projection: interval at which the velocity was projected, s, or None.
+    """
+
+    scene: Scene
+    key: str
+    integrator: str
+    rtol: float
+    atol: float
+    times: Array
+    q: Array
+    v: Array
+    multipliers: Array | None
+    energy: Array
+    constraint_residual: Array | None
+    right_hand_sides: int
+    steps: int
+    status: str
+    reason: str
+    seconds: float
+    refusal: RefusedError | None = None
+    rcond: dict[str, float] = field(default_factory=dict)
+    rate_error: float = math.inf
+    baumgarte: float | None = None
+    projection: float | None = None
+
+
+def trajectory(
+    motion: Motion,
+    found: Steps,
+    integrator: str,
+    rtol: float,
+    atol: float,
+    seconds: float,
+    every: Steps | None,
+) -> Trajectory:
+    """Return what the last `solve` of `motion`, which found these steps, says of the scene.
+
+    Poses that it cannot cross are looked for in `every` step, see `Motion.every_step`.
+    """
+    scene, formulation = motion.scene, motion.formulation
+    course = _Course(motion, found, found if every is None else every)
+    reason, refusal = course.refused or ("", None)
+    if not (reason or (found.success and course.whole)):
+        reason, refusal = _reason(motion, found)
+    n, residual, energy = scene.n, course.rows("constraint"), course.rows("energy")
+    assert energy is not None
+    return Trajectory(
+        scene,
+        formulation.key,
+        integrator,
+        rtol,
+        atol,
+        found.t[: course.kept],
+        found.y[: course.kept, :n],
+        course.seen["v"][: course.kept],
+        course.rows("multipliers"),
+        energy[:, 0],
+        None if residual is None else np.abs(residual, out=residual),
+        motion.rates.calls,
+        found.steps,
+        "failed" if reason else "finished",
+        reason,
+        seconds,
+        refusal,
+        course.rcond,
+        course.rate_error(),
+    )
+
+
+class _Course:
+    """What follows from the states of a motion, up to the first that fails.
+
+    Seen in machine code. At `LOOKED_AT` of the states, and where a multiplier is no number, the
+    public path looks at the matrices that are solved.
+    """
+
+    def __init__(self, motion: Motion, found: Steps, every: Steps):
+        self.formulation = motion.formulation
+        self.seen = motion.seen(found.t, found.y)
+        whole = np.asarray(np.isfinite(found.y).all(axis=1))
+        for name in ("v", "energy", "constraint"):
+            if name in self.seen:
+                whole &= np.isfinite(self.seen[name]).all(axis=1)
+        count = len(whole)
+        self.kept = count if whole.all() else int(np.argmin(whole))
+        self.rcond: dict[str, float] = {}
+        self.refused: tuple[str, RefusedError] | None = None
+        self._looked: dict[str, Evaluation] = {}
+        self._worst = math.inf
+        between = motion.crossed(every.t, every.y)
+        if between is not None:
+            refusal = crossing(*between)
+            self.refused = str(refusal), refusal
+            self.kept = min(self.kept, int(np.searchsorted(found.t, between[0], "right")))
+        places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
+        if "multipliers" in self.seen:
+            without = np.isnan(self.seen["multipliers"]).any(axis=1)
+            places |= set(np.flatnonzero(without)[:LOOKED_AT].tolist())
+        looks = sorted(place for place in places if place < self.kept)
+        place = 0
+        with watched(f"looking at matrices of {self.formulation.key}", count, lambda: place):
+            for place in looks:
+                t = float(found.t[place])
+                try:
+                    self._look(motion, t, found.y[place])
+                except RefusedError as refusal:
+                    self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
+                    self.kept = place
+                    break
+        self.whole = self.kept == count
+
+    def _look(self, motion: Motion, t: float, y: Array) -> None:
+        at = motion.evaluation(y, t)
+        if at is None:
+            raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
+        if motion.choice is not None:
+            check_rank_kept(at, motion.partition)
+        found = at.acceleration(self.formulation).rcond
+        for name, rcond in found.items():
+            self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
+        # No more of them than are asked again: what they know grows with the matrices.
+        self._looked.setdefault("first", at)
+        self._looked["last"] = at
+        if min(found.values(), default=math.inf) < self._worst:
+            self._worst = min(found.values())
+            self._looked["worst"] = at
+
+    def rows(self, name: str) -> Array | None:
+        """Return what was seen at the states kept (k, ·), or None."""
+        return self.seen[name][: self.kept] if name in self.seen else None
+
+    def rate_error(self) -> float:
+        """Return the largest relative error bound of v̇ at the first, last and worst state."""
+        worst = 0.0
+        for at in {id(at): at for at in self._looked.values()}.values():
+            size = largest(at.acceleration(self.formulation).vdot)
+            bound = allowed_error(acceleration_sensitivity(at, self.formulation))
+            # `max` would take NaN, ∞ / ∞, for small.
+            if not math.isfinite(bound + size):
+                return math.inf
+            worst = max(worst, bound / size if size > 0 else 0.0)
+        return worst if self._looked else math.inf
+
+
+def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
+    """Say why an integration did not reach its end."""
+    if motion.rates.failed == 0:
+        return "the energy overflows" if found.success else found.message, None
+    when = motion.rates.failure_time
+    y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
+    why, refusal = "it overflows, or a matrix is singular there", None
+    try:
+        q, v = motion.split(y, when)
+        # A velocity that the independent ones do not determine is what a_1 refuses as well.
+        at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
+        at.independent_partition = motion.partition
+        at.acceleration(motion.formulation)
+    except RefusedError as error:
+        why, refusal = str(error), error
+    return f"the right-hand side is not finite at t = {when:.9g} s: {why}", refusal
+
+
+# ---- simulate ------------------------------------------------------------------------------------
 
 
 def simulate(

@@ -1,10 +1,10 @@
-"""Keeping a motion on its constraints: Baumgarte's feedback and projection of the velocity.
+"""Constraint stabilization: Baumgarte's feedback, and projection of the velocity.
 
 A formulation whose constraints enter at acceleration level knows only that the rate of c = a v + b
-is 0. Whatever a step gets wrong stays in c. Two remedies, both off unless asked for:
+is 0. The errors of the steps stay in c. Two remedies, both off by default:
 
 - feedback (Baumgarte 1972): ċ = -rate c in the place of ċ = 0, so that gamma becomes gamma + rate c
-  and c dies away with exp(-rate t);
+  and c decays with exp(-rate t);
 - projection (Eich 1993; Ascher, Chin and Reich 1994): every so often v is changed by the δv that
   is smallest in the norm of the mass matrix among those that bring c to 0,
 
@@ -14,7 +14,7 @@ is 0. Whatever a step gets wrong stays in c. Two remedies, both off unless asked
   linear in v, so that one such change is enough.
 
 In a chain c are the gaps of the joints, A_k x_{k-1} + C_k x_k, and the same holds of x. A gap is a
-vector in the plane, given along axes that turn; as a vector it dies away with exp(-rate t).
+vector in the plane, given along axes that turn; as a vector it decays with exp(-rate t).
 """
 
 from __future__ import annotations
@@ -26,14 +26,13 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.integrators import Steps
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Array, generic
 
 
 @generic

@@ -1,1 +1,1 @@
-"""Kinds of numbers: the functions of scenes and formulations run unchanged in each of them."""
+"""Scalar types: the generic functions of scenes and formulations run unchanged on each of them."""

@@ -1,10 +1,10 @@
-"""Real balls, midpoint and radius, of any precision: every operation encloses the true result.
+"""Ball arithmetic: midpoint and radius, of any precision; every operation encloses the true result.
 
-Doubles are taken for the numbers that they are; sines and cosines are those of exactly these
-angles. The working precision is python-flint's own, set by `precision(bits)` around a computation.
-It is one for all threads of a process: `precision` lets one of them compute at a time, and leaves
-the caller's as it was. (A thread that computes with python-flint by itself may do so within
-`precision` as well, lest it has the bits of another.)
+Inputs in float64 are taken as exact; sines and cosines are those of exactly these angles. The
+working precision is python-flint's own, set by `precision(bits)` around a computation. It is one
+for all threads of a process: `precision` lets one of them compute at a time, and restores the
+caller's. (A thread that computes with python-flint by itself may do so within `precision` as well,
+lest it has the bits of another.)
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ import flint
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.banded import BANDED_SOLVERS, eliminate_banded
-from eomcheck.numbers.contract import Angles, Array
-from eomcheck.numbers.entries import each
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, eliminate_banded
+from eomcheck.numbers.generic import Angles, Array, each
 from eomcheck.numbers.linear import SOLVERS
 
 _computing = RLock()
@@ -36,7 +35,7 @@ def precision(bits: int) -> Iterator[None]:
 
 
 class Balls:
-    """The arithmetic of balls (`eomcheck.numbers.contract.Arithmetic`)."""
+    """The arithmetic of balls (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as exact balls, same shape."""

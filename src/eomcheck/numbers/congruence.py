@@ -1,7 +1,7 @@
-"""Sums Σ Jᵀ D J over bodies, of matrices J of which much is known to be 0.
+"""Congruence sums Σ Jᵀ D J over bodies, of Jacobians J with many structural zeros.
 
 Where few columns meet, every product is an operation of its own, in one order. Where many do, the
-sums are one product of matrices: what writes operations down would otherwise have n³ of them.
+sums are one product of matrices: a recorded tape would otherwise have n³ operations.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import PRODUCTS, kind_of, product
 
 MANY = 8192

@@ -1,15 +1,15 @@
-"""Numbers that count the operations they take part in.
+"""Operation counts: numbers that count the operations in which they take part.
 
 Generic functions never branch on a value, so a `Counted` needs none: every operation adds one to a
-`Tally` and returns the number itself. What counts:
+`Tally` and returns the number itself. The rules:
 
 1.  Additions include subtractions. A change of sign is free: it is a bit, not an operation.
 2.  A division by a literal power of two, such as `mass / 2`, is an exact scaling and counts as a
     multiplication. Every other division counts as one.
 3.  An operation on a number of the model and a literal counts, also where the literal is 0 or 1:
-    doubles perform it. One on two literals is not seen (a snake has three, of Em at N = 1).
+    float64 performs it. One on two literals is not seen (a snake has three, of Em at N = 1).
 4.  A product of matrices with K terms in each sum costs K multiplications and K - 1 additions per
-    entry, which is what numpy's `@` does on objects: it starts from the first product.
+    entry, as numpy's `@` does it on objects: it starts from the first product.
 5.  A cosine and a sine of the same angle are one trigonometric pair. Square roots are counted by
     themselves.
 6.  A linear system is listed, with its order and its number of right-hand sides, not eliminated.
@@ -24,8 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.banded import BANDED_SOLVERS, HALF
-from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, HALF
+from eomcheck.numbers.generic import Angles, Array
 from eomcheck.numbers.linear import SOLVERS
 
 

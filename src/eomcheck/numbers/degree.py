@@ -1,10 +1,10 @@
-"""Bounds on degrees and coefficients, carried through a computation instead of its numbers.
+"""Bounds on degrees and coefficients of polynomials, carried through a computation.
 
 Every quantity is a quotient P / (2^k g_1^e_1 g_2^e_2 ...) of polynomials with integer coefficients
-in the parameters, speeds, values, cosines and sines. A `Bound` knows an upper bound of the total
+in the parameters, speeds, values, cosines and sines. A `Bound` holds an upper bound of the total
 degree of P and of the sum of the magnitudes of its coefficients, and the divisors g that occurred.
 Sums are brought to a common denominator; systems are solved by Cramer's rule. The functions of a
-scene and of a formulation thus state their own degree, whatever they are.
+scene and of a formulation thus give their own degree, whatever they are.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.contract import Angles, Array
-from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
+from eomcheck.numbers.generic import BRANCH, Angles, Array, NotRationalError, product_of
 from eomcheck.numbers.linear import SOLVERS
 
 

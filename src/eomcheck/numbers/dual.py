@@ -1,4 +1,4 @@
-"""Numbers that carry a derivative: x + ε x′ with ε² = 0, over any kind of number.
+"""Dual numbers, x + ε x′ with ε² = 0, over any scalar type: forward automatic differentiation.
 
 Rational functions are differentiated exactly. A `Dual` of a `Dual` carries a mixed second
 derivative.
@@ -12,9 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.numbers.contract import Angles, Arithmetic, Array
-from eomcheck.numbers.entries import each, map_record
-from eomcheck.numbers.generic import BRANCH, NotRationalError, product_of
+from eomcheck.numbers.generic import (
+    BRANCH,
+    Angles,
+    Arithmetic,
+    Array,
+    NotRationalError,
+    each,
+    map_record,
+    product_of,
+)
 from eomcheck.numbers.linear import CARRIERS, SOLVERS, solve
 
 

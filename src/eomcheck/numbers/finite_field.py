@@ -1,4 +1,4 @@
-"""Integers modulo a prime: identities of rational functions are tested exactly, at random points.
+"""Integers modulo a prime: polynomial identity testing of rational functions at random points.
 
 A point takes a fresh random prime, and every parameter, speed, force and angle is a random element
 of the field. An angle is a random point of the circle, cos = (1 - t²)/(1 + t²) and
@@ -15,8 +15,8 @@ import numpy as np
 from flint.utils.flint_exceptions import DomainError
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.banded import BANDED_SOLVERS, eliminate_banded
-from eomcheck.numbers.contract import Angles, Array
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, eliminate_banded
+from eomcheck.numbers.generic import Angles, Array
 from eomcheck.numbers.linear import SOLVERS
 
 __all__ = ["PRIMES", "PRIME_COUNT", "DomainError", "FiniteField", "random_prime"]

@@ -1,8 +1,8 @@
-"""Lanes: many numbers in the place of one, so that the same source runs at many states at once.
+"""Arrays over a batch of states, one per SIMD lane: the same source runs at many states at once.
 
 A `LaneArray` stands for an array of the shape that its source knows, every entry of which is one
-double a lane: data are (..., L). Whole arrays are computed with at once; where code builds arrays
-of its own, or differentiates, entries are numbers like any other kind, in arrays of objects.
+float64 per lane: data are (..., L). Whole arrays are computed at once; where code builds arrays of
+its own, or differentiates, entries are scalars like any other scalar type, in arrays of objects.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.numbers.contract import Angles
-from eomcheck.numbers.generic import BRANCH, NotRationalError
+from eomcheck.numbers.generic import BRANCH, Angles, NotRationalError
 from eomcheck.numbers.noise import EXACT, NORMAL, Noise
 from eomcheck.numbers.pivots import SMALLEST_SIZE
 
@@ -36,7 +35,7 @@ class LaneArray:
 
     def __init__(self, data: np.ndarray, noise: Noise | None = None):
         self.data, self.noise = data, noise
-        # What is known of a matrix and its transpose (`eomcheck.numbers.decompositions`).
+        # What is known of a matrix and its transpose (`eomcheck.numbers.linear`).
         self.known: list[Any] = []
         self.turned = False
 
@@ -342,7 +341,7 @@ FUNCTIONS: dict[Any, Callable] = {
 
 
 class InLanes:
-    """The arithmetic of lanes (`eomcheck.numbers.contract.Arithmetic`)."""
+    """The arithmetic of lanes (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Any) -> Any:
         """Return x as it is: parameters are stacked by who knows all scenes."""

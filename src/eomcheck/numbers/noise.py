@@ -1,17 +1,18 @@
-"""Small random relative changes of numbers: a condition number measured instead of guessed.
+"""Random relative perturbations: a condition number is measured instead of guessed.
 
-Rounding moves every number that a computation reads or forms by a relative eps. Moving them all by
-a much larger relative step h and looking how far the result moves, |change| / h, measures how
-strongly this very computation, cancellation and ill-conditioned matrices included, amplifies such
-changes. Rounding then moves the result by about eps times that.
+Rounding changes every number that a computation reads or forms by a relative eps. Perturbing them
+all by a much larger relative step h measures how strongly this very computation, cancellation and
+ill-conditioned matrices included, amplifies such changes: by |change| / h. Rounding then changes
+the result by about eps times that.
 
-Inputs and results are not enough: where large terms cancel identically, as those of a wheel's
-acceleration do, moving what they are made of moves them alike, and only the rounding of each by
-itself is left. So every operation of a generic function adds a change of its own
-(`eomcheck.kernels.moved`; Monte Carlo arithmetic: Parker 1997).
+Perturbed inputs and results are not enough: where large terms cancel identically, as those of a
+wheel's acceleration do, perturbing their inputs changes them alike, and only the rounding error of
+each by itself is left. So every operation of a generic function is perturbed by itself
+(`eomcheck.kernels.perturbed_trace`; Monte Carlo arithmetic: Parker 1997).
 
-A change is a function of three things: the seed, the name of what is being computed, and how many
-were taken for it before. So a quantity is changed alike whatever was asked for before it.
+A perturbation is a function of three things: the seed, the name of the quantity that is computed,
+and how many were drawn for it before. So a quantity is perturbed alike whatever was computed before
+it.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.numbers.contract import Angles, Arithmetic
-from eomcheck.numbers.entries import map_record
+from eomcheck.numbers.generic import Angles, Arithmetic, map_record
 
 STEP = 2.0**-46
 """h: 64 eps, above rounding, and so small that a result that is lost altogether, which changes by

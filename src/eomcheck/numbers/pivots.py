@@ -1,7 +1,7 @@
-"""How a solve in doubles chooses its scales, its pivots and its steps of refinement.
+"""Rules of float64 linear solves: scales, pivots and steps of refinement.
 
-The one place that both read: the checked solves (`eomcheck.numbers.linear`, `banded`) and those
-in machine code (`eomcheck.kernels`).
+The one place that both read: the checked solves (`eomcheck.numbers.linear`, `banded_solve`) and
+those in machine code (`eomcheck.kernels`).
 
 - Rows are scaled by powers of two, which round nothing, so that the largest entry of each is near
   1. The scale of rows decides which pivots are taken.
@@ -11,10 +11,10 @@ in machine code (`eomcheck.kernels`).
 - A band is eliminated from both ends at once, which need not wait for each other, to the middle.
 - A band solve is refined in the same precision until its backward error β, the largest of
   |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`; that many times at least `LEAST_STEPS`. A
-  step that does not bring it below `STALLED` times what it was is the last one, and the matrix is
-  refused: rounding is not what explains x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
+  step that does not bring it below `STALLED` times its value before is the last one, and the matrix
+  is refused: rounding does not explain x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
   (|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): where x is
-  0 in all entries that row i has, doubles find differences of what other rows round.
+  0 in all entries that row i has, float64 finds differences of what other rows round.
 """
 
 from __future__ import annotations

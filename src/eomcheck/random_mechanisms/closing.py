@@ -35,8 +35,7 @@ from eomcheck.mechanics.described.words import (
     square,
     weld,
 )
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array
 from eomcheck.random_mechanisms import parts
 from eomcheck.random_mechanisms.description import GROUND, Description, Pose, poses
 from eomcheck.random_mechanisms.trees import TURNING

@@ -17,7 +17,7 @@ from eomcheck.mechanics.described.quaternions import (
     to_z,
 )
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 GROUND = "ground"
 

@@ -18,7 +18,7 @@ from eomcheck.errors import InputError
 from eomcheck.mechanics.described.build import described
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.described.words import Triple
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
 from eomcheck.robots.mjcf_model import read_mjcf
 from eomcheck.robots.urdf import gravity_of
 from eomcheck.robots.urdf_xml import Unreadable

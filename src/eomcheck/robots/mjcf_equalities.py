@@ -8,7 +8,7 @@ import numpy as np
 
 from eomcheck.mechanics.described.quaternions import ONE, Quaternion, multiplied
 from eomcheck.mechanics.described.words import Constraint, Triple, coupling, drive, pin, weld
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.robots.urdf_xml import Unreadable
 
 CONNECT, WELD, JOINT = range(3)

@@ -14,7 +14,7 @@ import numpy as np
 
 from eomcheck.mechanics.described.quaternions import ONE, multiplied, roll_pitch_yaw_of, rotation
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.robots.mjcf_equalities import Read, equality, quaternion_of, triple_of
 from eomcheck.robots.mjcf_file import compiled
 from eomcheck.robots.urdf_robot import identifier, left_out

@@ -26,7 +26,7 @@ from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 TURNS = {"K1": "β", "K2": "θ", "K5": "δ", "K4": "φ", "K7": "ε", "K6": "Ω", "K3": "γ"}
 """Body -> coordinate that turns it against what carries it; what it carries comes next."""

@@ -33,8 +33,7 @@ from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
-from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 
 REAR, FRAME, FORK, FRONT = range(4)

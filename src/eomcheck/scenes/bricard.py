@@ -32,7 +32,7 @@ from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.space import diagonal
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 
 RODS = 5
 NAMES = "θ_2", "θ_3", "θ_4", "θ_5", "θ_1"

@@ -18,7 +18,7 @@ from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, number_of_links, of_links, parameter, stretched
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 def description(parameters):

@@ -27,7 +27,7 @@ from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.space import diagonal
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 
 ROD, BALL = 0.3, 5.0
 """Of the benchmark's arms, kg; the rod is 1 m long."""

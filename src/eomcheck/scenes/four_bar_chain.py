@@ -27,7 +27,7 @@ from eomcheck.mechanics.described.description import GROUND, Described, Descript
 from eomcheck.mechanics.parameters import MOST_LINKS, OfLinks, number_of_links, parameter
 from eomcheck.mechanics.plane import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 
 
 def names_of(windows):

@@ -24,7 +24,7 @@ from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.space import diagonal
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
 

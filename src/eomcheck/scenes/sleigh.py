@@ -18,7 +18,7 @@ from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms
 from eomcheck.mechanics.tree import Tree, planar_tree
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
 

@@ -31,7 +31,7 @@ from eomcheck.mechanics.parameters import (
 )
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.tree import Tree, planar_tree
-from eomcheck.numbers.contract import Arithmetic, Array
+from eomcheck.numbers.generic import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
 

@@ -13,8 +13,8 @@ from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.strategies.entries import entry_of, interval, parameter_of

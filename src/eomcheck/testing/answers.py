@@ -12,7 +12,7 @@ import numpy as np
 from eomcheck.calls import call
 from eomcheck.engines import EngineFault
 from eomcheck.errors import CallError, described_error
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.subject import INPUTS, MAY_READ_MORE, Functions
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.measured import Measured
 

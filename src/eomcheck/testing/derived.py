@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.derivative import partial
 from eomcheck.testing.measured import Measured, contract, exact

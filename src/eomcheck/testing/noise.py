@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
 

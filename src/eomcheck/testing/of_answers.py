@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.measured import Measured

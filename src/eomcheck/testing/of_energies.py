@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.derived import bias_of_energy, differences, inertia_rate, second_differences
 from eomcheck.testing.measured import Measured, exact

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.derived import bias, inertia, why_no_bias
 from eomcheck.testing.measured import Measured, exact

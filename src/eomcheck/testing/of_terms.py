@@ -9,7 +9,7 @@ import numpy as np
 
 from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.evaluation.tolerance import C, allowed_error
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.answers import BrokenError
 from eomcheck.testing.derived import (

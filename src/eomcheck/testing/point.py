@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.answers import Answers, BrokenError
 from eomcheck.testing.derivative import gradient
 from eomcheck.testing.measured import Measured, contract, exact

@@ -12,7 +12,7 @@ import numpy as np
 
 from eomcheck.claims.finding import EVERY_ROW, Finding, told_apart
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.answers import BrokenError
 from eomcheck.testing.derived import bias_along, bias_of_energy, bias_of_inertia
 from eomcheck.testing.measured import Measured, exact

@@ -9,10 +9,10 @@ import numpy as np
 
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, made, represents
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.subject import Functions
 
 

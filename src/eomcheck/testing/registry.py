@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from eomcheck.claims.finding import Verdict
 from eomcheck.claims.registry import Names, Skipped
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.measured import Measured
 from eomcheck.testing.point import Point
 

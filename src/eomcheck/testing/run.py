@@ -14,7 +14,7 @@ from eomcheck.claims.registry import Names, Skipped
 from eomcheck.errors import InputError, named, some, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.output import counted
 

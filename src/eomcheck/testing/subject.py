@@ -17,7 +17,7 @@ import numpy as np
 from eomcheck.errors import InputError, UnknownNameError, shown, whole_number
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import finite_array
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.source import python_of_functions
 
 Function = Callable[..., Any]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError, required
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.subject import INPUTS, Functions
 
 

@@ -17,7 +17,7 @@ from eomcheck.engines.files.said import listening
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 FILE = "_file"
 """How the key of an engine ends that reads files."""

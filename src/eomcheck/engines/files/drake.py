@@ -11,7 +11,7 @@ from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity, FreeBase
 from eomcheck.errors import EngineError, required
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class DrakeFile(FileEngine, DrakeEngine):

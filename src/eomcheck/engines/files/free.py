@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 FREE = 6
 """Coordinates of a free base, which come first."""

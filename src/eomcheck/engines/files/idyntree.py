@@ -11,7 +11,7 @@ from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity, FreeBase
 from eomcheck.engines.idyntree import BASE, IdyntreeEngine
 from eomcheck.errors import EngineError
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 POSE = 12
 """Entries of `pose`."""

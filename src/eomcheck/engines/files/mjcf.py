@@ -16,7 +16,7 @@ from eomcheck.engines.files.mujoco import MujocoFile
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.robots.mjcf_model import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 
 TURNS = 3

@@ -11,7 +11,7 @@ from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity
 from eomcheck.engines.mujoco import MujocoEngine
 from eomcheck.errors import EngineError
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class MujocoFile(FileEngine, MujocoEngine):

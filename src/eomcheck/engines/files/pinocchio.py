@@ -16,7 +16,7 @@ from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import BaseVelocity, FreeBase
 from eomcheck.engines.pinocchio import PinocchioEngine
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 class PinocchioFile(FileEngine, PinocchioEngine):

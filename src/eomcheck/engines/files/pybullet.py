@@ -19,7 +19,7 @@ from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import FREE, BaseVelocity, FreeBase, free_base
 from eomcheck.engines.pybullet import BASE, PybulletEngine
 from eomcheck.files import write_text
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 POSE = 9
 """Entries of `pose`."""

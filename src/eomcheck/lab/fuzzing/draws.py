@@ -11,16 +11,16 @@ import numpy as np
 
 from eomcheck.claims.strata import ATTEMPTS
 from eomcheck.errors import EomcheckError
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.evaluation.lanes import LaneEvaluation
 from eomcheck.lab.fuzzing.families import FAR, FAST, SPECIAL, SPEEDS, Case
 from eomcheck.lab.fuzzing.scenes import distances, drawn_scene
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import null_space
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.linear import null_space
 from eomcheck.strategies.states import CURVATURE, angles_of, state_ranges
 
 

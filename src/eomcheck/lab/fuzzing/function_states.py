@@ -11,7 +11,7 @@ from eomcheck.lab.fuzzing.mutation import MOST_CHANGES, changed_entries
 from eomcheck.lab.fuzzing.scenes import special_number
 from eomcheck.lab.fuzzing.work import Population
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.subject import Functions
 
 

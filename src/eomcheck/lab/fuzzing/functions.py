@@ -23,7 +23,7 @@ from eomcheck.lab.fuzzing.rounding import rounded
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.testing.run import caveats, functions_at
 from eomcheck.testing.subject import Functions
 

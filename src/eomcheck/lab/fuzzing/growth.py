@@ -12,7 +12,7 @@ from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.moved import COARSE, TIGHT, TIMES, Moved, moved
 from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 def starts_nearby(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:

@@ -13,9 +13,8 @@ from eomcheck.claims.run import check
 from eomcheck.claims.trial import is_on_trial
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.evaluation.certified import TRUE_DIGITS, true_error
+from eomcheck.evaluation.certified import TRUE_DIGITS, enclose, true_error
 from eomcheck.evaluation.dynamics import acceleration
-from eomcheck.evaluation.enclosure import enclose
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.families import Case

@@ -21,7 +21,7 @@ from eomcheck.lab.fuzzing.rounds import climbed
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 MOTIONS = 16
 """Motions side by side."""

@@ -20,7 +20,7 @@ from eomcheck.lab.fuzzing.motion_finding import ALONE, END_STATES, ENERGY, Motio
 from eomcheck.lab.fuzzing.moved import COARSE, OTHER, TIGHT, TIMES, Moved, moved, moved_alone
 from eomcheck.lab.fuzzing.poses import branchings, crossings
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 
 def judged_motions(

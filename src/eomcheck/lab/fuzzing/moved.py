@@ -10,9 +10,9 @@ import numpy as np
 from eomcheck.errors import EomcheckError
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.parameters import settable
-from eomcheck.motion.many import Trajectories, simulate_many
+from eomcheck.motion.batch import Trajectories, simulate_many
 from eomcheck.motion.simulate import simulate
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 COARSE, TIGHT = 1e-8, 1e-10
 """Tolerances of the two motions of each formulation; the second one is judged."""

@@ -14,7 +14,7 @@ from eomcheck.lab.fuzzing.scenes import ACROSS
 from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 MOST_CHANGES = 3
 """Parts of a case that are changed at once, at most."""

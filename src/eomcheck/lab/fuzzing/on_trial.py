@@ -13,7 +13,7 @@ from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.mutation import Changed
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.strategies.states import state_ranges
 
 OVERSAMPLED = 2

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.evaluation.lanes import LaneEvaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.pivots import EPS
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import consistent_velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.parameters import numbers_of
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 MOST_TRIES = 150
 """States looked at while numbers are made round."""

@@ -24,7 +24,7 @@ from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screene
 from eomcheck.lab.fuzzing.smaller import alike, shrunk
 from eomcheck.lab.fuzzing.work import Population, Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 BATCH = 512
 """States side by side."""

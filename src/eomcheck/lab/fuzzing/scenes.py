@@ -12,7 +12,7 @@ from eomcheck.lab.fuzzing.families import DECADES, FAST, ORDINARY, SPECIAL, WIDE
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 ACROSS = math.pi / 2
 

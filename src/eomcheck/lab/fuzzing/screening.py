@@ -14,9 +14,15 @@ from eomcheck.claims.finding import DECIDED as VERDICTS
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
 from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.certified import TRUE_DIGITS, TRUTH_WITHOUT_SPEEDS, true_error, true_state
-from eomcheck.evaluation.enclosure import Enclosure, enclose
-from eomcheck.evaluation.lanes import LaneEvaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
+from eomcheck.evaluation.certified import (
+    TRUE_DIGITS,
+    TRUTH_WITHOUT_SPEEDS,
+    Enclosure,
+    enclose,
+    true_error,
+    true_state,
+)
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.lab.fuzzing.families import Case
@@ -24,7 +30,7 @@ from eomcheck.lab.fuzzing.judging import checked, named_in
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import as_doubles
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
 
 ALONE = 32

@@ -10,16 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import EomcheckError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
-from eomcheck.evaluation.lanes import LaneEvaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import least_squares
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.linear import least_squares
 
 SAFE = 1 / 4
 """Share of what rounding allows that a velocity violates constraints by at most."""

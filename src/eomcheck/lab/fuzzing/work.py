@@ -17,7 +17,7 @@ from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.screening import Key
 from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 KEPT = 6
 """Cases kept of each claim and formulation, to climb from."""

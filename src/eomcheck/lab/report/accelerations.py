@@ -13,7 +13,7 @@ from eomcheck.lab.report.units import units
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 MOST = 12
 """Coordinates of a state that are told."""

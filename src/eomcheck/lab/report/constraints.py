@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.rank import rank_of
+from eomcheck.evaluation.constraint_rank import rank_of
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say
 from eomcheck.mechanics.scene import Scene

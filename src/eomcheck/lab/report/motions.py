@@ -8,8 +8,8 @@ import numpy as np
 
 from eomcheck.lab.show.sheet import Sheet
 from eomcheck.lab.show.terminal import print_sheets, say
-from eomcheck.motion.errors import constraint_error, energy_error
-from eomcheck.motion.trajectory import Trajectory
+from eomcheck.motion.simulate import Trajectory
+from eomcheck.motion.trajectory_errors import constraint_error, energy_error
 
 
 def print_trajectories(trajectories: Iterable[Trajectory]) -> None:

@@ -8,7 +8,7 @@ from eomcheck.lab.show.cell import Cell
 from eomcheck.lab.show.sheet import Sheet
 
 if TYPE_CHECKING:
-    from eomcheck.evaluation.point import Quantities
+    from eomcheck.evaluation.scene_quantities import Quantities
     from eomcheck.mechanics.scene import Scene
 
 

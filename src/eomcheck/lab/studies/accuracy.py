@@ -13,10 +13,16 @@ import numpy as np
 
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.certified import Accuracy, accuracy, certify, relative_error, true_state
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.certified import (
+    Accuracy,
+    Enclosure,
+    accuracy,
+    certify,
+    relative_error,
+    true_state,
+)
 from eomcheck.evaluation.dynamics import speeds_of
-from eomcheck.evaluation.enclosure import Enclosure
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
 from eomcheck.lab.draws import draw
@@ -28,7 +34,7 @@ from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, document_of, failed, unfinished
-from eomcheck.motion.observe import as_integrated
+from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.output import counted
 from eomcheck.scenes import Snake

@@ -12,8 +12,8 @@ import numpy as np
 
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.sensitivity import acceleration_sensitivity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw

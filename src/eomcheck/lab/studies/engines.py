@@ -16,7 +16,7 @@ from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, engine_of
 from eomcheck.errors import EngineError, RefusedError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.options import Seed, check_count, interval
@@ -28,7 +28,7 @@ from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES
 
 QUANTITIES = {

@@ -2,8 +2,8 @@
 
 The paper's robot, released from rest, for 1 000 s by every formulation; by those that can leave the
 constraints also with Baumgarte's feedback and with projection. Each error is fitted by
-rate · T (t/T)^exponent (`eomcheck.motion.errors.drift_of`): exponent 0 levels off, 1/2 is a random
-walk, 1 a steady drift.
+rate · T (t/T)^exponent (`eomcheck.motion.trajectory_errors.drift_of`): exponent 0 levels off, 1/2
+is a random walk, 1 a steady drift.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.panel import Axis, Line, Panel
@@ -25,9 +25,9 @@ from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.errors import constraint_error, drift_of
 from eomcheck.motion.simulate import simulate
-from eomcheck.numbers.contract import Array
+from eomcheck.motion.trajectory_errors import constraint_error, drift_of
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import Snake
 
 FEEDBACK = 10.0

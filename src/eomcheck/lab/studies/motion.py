@@ -20,7 +20,7 @@ from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study, document_of, failed
-from eomcheck.motion.motion import Motion
+from eomcheck.motion.simulate import Motion
 from eomcheck.named import scene_of
 
 PAPER = "paper"

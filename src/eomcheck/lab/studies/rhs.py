@@ -28,11 +28,11 @@ from eomcheck.console import progress
 from eomcheck.engines.base import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import speeds_of, velocity
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
-from eomcheck.kernels.repeat import repeated, sines
+from eomcheck.kernels.kernel import repeated, sines
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Kind, Repeats, Set, check_count, parameters
 from eomcheck.lab.run_time import slope
@@ -44,14 +44,17 @@ from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.right_hand_side import RightHandSide, kernel_of
-from eomcheck.motion.starts import in_lanes
-from eomcheck.motion.state import state_of
-from eomcheck.motion.trace import parameter_arrays, record_of
+from eomcheck.motion.batch import in_lanes
+from eomcheck.motion.right_hand_side import (
+    RightHandSide,
+    kernel_of,
+    parameter_arrays,
+    record_of,
+    state_of,
+)
 from eomcheck.named import kinds_of
-from eomcheck.numbers.contract import Angles, Array
 from eomcheck.numbers.dual import Recorder
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Angles, Array
 from eomcheck.numbers.symbolic import Symbols
 from eomcheck.scenes import Snake
 

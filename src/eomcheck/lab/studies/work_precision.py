@@ -27,12 +27,10 @@ from eomcheck.lab.store.groups import by_setting, group, select, values
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import REFERENCES, Formulations, References, Study, Work
-from eomcheck.motion.errors import constraint_drift, energy_drift, errors_of
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.simulate import simulate
-from eomcheck.motion.stored import Reference
-from eomcheck.motion.trajectory import Trajectory
+from eomcheck.motion.reference_io import Reference
+from eomcheck.motion.simulate import Motion, Trajectory, simulate
+from eomcheck.motion.trajectory_errors import constraint_drift, energy_drift, errors_of
 from eomcheck.output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))

@@ -10,7 +10,7 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.mechanics.described.quaternions import Quaternion, rotation
 from eomcheck.mechanics.described.words import Link
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 ROUNDED = 1e-12
 """Relative to the largest moment of inertia, what rounding may have made of 0."""

@@ -18,7 +18,7 @@ from eomcheck.mechanics.described.quaternions import rotation
 from eomcheck.mechanics.described.topology import ROLLING, Closure, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Triple
 from eomcheck.mechanics.tree import PLANAR
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64
 
 REGULAR = 1e-12
 """Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:

@@ -25,9 +25,7 @@ from eomcheck.mechanics.described.topology import Closure, Plan, Slot, Topology
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.mechanics.parameters import Parametric
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import FLOAT64, Array, generic
 
 GROUND = "ground"
 """The link on which everything stands."""

@@ -21,8 +21,7 @@ from eomcheck.mechanics.sketch import (
     Trail,
     fixed_axes,
 )
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism

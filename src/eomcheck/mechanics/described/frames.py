@@ -19,7 +19,7 @@ from eomcheck.mechanics.described.quaternions import (
 )
 from eomcheck.mechanics.described.topology import Slot
 from eomcheck.mechanics.described.words import COORDINATES, Joint, Link
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 MOST = 200
 """Coordinates that a description may have: identities of more are not proved in reasonable time."""

@@ -34,9 +34,7 @@ from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
 from eomcheck.mechanics.scene import Scene, nothing_moving
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.float64 import FLOAT64
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
 
 SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
 """m; rad, for a hinge between two others that it could bring in line."""

@@ -9,7 +9,7 @@ import numpy as np
 from eomcheck.mechanics.described.start import numbers_of
 from eomcheck.mechanics.described.topology import Plan
 from eomcheck.mechanics.tree import Tree
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Array, generic
 
 Quaternion = tuple[float, float, float, float]
 

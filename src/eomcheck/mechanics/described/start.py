@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.decompositions import least_squares
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array
+from eomcheck.numbers.linear import least_squares
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.described.mechanism import Mechanism

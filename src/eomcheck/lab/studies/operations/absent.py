@@ -17,7 +17,7 @@ import numpy as np
 
 from eomcheck import strategies
 from eomcheck.errors import InputError
-from eomcheck.evaluation.doubles import Evaluation
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among
 from eomcheck.lab.draws import draw
 from eomcheck.lab.store.settings import Settings

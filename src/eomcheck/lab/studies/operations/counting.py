@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from eomcheck.evaluation.point import Quantities, net_force
+from eomcheck.evaluation.scene_quantities import Quantities, net_force
 from eomcheck.formulations import Formulation, kane
 from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.scene import Scene

@@ -18,18 +18,17 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import ready, run_time, slope
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Work
-from eomcheck.motion.errors import constraint_error, energy_error, error_norm
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.motion import Motion
-from eomcheck.motion.trajectory import trajectory
+from eomcheck.motion.simulate import Motion, trajectory
+from eomcheck.motion.trajectory_errors import constraint_error, energy_error, error_norm
 from eomcheck.numbers.linear import watching
 from eomcheck.scenes import Snake
 

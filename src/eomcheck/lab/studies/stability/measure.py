@@ -17,13 +17,14 @@ from eomcheck.errors import EomcheckError, InputError, RefusedError, named, some
 from eomcheck.evaluation.certified import (
     DIGITS_OF_DOUBLES,
     TRUE_DIGITS,
+    Enclosure,
     certified_digits,
     certify,
+    enclose,
     relative_error,
     true_state,
 )
-from eomcheck.evaluation.doubles import Evaluation
-from eomcheck.evaluation.enclosure import Enclosure, enclose
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.lab.store.groups import by_setting, group

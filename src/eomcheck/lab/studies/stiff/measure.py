@@ -35,9 +35,9 @@ from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import REFERENCES, Quick, References, Work
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.motion import Motion
 from eomcheck.motion.right_hand_side import exact_jacobian
-from eomcheck.numbers.contract import Array
+from eomcheck.motion.simulate import Motion
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.evaluation.doubles import Evaluation
 from eomcheck.evaluation.dynamics import velocity
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import Snake
 
 

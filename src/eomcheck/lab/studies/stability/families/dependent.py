@@ -16,8 +16,7 @@ from eomcheck.lab.studies.stability.families.base import Family, Posed, decades
 from eomcheck.lab.studies.stability.families.snake import bent
 from eomcheck.mechanics.records import Speeds
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Arithmetic, Array
-from eomcheck.numbers.generic import generic
+from eomcheck.numbers.generic import Arithmetic, Array, generic
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
 

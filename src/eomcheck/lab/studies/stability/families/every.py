@@ -15,7 +15,7 @@ import numpy as np
 from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.lab.studies.stability.families.base import Family, Posed, decades, violating
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 
 SEED = 1
 ANYWHERE = (-1.0, 1.0)

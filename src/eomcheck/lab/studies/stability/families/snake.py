@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.evaluation.enclosure import enclose
+from eomcheck.evaluation.certified import enclose
 from eomcheck.lab.studies.stability.families.base import Family, Posed, decades, violating
 from eomcheck.numbers.ball import midpoints
 from eomcheck.scenes import Snake

@@ -1,14 +1,15 @@
-"""Which constraints depend on others, decided once, outside of what formulations do.
+"""The rank of the constraints at a state, decided once, outside of the formulations.
 
 Rows of a are taken one by one by pivoted QR, the largest first that is left. Each entry of a is
-known up to what rounding explains, which is measured by moving coordinates and parameters; so is
-then how far a row is from the span of those taken before. A row farther from it than
+known up to its rounding error, which is measured by perturbing coordinates and parameters; so is
+then the distance of a row from the span of those taken before. A row farther from it than
 `1 / INCONCLUSIVE` times that is independent, one within it depends on them, and anything between is
 refused: the rank is not clear. Nor is it where a row is within it only because other entries are
-larger: an entry may be small and known to all of its digits, and then tells rows apart.
+larger: an entry may be small and known to all of its digits, and then separates the rows.
 
 Redundant constraints depend on each other in all positions nearby that they allow. Where rows do so
-in one position alone, that is a singular one: what they say there does not tell the acceleration.
+in one position alone, it is a singular configuration, and they do not determine the acceleration.
+Nearby positions that satisfy the holonomic constraints are found by Newton's method (`newton`).
 """
 
 from __future__ import annotations
@@ -20,15 +21,57 @@ import numpy as np
 from scipy.linalg import null_space, qr, solve_triangular
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.closing import newton
-from eomcheck.evaluation.point import Quantities
+from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Partition
-from eomcheck.kernels.preparing import preparation
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.entries import map_record
+from eomcheck.kernels.perturbed_trace import preparation
+from eomcheck.numbers.generic import Array, map_record
+from eomcheck.numbers.linear import least_squares
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import scale_of
+
+# ---- Positions that satisfy the constraints ------------------------------------------------------
+
+CLOSING_STEPS = 50
+"""Newton steps after which the search for a closed position gives up."""
+
+
+def position_residual(at: Quantities) -> Array:
+    """Return how far the holonomic constraints, if any, are from being closed (h,), m."""
+    function = at.scene.position_residual
+    if function is None:
+        return np.zeros(0)
+    return at.run(function, at.parameters, at.prepared, at.q)
+
+
+def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bool]:
+    """Return (q (n,), last step, whether steps shrank until nothing but rounding is left).
+
+    The smallest correction is taken in each step.
+
+    Args:
+        at: the scene and the time.
+        q: where the search starts (n,).
+        kept: the constraints (k,) that are to be satisfied, by default all.
+    """
+    if at.scene.position_residual is None:
+        return q, 0.0, True
+    rows = np.arange(at.scene.r)[at.scene.holonomic]
+    places = np.flatnonzero(np.isin(rows, rows if kept is None else kept))
+    step = np.inf
+    for _ in range(CLOSING_STEPS):
+        here = at.elsewhere(q)
+        residual, rates = position_residual(here)[places], here.terms.a[rows[places]]
+        last, correction = step, least_squares(rates, residual)
+        step, q = largest(correction), q - correction
+        if not np.isfinite(step):
+            return q, np.inf, False
+        if step <= allowed_error(max(1.0, largest(q))) and step >= last / 2:
+            return q, step, True
+    return q, step, False
+
+
+# ---- Rank ----------------------------------------------------------------------------------------
 
 RANK = "rank of a"
 """What refusals call it."""

@@ -1,4 +1,4 @@
-"""How far a trajectory is off: from a reference, in energy and in the constraints."""
+"""Errors of a trajectory: against a reference solution, in energy and in the constraints."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.stored import Reference
-from eomcheck.motion.trajectory import Trajectory
-from eomcheck.numbers.contract import Array
+from eomcheck.motion.reference_io import Reference
+from eomcheck.motion.simulate import Trajectory
+from eomcheck.numbers.generic import Array
 
 
 def constraint_error(trajectory: Trajectory) -> Array:

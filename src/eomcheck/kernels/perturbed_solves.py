@@ -1,7 +1,9 @@
-"""The machine code of moved solves: a matrix moved, scaled, eliminated, and what that rounds.
+"""Perturbed linear solves in machine code: matrix, right-hand sides and solution are perturbed.
 
-`eomcheck.kernels.moved_solves` hands over arrays that lie one behind the other, and says in which
-order.
+A sensitivity takes a solve for each of several perturbed samples of one matrix. All are computed in
+one call: scaled, eliminated and substituted as `eomcheck.numbers.linear` does it for the matrix as
+it is, and with the pivots that were chosen there. The code serves matrices of any size, known when
+it runs: rows are processed by whole vectors, for which there is padding behind each.
 """
 
 from __future__ import annotations
@@ -12,10 +14,125 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-from eomcheck.kernels.code import LANES, Code
+import numpy as np
+
 from eomcheck.kernels.dense import EXPONENT, ONE, scale_of
-from eomcheck.kernels.rows import Rows, each_from, subtract, texts
-from eomcheck.numbers.noise import NORMAL
+from eomcheck.kernels.llvm_builder import LANES, Code
+from eomcheck.numbers.linear import SOLVERS, Solve, like_present, noise_present, record
+from eomcheck.numbers.noise import NORMAL, Noise
+
+# ---- Rows of factors and right-hand sides --------------------------------------------------------
+
+
+class Rows:
+    """Rows of doubles in memory, `stride` apart, each with room for a vector behind it."""
+
+    def __init__(self, code: Code, pointer: str, stride: str, columns: str):
+        self.code, self.pointer, self.stride, self.columns = code, pointer, stride, columns
+
+    def place(self, i: str, j: int | str = 0) -> str:
+        """Return the address of entry (i, j)."""
+        row = self.code.integer("mul", i, self.stride)
+        return self.code.at(self.pointer, row if j == 0 else self.code.integer("add", row, j))
+
+    def subtract(self, i: str, factor: str, j: str) -> None:
+        """Take `factor` times row j off row i."""
+        subtract(self.code, self.columns, self.place(i), factor, self.place(j))
+
+
+def subtract(code: Code, count: str, to: str, factor: str, row: str) -> None:
+    """Take `factor` times `count` doubles at `row` off those at `to`."""
+    code.do(f"call void @subtract(i64 {count}, ptr {to}, double {factor}, ptr {row})")
+
+
+def _subtract_text() -> str:
+    """Return what takes `factor` times a row off another, by whole vectors."""
+    code = Code()
+    wide = code.wider(LANES)
+    factor = wide.packed(["%factor"])
+    vectors = code.integer("udiv", code.integer("add", "%count", LANES - 1), LANES)
+    with each_from(code, 0, vectors) as i:
+        first = code.integer("mul", i, LANES)
+        to, row = code.at("%to", first), code.at("%row", first)
+        wide.store(wide.sub(wide.load(to), wide.mul(factor, wide.load(row))), to)
+    return code.function("define void @subtract(i64 %count, ptr %to, double %factor, ptr %row)")
+
+
+@contextmanager
+def each_from(code: Code, first: int | str, last: str) -> Iterator[str]:
+    """Do what is written inside for i = first, ..., last - 1, if there is any."""
+    count = code.integer("sub", last, first)
+    with code.when(code.let(f"icmp sgt i64 {count}, 0")), code.loop(count) as turn:
+        yield code.integer("add", turn.i, first)
+
+
+@contextmanager
+def downwards(code: Code, count: str) -> Iterator[str]:
+    """Do what is written inside for i = count - 1, ..., 0; there is one at least."""
+    with code.loop(count) as turn:
+        yield code.integer("sub", code.integer("sub", count, 1), turn.i)
+
+
+FACTORED = "i64 %size, i64 %many, ptr %factors, i64 %stride, ptr %x"
+"""Factors of a matrix, row by row, and right-hand sides or solutions, rows as after elimination."""
+
+
+def _of_factors() -> tuple[Code, Rows, Rows]:
+    code = Code()
+    behind = code.integer("add", "%many", LANES)
+    return (
+        code,
+        Rows(code, "%factors", "%stride", "%size"),
+        Rows(code, "%x", behind, "%many"),
+    )
+
+
+def _forward_text() -> str:
+    """Return what makes L⁻¹ x of x."""
+    code, factors, x = _of_factors()
+    with each_from(code, 0, "%size") as i, each_from(code, 0, i) as j:
+        x.subtract(i, code.load(factors.place(i, j)), j)
+    return code.function(f"define void @forward({FACTORED})")
+
+
+def _backward_text() -> str:
+    """Return what makes U⁻¹ x of x."""
+    code, factors, x = _of_factors()
+    with downwards(code, "%size") as i:
+        with each_from(code, code.integer("add", i, 1), "%size") as j:
+            x.subtract(i, code.load(factors.place(i, j)), j)
+        diagonal = code.load(factors.place(i, i))
+        with each_from(code, 0, "%many") as k:
+            here = x.place(i, k)
+            code.store(code.div(code.load(here), diagonal), here)
+    return code.function(f"define void @backward({FACTORED})")
+
+
+def _sizes_text() -> str:
+    """Return what makes |L||U| x of x >= 0."""
+    code, factors, x = _of_factors()
+
+    def minus_size(i: str, j: str) -> str:
+        return code.neg(code.call("fabs", code.load(factors.place(i, j))))
+
+    with each_from(code, 0, "%size") as i:
+        diagonal = code.call("fabs", code.load(factors.place(i, i)))
+        with each_from(code, 0, "%many") as k:
+            here = x.place(i, k)
+            code.store(code.mul(code.load(here), diagonal), here)
+        with each_from(code, code.integer("add", i, 1), "%size") as j:
+            x.subtract(i, minus_size(i, j), j)
+    with downwards(code, "%size") as i, each_from(code, 0, i) as j:
+        x.subtract(i, minus_size(i, j), j)
+    return code.function(f"define void @sizes({FACTORED})")
+
+
+def texts() -> tuple[str, ...]:
+    """Return the functions that code calls which uses rows."""
+    return _subtract_text(), _forward_text(), _backward_text(), _sizes_text()
+
+
+# ---- LU factorization with perturbations ---------------------------------------------------------
 
 DUST = 2.0**-600
 """What is smaller beside the rest of its row and column is no part of a moved matrix: zeros that
@@ -271,10 +388,57 @@ def moved_elimination() -> Callable[..., None]:
     the original tells what it rounded, and the addresses of work, of what is found and of room.
     """
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.machine import Machine
+    from eomcheck.kernels.jit import Machine
 
     machine = Machine([*texts(), _Solve().text(), _all_text()])
     kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("solve_all"))
     function.machine = machine  # its address holds as long as this lives
     return function
+
+
+# ---- The solver ----------------------------------------------------------------------------------
+
+
+def moved_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
+    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
+
+    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
+    refused; what is singular is NaN. Of several noises the first axis of A (..., k, k) and of b
+    (..., k) or (..., k, m) is theirs.
+
+    Args:
+        A: matrix.
+        b: right-hand sides.
+        name: what `eomcheck.numbers.linear.solve` is told, and `Watch.like` has.
+    """
+    noise = noise_present()
+    assert noise is not None
+    size, copies = A.shape[-1], A[..., 0, 0].size
+    many = b[..., 0, :].size // copies if b.ndim == A.ndim else 1
+    changes, like, pivots, factors = np.empty(0), None, np.full(size, -1.0), ()
+    if noise.moves:
+        changes = noise.changes((*noise.shape, size * (size + 3 * many)))
+        like = like_present(name)
+    if like is not None and like.pivots is not None and like.size == size:
+        pivots, rounding = like.pivots, like.rounding
+        if rounding is not None:
+            factors = rounding.sizes.lu, rounding.scale, rounding.row_scale
+    read = b, A, changes, pivots, *factors
+    work = np.concatenate([np.asarray(x, np.float64).ravel() for x in read])
+    found = np.empty((copies, size + 2))
+    room = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
+    addresses = (x.ctypes.data for x in (work, found, room))
+    moved_elimination()(size, many, copies, int(noise.moves), int(factors != ()), *addresses)
+    x = work[: b.size].reshape(b.shape).copy()
+    if noise.moves:
+        sign, exponent, diagonal = found[:, 0], found[:, 1], found[:, 2:]
+        with np.errstate(all="ignore"):
+            log = np.log2(np.abs(diagonal)).sum(axis=-1) - exponent
+        if not noise.shape:
+            sign, log = float(sign[0]), float(log[0])
+        record(Solve(name, size, np.nan, sign, log), A)
+    return noise.array(x)
+
+
+SOLVERS[Noise] = moved_solve

@@ -1,10 +1,15 @@
-"""Reference solutions on disk: one JSON file each, with all digits of both integrations."""
+"""Reference solutions on disk: one JSON file each, with all digits of both integrations.
+
+A `Run` is the result of one integration, in more digits than float64 holds; a `Reference` is two of
+them, whose difference is its uncertainty.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from decimal import Decimal, InvalidOperation, localcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +18,68 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.files import read_text, write_text
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.run import Run, decimals, difference
-from eomcheck.numbers.contract import Array
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES
+
+# ---- Integrations in many digits -----------------------------------------------------------------
+
+DIGITS = 36
+"""Significant decimal digits that are kept: as many as quad precision has."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One integration; its numbers are of the type `decimal.Decimal`.
+
+    Attributes:
+        times: output times (k,), s, doubles.
+        q: coordinates (k, n).
+        v: velocities (k, n).
+        energy: T + U (k,), J; None if the scene does not keep it.
+        drift: largest |E - E_0| / |E_0| over all steps, not only at the output times; None
+            without energy.
+        facts: method, library, precision, orders, steps, seconds.
+    """
+
+    times: list[float]
+    q: Array
+    v: Array
+    energy: Array | None
+    drift: float | None
+    facts: dict[str, Any]
+
+
+def decimals(x: Array) -> Array:
+    """Return the strings of digits x as finite `decimal.Decimal`s, same shape.
+
+    Raises:
+        ValueError: one is no finite number.
+    """
+    out = np.empty(x.shape, object)
+    with localcontext(prec=DIGITS):
+        try:
+            out.ravel()[:] = [+Decimal(y) for y in x.ravel()]
+        except (InvalidOperation, TypeError):
+            raise ValueError("not all numbers are strings of digits") from None
+    if not all(y.is_finite() for y in out.ravel()):
+        raise ValueError("not all numbers are finite")
+    return out
+
+
+def difference(one: Run, other: Run) -> list[float]:
+    """Return the largest |difference| over q and v at each time, in their own units.
+
+    Raises:
+        InputError: the runs are of different times or sizes.
+    """
+    if one.times != other.times or one.q.shape != other.q.shape:
+        raise InputError("the two runs differ in their times or in their number of coordinates")
+    with localcontext(prec=DIGITS + 5):
+        apart = np.abs(np.hstack((one.q - other.q, one.v - other.v)))
+    return [float(row.max()) for row in apart]
+
+
+# ---- References ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

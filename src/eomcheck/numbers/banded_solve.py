@@ -1,15 +1,15 @@
-"""`solve_banded`: the sibling of `solve` for matrices with 3 entries on each side of the diagonal.
+"""Banded linear solves: `solve_banded`, for matrices with 3 entries on each side of the diagonal.
 
-That is what two unknowns of each body and two of each joint need when they are listed along a
-chain. Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, and where there is
-no column j there is a zero. The cost is O(m).
+Such are the matrices of two unknowns of each body and two of each joint, ordered along a chain. Row
+i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, and where there is no column j
+there is a zero. The cost is O(m).
 
-Doubles are eliminated from both ends at once with partial pivoting, which may fill 3 more entries
-of a row, and refined in the same precision, by the law of `eomcheck.numbers.pivots`. In the
-order in which columns are eliminated the matrix is a band of twice the width. Without refinement a
-residual that is small for one row can be large for another, where rows are of very different size,
-as with masses over many decades; with it the residual of every row is small, or the matrix is
-refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
+float64 matrices are eliminated from both ends at once with partial pivoting, which may fill 3 more
+entries of a row, and refined in the same precision, see `eomcheck.numbers.pivots`. In the order in
+which columns are eliminated the matrix is a band of twice the width. Without refinement a residual
+that is small for one row can be large for another, where rows are of very different size, as with
+masses over many decades; with it the residual of every row is small, or the matrix is refused. One
+step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.factors import ROUNDS, column_scale, determinant
 from eomcheck.numbers.linear import (
+    ROUNDS,
     SOLVERS,
     Solve,
+    column_scale,
+    determinant,
     noise_present,
     one_by_one,
     record,
@@ -234,7 +236,7 @@ class _Factored:
     def reciprocal_condition(self):
         """Return 1 / ρ(|A⁻¹||A|) as LAPACK estimates it; 0 where A is singular.
 
-        As `eomcheck.numbers.factors.reciprocal_condition`, with |A| for |L||U|: refinement leaves
+        As `eomcheck.numbers.linear.reciprocal_condition`, with |A| for |L||U|: refinement leaves
         no larger backward error (Skeel 1980). With units w of the unknowns, and rows in units of
         |A| w, the matrix has the norm 1, and its inverse the largest row of |A⁻¹||A| w / w. The
         best w are found as there, |A⁻¹| by random signs: everything is O(m).

@@ -1,7 +1,7 @@
-"""What a scene and its formulations say at one point, in any kind of number, each on first use.
+"""Quantities of a scene and its formulations at one point, in any scalar type, each on first use.
 
 `Quantities` is the one place where the functions of a scene and those of the formulations meet: the
-scene's terms, speeds and bodies go in, accelerations come out. Doubles, balls, elements of a finite
+scene's terms, speeds and bodies go in, accelerations come out. float64, balls, elements of a finite
 field, bounds and counters all pass through it.
 """
 
@@ -18,10 +18,8 @@ from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Arithmetic, Array
 from eomcheck.numbers.dual import Dual, Recorder, Replay, duals, rate, value
-from eomcheck.numbers.entries import each, map_record
-from eomcheck.numbers.generic import NotRationalError, generic
+from eomcheck.numbers.generic import Arithmetic, Array, NotRationalError, each, generic, map_record
 
 T = TypeVar("T")
 

@@ -1,31 +1,39 @@
-"""Solves in lanes: the matrix of each lane solved as it would be alone.
+"""Linear solves of a batch: the matrix of each lane is solved as it would be alone, bit by bit.
 
-The scales, pivots, refusals and steps of refinement are those of `eomcheck.numbers.linear` and
-`eomcheck.numbers.banded`, whose parts do the work; what they do matrix by matrix in Python, LAPACK
-does here in a loop of machine code. A lane that would be refused is NaN, and told as such.
+Scales, pivots, refusals and refinement are those of `eomcheck.numbers.linear` and
+`eomcheck.numbers.banded_solve`, whose functions are used; LAPACK, which they call matrix by matrix
+from Python, is called here in a loop of machine code (`each`). A lane that would be refused is NaN,
+and recorded as refused.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.kernels.each import each
-from eomcheck.kernels.moved_elimination import DUST
-from eomcheck.numbers import banded, linear
-from eomcheck.numbers.banded import BANDED_SOLVERS, REACH, TERMS, WIDTH
-from eomcheck.numbers.factors import (
+from eomcheck.kernels.dense import address_of
+from eomcheck.kernels.jit import Machine
+from eomcheck.kernels.llvm_builder import Code
+from eomcheck.kernels.perturbed_solves import DUST
+from eomcheck.numbers import banded_solve, linear
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, REACH, TERMS, WIDTH
+from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of, size_of
+from eomcheck.numbers.linear import (
     ROUNDS,
+    SOLVERS,
     Factors,
     Rounding,
+    Solve,
     column_scale,
     determinant,
     order_of,
+    singular_below,
     times_rows,
 )
-from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of, size_of
-from eomcheck.numbers.linear import SOLVERS, Solve, singular_below
 from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
@@ -35,6 +43,65 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SIZE,
     STALLED,
 )
+
+# ---- LAPACK in a loop ----------------------------------------------------------------------------
+
+
+@cache
+def _loop(arity: int) -> Callable[[int, int, int], None]:
+    """Return what calls a function of `arity` addresses `count` times, each moved by its stride."""
+    code = Code()
+    table = [
+        (
+            code.let(f"load i64, ptr {code.at('%table', 2 * i, 'i64')}"),
+            code.let(f"load i64, ptr {code.at('%table', 2 * i + 1, 'i64')}"),
+        )
+        for i in range(arity)
+    ]
+    with code.loop("%count") as turn:
+        places = []
+        for start, stride in table:
+            place = code.integer("add", start, code.integer("mul", turn.i, stride))
+            places.append(code.let(f"inttoptr i64 {place} to ptr"))
+        code.do(f"call void %function({', '.join(f'ptr {place}' for place in places)})")
+    name = f"each{arity}"
+    machine = Machine(
+        [code.function(f"define void @{name}(i64 %count, ptr %function, ptr %table)")]
+    )
+    kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
+    function.machine = machine  # its address holds as long as this lives
+    return function
+
+
+def each(routine: str, *arguments: Any) -> None:
+    """Call a routine of LAPACK for each lane.
+
+    Args:
+        routine: its name, such as "dgetrf".
+        arguments: arrays whose first axis is that of the lanes, which the routine writes into; or
+            for all lanes alike a whole number, a letter, or a list of one array as room for work.
+    """
+    count, table, kept = 0, [], []
+    for x in arguments:
+        if isinstance(x, np.ndarray):
+            count = len(x)
+            table += [x.ctypes.data, x.strides[0]]
+            continue
+        if isinstance(x, list):
+            same = x[0]
+        elif isinstance(x, str):
+            same = np.array([ord(x)], np.int8)
+        else:
+            same = np.array([x], np.int32 if isinstance(x, int) else np.float64)
+        kept.append(same)
+        table += [same.ctypes.data, 0]
+    addresses = np.array(table, np.int64)
+    if count:
+        _loop(len(arguments))(count, address_of("lapack", routine), addresses.ctypes.data)
+
+
+# ---- Solvers -------------------------------------------------------------------------------------
 
 
 def _in_front(x: np.ndarray) -> np.ndarray:
@@ -182,12 +249,12 @@ def _reciprocal_conditions(factors: LaneFactors, sizes: Factors) -> np.ndarray:
 
 
 class _Factored:
-    """Banded matrices and their factors; see `eomcheck.numbers.banded`."""
+    """Banded matrices and their factors; see `eomcheck.numbers.banded_solve`."""
 
     def __init__(self, bands: np.ndarray, columns: np.ndarray, inside: np.ndarray):
         self.bands, self.columns, self.inside = bands, columns, inside
         count, size, _ = bands.shape
-        self.order, rows, places = banded.storage(size)
+        self.order, rows, places = banded_solve.storage(size)
         # As LAPACK stores it, column by column.
         stored = np.zeros((count, size, 3 * REACH + 1))
         stored[:, places, rows] = bands[:, inside]
@@ -254,7 +321,7 @@ class _Factored:
         """Return 1 / ρ(|A⁻¹||A|) (L,) as LAPACK estimates it; 0 where A is singular."""
         count, size, _ = self.bands.shape
         weights, rcond, open_ = np.ones((count, size)), np.zeros(count), self.invertible.copy()
-        signs = banded.probes(size)
+        signs = banded_solve.probes(size)
         for _ in range(ROUNDS):
             open_ &= np.isfinite(weights).all(axis=1)
             if not open_.any():
@@ -279,11 +346,11 @@ class _Factored:
 
 
 def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
-    """Solve A x = b in each lane; see `eomcheck.numbers.banded.solve_banded`."""
+    """Solve A x = b in each lane; see `eomcheck.numbers.banded_solve.solve_banded`."""
     count = lanes_in(bands) or lanes_in(b)
     bands, b = (_in_front(lanes_of(x, count)) for x in (bands, b))
     size, noise = b.shape[1], linear.noise_present()
-    columns, inside = banded.columns_of(size)
+    columns, inside = banded_solve.columns_of(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = _moved(bands, noise), _moved(b, noise)

@@ -1,7 +1,8 @@
-"""LLVM's language, written line by line: numbers, memory, loops and branches.
+"""A builder of LLVM IR, line by line: numbers, memory, loops and branches.
 
-A `Code` is the body of one function. Its numbers are doubles, or vectors of them, one lane each;
-values are the names that LLVM knows them by. No flag allows reassociation or contraction.
+A `Code` is the body of one function. Its numbers are float64, or vectors of float64 with one entry
+per lane; values are the names by which LLVM knows them. No flag allows reassociation or
+contraction. LLVM itself is not imported here, see `eomcheck.kernels.jit`.
 """
 
 from __future__ import annotations

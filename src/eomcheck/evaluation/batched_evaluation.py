@@ -1,7 +1,8 @@
-"""Scenes of one structure and their formulations at many states at once, a lane each.
+"""A batch of evaluations: scenes of one structure and their formulations at many states, in lanes.
 
-Every lane gives what `Evaluation` gives at its state. Where one is refused in a lane, its result is
-NaN there, and `refused` tells. All scenes have generalized speeds at their states, or none has.
+Every lane has the results of `Evaluation` at its state. Where a formulation refuses the state of a
+lane, its result is NaN there and `refused` is true. All scenes have generalized speeds at their
+states, or none has.
 """
 
 from __future__ import annotations
@@ -13,19 +14,16 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.doubles import MOVES, SPEEDS, Acceleration, Evaluation, Key
-from eomcheck.evaluation.perturbed import Moved
-from eomcheck.evaluation.point import quantity
-from eomcheck.evaluation.sensitivity import amplified
+from eomcheck.evaluation.evaluation import MOVES, SPEEDS, Acceleration, Evaluation, Key
+from eomcheck.evaluation.perturbed import Moved, amplified
+from eomcheck.evaluation.scene_quantities import quantity
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, largest
 from eomcheck.evaluation.violations import SLIP, allowed_violation
 from eomcheck.formulations import Formulation
-from eomcheck.kernels.preparing import preparation
+from eomcheck.kernels.perturbed_trace import preparation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.entries import map_record
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array, map_record
 from eomcheck.numbers.lanes import IN_LANES, LaneArray, LaneNoise, doubles, lanes_in
 from eomcheck.numbers.linear import Watch, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noisy

@@ -1,9 +1,18 @@
-"""Generic functions of doubles, every operation of which is moved by noise of its own.
+"""Traces of generic functions, replayed with perturbed operations (Monte Carlo arithmetic).
 
-A function is run once on numbers that list their operations, none merged and none left out but
-those that round nothing: x + 0, 0 x and 1 x. The list is then gone through in machine code, for one
-noise after another: what noise measures takes many runs, and Python would spend them on objects.
-Matrices are multiplied and solved between stretches of the list, as they are in doubles.
+A function is run once on numbers that record their operations; the trace is kept under the shapes
+of its arguments (the trace key) and replayed in machine code, many times: as it is, with a random
+relative perturbation of every operation, or on a batch of states, one per SIMD lane, operation by
+operation. In Python these replays would take most of the time.
+
+Unlike on a tape (`eomcheck.numbers.tape`) no operations are merged, because each is perturbed by
+itself, and none is left out but those that round nothing: x + 0, 0 x and 1 x. Products and solves
+of matrices, sines, cosines and square roots are groups between stretches of the trace, computed as
+in float64.
+
+`preparation` traces the function by which a scene precomputes sines, cosines and square roots, so
+that the operations between them are perturbed: where 1 - cos² nearly cancels, the digits of its
+square root are lost before the root is taken.
 """
 
 from __future__ import annotations
@@ -12,22 +21,75 @@ import ctypes
 from array import array
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import chain, count
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.kernels import moved_solves  # noqa: F401  (moved matrices are solved by it)
-from eomcheck.kernels.code import Code
-from eomcheck.kernels.gathered import Seen, holds_doubles
-from eomcheck.numbers.banded import BANDED_SOLVERS, solve_banded
-from eomcheck.numbers.contract import Array
-from eomcheck.numbers.entries import map_record
-from eomcheck.numbers.generic import BRANCH, NotRationalError
+from eomcheck.kernels.llvm_builder import LANES, Code
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
+from eomcheck.numbers.dual import Recorder
+from eomcheck.numbers.generic import BRANCH, FLOAT64, Angles, Array, NotRationalError, map_record
+from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
+from eomcheck.numbers.pivots import SMALLEST_SIZE
+
+# ---- Trace keys ----------------------------------------------------------------------------------
+
+
+def holds_doubles(x: Any) -> bool:
+    """Return whether x is an array of doubles, or of lanes."""
+    return isinstance(x, LaneArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
+
+
+def gathered(x: Any, front: int, doubles: list[Array]) -> Hashable:
+    """Return what a list of operations depends on; add arrays of doubles, in order, to `doubles`.
+
+    Args:
+        x: an argument, or a record of them.
+        front: axes in front that do not belong to it, see `Noise.shape`.
+        doubles: where to.
+    """
+    if holds_doubles(x):
+        doubles.append(x)
+        return x.shape[front:]
+    if isinstance(x, np.ndarray):
+        return x.shape, x.tobytes()
+    if isinstance(x, tuple):
+        return type(x), *[gathered(part, front, doubles) for part in x]
+    return x
+
+
+RECORDS = 64
+"""Records that are remembered: of one state several functions read the same ones many times."""
+
+
+class Seen:
+    """Records of arrays that were gathered, with what `gathered` found in each."""
+
+    def __init__(self):
+        self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
+
+    def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
+        """Return what a list of operations depends on, see `gathered`; a record is read once."""
+        if not isinstance(x, tuple):
+            return gathered(x, front, doubles)
+        place = id(x), front
+        known = self._found.get(place)
+        if known is None or known[0] is not x:
+            mine: list[Array] = []
+            known = x, gathered(x, front, mine), mine
+            if len(self._found) >= RECORDS:
+                self._found.clear()
+            self._found[place] = known
+        doubles += known[2]
+        return known[1]
+
+
+# ---- Traces --------------------------------------------------------------------------------------
 
 ADD, SUB, MUL, DIV, NEG = range(5)
 
@@ -120,7 +182,8 @@ class Moves:
         Raises:
             TypeError: as `run`.
         """
-        from eomcheck.kernels.lane_runs import run_in_lanes
+        # What it solves is registered there; LLVM takes longer to import than the package.
+        from eomcheck.kernels import batched_solves  # noqa: F401
 
         listed, doubles = self._listed(function, arguments, 0)
         return run_in_lanes(_known(function, listed), noise, doubles)
@@ -319,7 +382,7 @@ PRODUCTS[_Number] = _listed_product
 def _code() -> Callable[[int, int, int, int], None]:
     """Return what goes through `count` operations with changes and values at these addresses."""
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.machine import Machine
+    from eomcheck.kernels.jit import Machine
 
     code = Code()
     with code.loop("%count") as turn:
@@ -361,3 +424,145 @@ def _code() -> Callable[[int, int, int, int], None]:
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("moved"))
     function.machine = machine  # its address holds as long as this lives
     return function
+
+
+# ---- Replay on a batch of states -----------------------------------------------------------------
+
+
+def run_in_lanes(listed: _List, noise: Noise | None, given: list[Any]) -> Any:
+    """Return what a list comes to for arguments in lanes, its results without noise."""
+    count = next(n for n in map(lanes_in, given) if n)
+    width = -(-count // LANES) * LANES
+    values = np.zeros((listed.places, width))
+    values[listed.read :] = listed.start[listed.read :, None]
+    first = 0
+    for x in given:
+        data = lanes_of(x, count).reshape(-1, count)
+        values[first : first + len(data), :count] = data
+        first += len(data)
+    done, last = 0, len(listed.operations)
+    for after, function, read, found in listed.groups:
+        _through(listed, noise, values, done, after)
+        done = after
+        result = function(*(LaneArray(values[places, :count], noise) for places in read))
+        values[found, :count] = lanes_of(result, count)
+    _through(listed, noise, values, done, last)
+    return map_record(lambda places: LaneArray(values[places, :count]), listed.found)
+
+
+def _through(listed: _List, noise: Noise | None, values: Array, first: int, last: int) -> None:
+    count = last - first
+    if not count:
+        return
+    operations = np.ascontiguousarray(listed.operations[first:last])
+    given = count, operations.ctypes.data, values.ctypes.data, values.shape[1] // LANES
+    if noise is None:
+        _lane_code(moved=False)(*given, 0)
+        return
+    changes = np.ascontiguousarray(noise.changes((count,)))
+    _lane_code(moved=True)(*given, changes.ctypes.data)
+
+
+@cache
+def _lane_code(moved: bool) -> Callable[[int, int, int, int, int], None]:
+    """Return what goes through operations on values (places, lanes), `many` vectors of lanes."""
+    from eomcheck.kernels.jit import Machine
+
+    code = Code()
+    wide = code.wider(LANES)
+    with code.loop("%count") as turn:
+        first = code.at("%operations", code.integer("mul", turn.i, 4), "i64")
+        operation, *places = (
+            code.let(f"load i64, ptr {code.at(first, i, 'i64')}") for i in range(4)
+        )
+        row = code.integer("mul", "%many", LANES)
+        x, y, to = (code.at("%values", code.integer("mul", place, row)) for place in places)
+        change = ""
+        if moved:
+            one = code.load("%changes", turn.i)
+            change = wide.packed([one])
+        for number, name in enumerate(("add", "sub", "mul", "div", "neg")):
+            is_this = code.let(f"icmp eq i64 {operation}, {number}")
+            with code.when(is_this), code.loop("%many") as vector:
+                a = wide.load(x, vector.i)
+                if number == NEG:
+                    result = wide.neg(a)
+                else:
+                    b = wide.load(y, vector.i)
+                    result = getattr(wide, name)(a, b)
+                    if number == DIV and moved:
+                        zero = wide.compare("oeq", b, wide.constant(0.0))
+                        result = wide.choose(zero, wide.constant(float("nan")), result)
+                    if moved:
+                        # As `LaneNoise.entries` moves them.
+                        largest = wide.call("fabs", result)
+                        normal = wide.compare("oge", largest, wide.constant(NORMAL))
+                        size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
+                        result = wide.add(result, wide.mul(change, size))
+                wide.store(result, to, vector.i)
+    name = "moved_lanes" if moved else "lanes"
+    head = "i64 %count, ptr %operations, ptr %values, i64 %many, ptr %changes"
+    machine = Machine([code.function(f"define void @{name}({head})")])
+    kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
+    function.machine = machine  # its address holds as long as this lives
+    return function
+
+
+# ---- Sines, cosines and roots of a scene ---------------------------------------------------------
+
+
+@lru_cache(256)
+def preparation(prepare: Callable) -> Callable[[Any, Array, Array], tuple[Any, tuple]]:
+    """Return a function of (parameters, q, t), with t (1,), that can be listed.
+
+    It returns what `prepare` does, and the angles and roots that were made on the way, in order.
+    """
+
+    def prepared(parameters: Any, q: Array, t: Array) -> tuple[Any, tuple]:
+        recorder = Recorder(_Listing())
+        return prepare(recorder, parameters, q, t[0]), tuple(recorder.made)
+
+    return prepared
+
+
+class _Listing:
+    """The arithmetic of a list of operations (`eomcheck.numbers.generic.Arithmetic`)."""
+
+    def numbers(self, x: Array) -> Array:
+        """Return x as it is."""
+        return x
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,), with cosines and sines that the list finds."""
+        listed = list_of(x)
+        if listed is None:
+            return FLOAT64.angles(x)
+        cos, sin = listed.group(_cos_and_sin, (2, *x.shape), x)
+        return Angles(x, cos, sin)
+
+    def root(self, x: Array) -> Array:
+        """Return the positive square roots of x (k,), which the list finds."""
+        listed = list_of(x)
+        return (
+            FLOAT64.root(FLOAT64.numbers(x)) if listed is None else listed.group(_root, x.shape, x)
+        )
+
+
+def _cos_and_sin(x: Any) -> Any:
+    cos, sin = _rounded(np.cos, x), _rounded(np.sin, x)
+    if isinstance(x, LaneArray):
+        return LaneArray(np.stack((cos.data, sin.data)))
+    return np.stack((cos, sin), axis=-2)
+
+
+def _root(x: Any) -> Any:
+    return _rounded(np.sqrt, x)
+
+
+def _rounded(function: Callable, x: Any) -> Any:
+    """Return the function of each entry, moved by the noise of the array if it has any."""
+    with np.errstate(invalid="ignore"):
+        lanes = isinstance(x, LaneArray)
+        found: Any = LaneArray(function(x.data)) if lanes else function(np.asarray(x))
+    return found if x.noise is None else x.noise.entries(found)

@@ -1,7 +1,7 @@
-"""A scene and its formulations at one state, in doubles.
+"""A scene and its formulations at one state, in float64.
 
-`Evaluation` computes each quantity once, when it is first asked for. How far rounding can go in it
-is measured by perturbed copies, see `eomcheck.evaluation.sensitivity`.
+`Evaluation` computes each quantity once, on first use. The effect of rounding on it is measured by
+perturbed samples, see `eomcheck.evaluation.perturbed`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,14 @@ import numpy as np
 from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.point import Quantities, quantity, values_and_rates
-from eomcheck.evaluation.rank import independent_partition
+from eomcheck.evaluation.constraint_rank import independent_partition
+from eomcheck.evaluation.scene_quantities import Quantities, quantity, values_and_rates
 from eomcheck.evaluation.tolerance import conditioned
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.kernels.moved import Moves
+from eomcheck.kernels.perturbed_trace import Moves
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.contract import Array
 from eomcheck.numbers.dual import Dual, Replay, duals
-from eomcheck.numbers.entries import map_record
-from eomcheck.numbers.float64 import FLOAT64
+from eomcheck.numbers.generic import FLOAT64, Array, map_record
 from eomcheck.numbers.lanes import doubles, lanes_in
 from eomcheck.numbers.linear import Solve, Watch, watching
 

@@ -1,4 +1,4 @@
-"""From LLVM's text to an address."""
+"""Just-in-time compilation: from LLVM IR to the address of a function, and what this CPU can do."""
 
 from __future__ import annotations
 

@@ -1,0 +1,221 @@
+"""Observables of a state vector: velocities, speeds, energy, constraint error; singular crossings.
+
+They are compiled like the right-hand side, and read its parameters.
+
+A motion cannot cross a configuration in which the partition of its formulation is singular. No step
+need hit it, and one that goes over it divides by no zero: it comes out on the other side with some
+of its digits. `crossed` finds the states before and behind it.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+
+import numpy as np
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.formulations import Formulation
+from eomcheck.kernels.kernel import Kernel
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.right_hand_side import (
+    Traced,
+    block_of,
+    rates_on,
+    state_of,
+    state_on_tape,
+    take_speeds,
+    traced_kernel,
+)
+from eomcheck.numbers.banded_solve import solve_banded
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.linear import Solve, solve, watching
+from eomcheck.numbers.tape import BAND, FACTORS, live
+
+# ---- Observables ---------------------------------------------------------------------------------
+
+
+def observations_on(scene: Scene, formulation: Formulation) -> Traced:
+    """Put on a tape what is seen of a state vector of `formulation`.
+
+    Its outputs are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, where there are
+    constraints, their values `constraint` (r,), m/s, by the scene's second derivation.
+    """
+    tape, at, y, speeds = state_on_tape(scene, formulation)
+    here = at.parameters, at.prepared, at.q
+    take_speeds(at, formulation, speeds)
+    if formulation.uses == "bodies":  # as its right-hand side does: others round differently
+        at.v = at.qdot
+    T, U = scene.energies(*here, at.v)
+    seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
+    if scene.r > 0:
+        seen["constraint"] = scene.constraint(*here, at.v)
+    outputs = {name: [tape.number(x).place for x in values] for name, values in seen.items()}
+    return Traced(tape, at, y, outputs)
+
+
+def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kernel:
+    """Return the kernel of `observations_on`, made once for scenes of this kind.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        width: lanes.
+
+    Raises:
+        NotRationalError: a function of the scene branches on a value.
+    """
+    outputs = {"v": scene.n, "u": scene.p, "energy": 1}
+    if scene.r > 0:
+        outputs["constraint"] = scene.r
+    return traced_kernel(observations_on, scene, formulation, outputs, width=width)
+
+
+def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation, Array]:
+    """Return the evaluation at what the state vector of `formulation` stands for, and that vector.
+
+    Where it holds speeds or the independent velocities, all velocities follow from them: others
+    than those given, by rounding times the condition of what is solved, or by what cancels in W u.
+    """
+    y = state_of(at, formulation)
+    if formulation.state in ("q, v", "q, v, μ"):
+        return at, y
+    kernel = observer_of(at.scene, formulation)
+    v = kernel(block_of(kernel, at.scene), np.array([at.t]), y)["v"]
+    return (Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at), y
+
+
+def solves_on(scene: Scene, formulation: Formulation) -> Traced:
+    """Put a right-hand side on a tape; its outputs are the matrices that it solves, by name.
+
+    A band matrix has its right-hand side behind it.
+    """
+    tape, at, y, rates = rates_on(scene, formulation)
+    used = sorted(live(tape, rates["rates"])[1])
+    groups = ((number, tape.groups[number]) for number in used)
+    matrices = {
+        f"{number} {group.kind} {group.name}": list(group.reads)
+        for number, group in groups
+        if group.kind in (FACTORS, BAND)
+    }
+    return Traced(tape, at, y, matrices)
+
+
+def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> list[Solve]:
+    """Return what there is to know of each matrix that machine code solves at a state.
+
+    Its reciprocal condition number, the sign and size of its determinant and the steps of
+    refinement are found by the law that machine code follows, from the matrix that it made.
+
+    Args:
+        scene: the scene.
+        formulation: the formulation.
+        t: time, s.
+        y: state vector (k,).
+    """
+    sizes = {name: len(reads) for name, reads in solves_on(scene, formulation).outputs.items()}
+    kernel = traced_kernel(solves_on, scene, formulation, sizes)
+    found = kernel(block_of(kernel, scene), np.array([t]), y) if sizes else {}
+    with watching() as watch, np.errstate(all="ignore"):
+        for title, entries in found.items():
+            _, kind, name = title.split(" ", 2)
+            with suppress(RefusedError):
+                if kind == BAND:
+                    size = len(entries) // 8
+                    solve_banded(entries[: 7 * size].reshape(size, 7), entries[7 * size :], name)
+                else:
+                    size = math.isqrt(len(entries))
+                    solve(entries.reshape(size, size), np.zeros(size), name)
+    return watch.solves
+
+
+# ---- Singular configurations between states ------------------------------------------------------
+
+ENTRIES = 2**20
+"""Most entries of matrices that are looked at at a time."""
+
+
+def solves_partition(scene: Scene, formulation: Formulation) -> bool:
+    """Return whether a right-hand side solves the constraints for the dependent velocities."""
+    by_speeds = formulation.state == "q, u" and not scene.natural_speeds
+    return scene.r > 0 and (formulation.partitioned or by_speeds)
+
+
+def partition_on(scene: Scene, formulation: Formulation) -> Traced:
+    """Put on a tape a_1 (r, r), the columns of a of the paper's dependent velocities."""
+    tape, at, y, _ = state_on_tape(scene, formulation)
+    a, _ = at.call(scene.constraints, at.parameters, at.prepared, at.q)
+    a_1 = a[:, at.partition.dependent].ravel()
+    return Traced(tape, at, y, {"a_1": [tape.number(x).place for x in a_1]})
+
+
+def crossed(
+    scene: Scene, formulation: Formulation, parameters: dict[str, Array], t: Array, y: Array
+) -> list[tuple[int, int] | None]:
+    """Return, of each motion, the states before and behind such a pose, or None.
+
+    States that are not finite are passed over, and those in which a_1 is singular exactly: there
+    the right-hand side itself is not finite.
+
+    Args:
+        scene: a scene of this kind, where `solves_partition`.
+        formulation: the formulation.
+        parameters: of each motion, by name.
+        t: times (k, motions), s.
+        y: state vectors (k, size, motions).
+    """
+    r, motions = scene.r, t.shape[1]
+    kernel = traced_kernel(partition_on, scene, formulation, {"a_1": r * r}, motions)
+    block, piece = kernel.block(parameters), max(1, ENTRIES // (r * r * motions))
+    found: list[tuple[int, int] | None] = [None] * motions
+    known = [(np.empty(0, int), np.empty((0, r, r)))] * motions
+    for first in range(0, len(t), piece):
+        some = slice(first, first + piece)
+        a_1 = kernel.rows(block, t[some], y[some])["a_1"]
+        for i in range(motions):
+            here = a_1[:, :, i].reshape(-1, r, r)
+            usable = np.isfinite(y[some, :, i]).all(axis=1)
+            with np.errstate(all="ignore"):
+                usable &= np.linalg.slogdet(here).sign != 0
+            places = np.concatenate((known[i][0], first + np.flatnonzero(usable)))
+            matrices = np.concatenate((known[i][1], here[usable]))
+            between = np.flatnonzero(singular_between(matrices))
+            if found[i] is None and between.size:
+                before, behind = places[between[0] :][:2]
+                found[i] = int(before), int(behind)
+            known[i] = places[-1:], matrices[-1:]
+    return found
+
+
+def singular_between(A: Array) -> Array:
+    """Return whether matrices are singular between each of A (k, r, r), invertible, and the next.
+
+    On the straight line from A to B = A (1 + X) a matrix is singular where A⁻¹ B has a negative
+    real eigenvalue: one such, and the determinant changes its sign; two, as where two equal windows
+    of a linkage fold at once, and it does not. Of r equal eigenvalues rounding makes complex ones,
+    up to an angle of ε^(1/r).
+    """
+    A, B = A[:-1], A[1:]
+    found = np.zeros(len(A), bool)
+    with np.errstate(all="ignore"):
+        # A sum of 1 and what is smaller has no negative eigenvalue.
+        size = np.abs(np.linalg.solve(A, B - A)).sum(axis=2).max(axis=1, initial=0.0)
+        far = np.flatnonzero((size >= 1.0) & np.isfinite(size))
+        if far.size:
+            turned = np.linalg.eigvals(np.linalg.solve(A[far], B[far]))
+            flat = np.pi - np.abs(np.angle(turned)) <= allowed_error(1.0) ** (1.0 / A.shape[1])
+            found[far] = flat.any(axis=1)
+    return found
+
+
+def crossing(before: float, behind: float) -> RefusedError:
+    """Return what is said of a motion that went over such a pose between two times, s."""
+    return RefusedError(
+        "a_1",
+        0.0,
+        0.0,
+        f"between t = {before:.9g} s and {behind:.9g} s the matrix a_1, the columns of a of "
+        "the dependent velocities, is singular: no motion that is solved by it crosses such a pose",
+    )
