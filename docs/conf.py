@@ -15,8 +15,8 @@ from eomcheck import FORMULATIONS, Formulation
 from eomcheck.lab.references import reference_sheet
 from eomcheck.lab.report.parameters import parameter_sheet
 from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
-from eomcheck.lab.show.markdown import escaped as cell
-from eomcheck.lab.show.markdown import markdown_table as table
+from eomcheck.lab.show.table import escaped as cell
+from eomcheck.lab.show.table import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.reference_io import load_reference
 from eomcheck.scenes import SCENES

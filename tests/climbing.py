@@ -32,8 +32,7 @@ from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration
 from eomcheck.lab.fuzzing.strata import strata_of
 from eomcheck.lab.options import interval
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Axis, Line, Panel
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.scenes import Snake
 
 KEY = "banded"
@@ -190,7 +189,7 @@ def main() -> int:
             by_source[name] = searches(package, [*given, f"--seeds={seeds}"])
             print(table(name, by_source[name]), flush=True)
     if asked.figure is not None:
-        from eomcheck.lab.show.by_matplotlib import draw
+        from eomcheck.lab.show.chart_matplotlib import draw
 
         draw([chart(by_source)], asked.figure)
     return 0

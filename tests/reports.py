@@ -13,10 +13,10 @@ from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.validation import look_at_kind
 from eomcheck.lab.studies import paper, work_precision
 from eomcheck.lab.studies.operations import STUDY
-from eomcheck.lab.studies.operations.counting import Operations
+from eomcheck.lab.studies.operations.measure import Operations
 from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.lab.studies.stability import measure as stability
-from eomcheck.lab.studies.stability.families import FAMILIES
+from eomcheck.lab.studies.stability.measure import FAMILIES
 from eomcheck.scenes import Sleigh
 
 CLAIMS = ("mass-matrix", "kinetic-energy", "speeds-velocity", "equivalence", "true-error")

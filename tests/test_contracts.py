@@ -159,13 +159,13 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "rounding calls errors console output pytest_plugin",
-    "files lookup supervisor",
+    "float_environment calls errors console safe_output pytest_plugin",
+    "atomic_write class_lookup supervisor",
     "numbers",
     "kernels mechanics",
     "robots random_mechanisms",
     "scenes",
-    "named formulations",
+    "scene_lookup formulations",
     "evaluation",
     "engines",
     "motion",
@@ -237,7 +237,7 @@ def test_no_import_goes_in_a_circle():
 
 @pytest.mark.parametrize("layer", ["scenes", "formulations"])
 def test_scenes_and_formulations_know_nothing_of_each_other(layer: str):
-    known = {"errors", "lookup", "numbers", "mechanics", "robots", layer}
+    known = {"errors", "class_lookup", "numbers", "mechanics", "robots", layer}
     for path in (PACKAGE / layer).glob("*.py"):
         assert {module.split(".")[1] for module in imports_of(path)} <= known, path
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import eomcheck
+from eomcheck.atomic_write import check_regular, check_writable, read_text, replacing, write_text
 from eomcheck.errors import InputError, UnwrittenError
-from eomcheck.files import check_regular, check_writable, read_text, replacing, write_text
 from eomcheck.lab.store.records import Records
 from eomcheck.motion.reference_io import load_reference
 from eomcheck.robots import from_mjcf, from_urdf
@@ -179,7 +179,7 @@ WRITING = {"write_text", "write_bytes", "savefig", "touch"}
 
 @pytest.mark.night
 def test_every_writer_writes_beside():
-    """Methods that write are called on what `replacing` yields, or in `eomcheck.files`."""
+    """Methods that write are called on what `replacing` yields, or in `eomcheck.atomic_write`."""
     found = set()
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -194,7 +194,7 @@ def test_every_writer_writes_beside():
             if (name in WRITING or opens) and "beside" not in given:
                 found.add((path.relative_to(PACKAGE).as_posix(), name))
     # Processes that are supervised write into pipes and into memory that they share.
-    assert {file for file, _ in found} == {"files.py", "calls.py", "supervisor.py"}
+    assert {file for file, _ in found} == {"atomic_write.py", "calls.py", "supervisor.py"}
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes by name")

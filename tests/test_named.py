@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.named import ROBOTS, kind_of, kinds_of, left_out, scene_of
 from eomcheck.random_mechanisms import RANDOM
+from eomcheck.scene_lookup import ROBOTS, kind_of, kinds_of, left_out, scene_of
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
 

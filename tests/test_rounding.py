@@ -14,8 +14,8 @@ from eomcheck import check, enclose
 from eomcheck.calls import call
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import CallError, EngineError
+from eomcheck.float_environment import FLUSHING, ROUNDING, changed, restore
 from eomcheck.numbers.ball import precision
-from eomcheck.rounding import FLUSHING, ROUNDING, changed, restore
 from eomcheck.scenes import ChainPendulum
 from eomcheck.testing import check_functions
 

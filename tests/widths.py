@@ -9,7 +9,7 @@ from io import StringIO
 from rich.cells import cell_len
 from rich.console import Console
 
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 
 WIDTHS = (40, 80, 140)
 

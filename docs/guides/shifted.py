@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eomcheck.formulations.base import Formulation
+from eomcheck.formulations.formulation import Formulation
 from eomcheck.formulations.gw import system
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve

@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from eomcheck.errors import CallError, EomcheckError, raised
-from eomcheck.rounding import changed, restore
+from eomcheck.float_environment import changed, restore
 
 T = TypeVar("T")
 

@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 WIDTH = 140
 """Width of tables where the output is no terminal, and COLUMNS does not say it."""

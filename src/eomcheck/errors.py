@@ -8,7 +8,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from eomcheck.output import printable
+from eomcheck.safe_output import printable
 
 if TYPE_CHECKING:
     from traceback import FrameSummary

@@ -16,15 +16,15 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall
-from eomcheck.strategies.entries import (
+from eomcheck.strategies.scene_strategies import (
+    Choices,
     entry_of,
     links_between,
     magnitudes,
     parameter_of,
     without_tiny,
 )
-from eomcheck.strategies.scenes import Choices
-from eomcheck.strategies.states import angles_of, ordinary_state, state_ranges
+from eomcheck.strategies.state_strategies import angles_of, ordinary_state, state_ranges
 
 
 @pytest.mark.parametrize(

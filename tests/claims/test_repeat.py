@@ -20,7 +20,7 @@ import eomcheck
 from eomcheck.claims.repeat import python_of, scene_code
 from eomcheck.engines import engine_of
 from eomcheck.mechanics.records import State
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import Sleigh
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"

@@ -37,7 +37,7 @@ from eomcheck.claims.strata import (
     strata_of,
     value_of,
 )
-from eomcheck.cli.checking import validate
+from eomcheck.cli.check_commands import validate
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Range

@@ -21,8 +21,8 @@ from eomcheck.lab.draws import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree
 from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
-from eomcheck.strategies import entries, hostile, mechanisms
-from eomcheck.strategies.states import (
+from eomcheck.strategies import scene_strategies, state_strategies
+from eomcheck.strategies.state_strategies import (
     StateRanges,
     angles_of,
     case_of,
@@ -31,8 +31,8 @@ from eomcheck.strategies.states import (
     state_ranges,
 )
 
-of_scenes: Any = importlib.import_module("eomcheck.strategies.scenes")
-of_states: Any = importlib.import_module("eomcheck.strategies.states")
+of_scenes: Any = importlib.import_module("eomcheck.strategies.scene_strategies")
+of_states: Any = importlib.import_module("eomcheck.strategies.state_strategies")
 
 
 class Said:
@@ -81,7 +81,7 @@ SAYING = SimpleNamespace(
 @pytest.fixture
 def saying(monkeypatch):
     """Have strategies say what they are made of."""
-    for module in (entries, hostile, of_scenes, of_states):
+    for module in (scene_strategies, state_strategies, of_scenes, of_states):
         monkeypatch.setattr(module, "st", SAYING)
 
 
@@ -101,38 +101,38 @@ def saying(monkeypatch):
 )
 def test_bounds_that_are_none_are_refused_in_these_words(bounds: Any, lowest: float, said: str):
     with pytest.raises(InputError) as error:
-        entries.interval("x", bounds, lowest)
+        scene_strategies.interval("x", bounds, lowest)
     assert str(error.value) == said
 
 
 def test_numbers_of_links_that_are_in_no_order_are_refused_in_these_words():
     said = r"^min_links, max_links = 4, 3, expected min_links <= max_links$"
     with pytest.raises(InputError, match=said):
-        entries.links_between(4, 3)
+        scene_strategies.links_between(4, 3)
     with pytest.raises(InputError, match=r"^max_links = 0"):
-        entries.links_between(1, 0)
+        scene_strategies.links_between(1, 0)
 
 
 def test_only_what_is_below_a_millionth_is_nothing():
     tiny = np.nextafter(1e-6, 0.0)
     for x, kept in ((1e-6, 1e-6), (-1e-6, -1e-6), (tiny, 0.0), (-tiny, 0.0), (-2.0, -2.0)):
-        assert entries.without_tiny(x) == kept
+        assert scene_strategies.without_tiny(x) == kept
 
 
 def test_strategies_for_numbers_are_made_of_these(saying):
     one, absent = Range(1.0, 2.0, (4, 3)), Range(-1.0, 2.0, (2,), True)
     found: dict[str, Any] = {
-        "1..2": entries.interval("x", (1.0, 2.0), 1.0),
-        "3..3": entries.links_between(3, 3),
-        "[-2..4: 3 -> 1000.0]": entries.magnitudes(-2.0, 4.0),
-        "0..2": entries.entry_of(Range(0.0, 2.0)),
-        "-2..0": entries.entry_of(Range(-2.0, 0.0)),
-        "[-1..2: 3 -> 3.0]": entries.entry_of(Range(-1.0, 2.0)),
-        "4-4 of (3-3 of (1..2))": entries.parameter_of(one),
+        "1..2": scene_strategies.interval("x", (1.0, 2.0), 1.0),
+        "3..3": scene_strategies.links_between(3, 3),
+        "[-2..4: 3 -> 1000.0]": scene_strategies.magnitudes(-2.0, 4.0),
+        "0..2": scene_strategies.entry_of(Range(0.0, 2.0)),
+        "-2..0": scene_strategies.entry_of(Range(-2.0, 0.0)),
+        "[-1..2: 3 -> 3.0]": scene_strategies.entry_of(Range(-1.0, 2.0)),
+        "4-4 of (3-3 of (1..2))": scene_strategies.parameter_of(one),
         "None | 2-2 of ([-1..2: 3 -> 3.0]) | 2-2 of ([-1..2: 3 -> 3.0])": (
-            entries.parameter_of(absent)
+            scene_strategies.parameter_of(absent)
         ),
-        "mass 1..2, more 0..3": entries.from_ranges(
+        "mass 1..2, more 0..3": scene_strategies.from_ranges(
             Snake, {"mass": Range(1.0, 2.0), "more": Range(0.0, 3.0)}
         ),
     }
@@ -196,7 +196,7 @@ def test_links_are_one_to_eight_by_default_and_of_no_account_to_a_scene_without_
     monkeypatch.setattr(of_scenes, "_of_kind", lambda kind, n: st.just((kind, n)))
     assert draw(strategies.scenes(Sleigh, 0, -1), 1, 0) == [(None, None)]
     assert kept == [(Sleigh, None)]
-    monkeypatch.setattr(entries, "st", SAYING)
+    monkeypatch.setattr(scene_strategies, "st", SAYING)
     monkeypatch.setattr(of_scenes, "_topologies", lambda kind, n: Said(f"{kind.__name__} {n}"))
     monkeypatch.setattr(of_scenes, "_of_kind", lambda kind, n: Said(f"{kind} {n}"))
     found: Any = strategies.scenes(ChainPendulum)
@@ -225,7 +225,7 @@ def test_a_draw_that_is_refused_is_no_case_and_the_ways_are_those_of_one_entry(m
 
 
 def test_random_mechanisms_are_of_their_kind_and_numbers_of_bodies(monkeypatch):
-    monkeypatch.setattr(mechanisms, "scenes", lambda *given: given)
+    monkeypatch.setattr(scene_strategies, "scenes", lambda *given: given)
     assert strategies.random_trees() == (RandomTree, 1, 12)
     assert strategies.random_mechanisms() == (RandomMechanism, 1, 12)
     assert strategies.random_trees(2, 3) == (RandomTree, 2, 3)
@@ -245,9 +245,9 @@ def test_random_mechanisms_are_of_their_kind_and_numbers_of_bodies(monkeypatch):
 def test_urdfs_are_made_with_the_options_that_are_given(monkeypatch):
     made: list[Any] = []
     monkeypatch.setattr(
-        mechanisms, "urdf_tree", lambda links, choices, *more: made.append((links, *more))
+        scene_strategies, "urdf_tree", lambda links, choices, *more: made.append((links, *more))
     )
-    monkeypatch.setattr(mechanisms, "urdf_text", lambda tree: "text")
+    monkeypatch.setattr(scene_strategies, "urdf_text", lambda tree: "text")
     given: list[dict[str, Any]] = [
         {},
         {"joints": ["fixed", "revolute"], "mimic": False},

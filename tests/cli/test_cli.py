@@ -16,7 +16,7 @@ from tests.samples import NOT_OF_SNAKES
 import eomcheck
 from eomcheck import cli
 from eomcheck.claims import run as run_of_claims
-from eomcheck.cli.checking import REGISTRIES
+from eomcheck.cli.check_commands import REGISTRIES
 from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.options import check_count

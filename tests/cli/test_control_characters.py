@@ -10,10 +10,9 @@ import pytest
 from rich.console import Console
 
 from eomcheck.lab.report.junit import write_junit
-from eomcheck.lab.show import templating, terminal
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.output import harmless
+from eomcheck.lab.show import document_text, table
+from eomcheck.lab.show.table import Cell, Sheet
+from eomcheck.safe_output import harmless
 
 NAME = "arm\x1b]0;owned\x07\x9b2J\x00\u202e\r"
 
@@ -27,9 +26,9 @@ def test_a_text_of_lines_and_tabs_keeps_these_alone():
 @pytest.mark.parametrize("width", [20, 140])
 def test_a_table_and_its_title_and_note_control_no_terminal(width, monkeypatch):
     text = io.StringIO()
-    monkeypatch.setattr(terminal, "console", Console(file=text, width=width, force_terminal=False))
+    monkeypatch.setattr(table, "console", Console(file=text, width=width, force_terminal=False))
     rows = [(NAME, Cell(NAME, "failed"), "1"), ("a", "b", "2")]
-    terminal.print_sheets([Sheet("x", NAME, ("scene", "claim", "number"), rows, note=NAME)])
+    table.print_sheets([Sheet("x", NAME, ("scene", "claim", "number"), rows, note=NAME)])
     printed = text.getvalue()
     assert printed.count("owned") == 4
     assert not set(printed) & set("\x1b\x07\x9b\x00\u202e\r")
@@ -37,7 +36,7 @@ def test_a_table_and_its_title_and_note_control_no_terminal(width, monkeypatch):
 
 def test_a_page_holds_no_control_character():
     jinja2 = pytest.importorskip("jinja2")
-    environment = templating.environment()
+    environment = document_text.environment()
     environment.loader = jinja2.DictLoader({"x.html.j2": "<p>{{ name }}</p>\n"})
     page = environment.get_template("x.html.j2").render(name=NAME + "<b>")
     assert page == "<p>arm\ufffd]0;owned\ufffd\ufffd2J\ufffd\ufffd\ufffd&lt;b&gt;</p>\n"

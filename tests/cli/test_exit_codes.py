@@ -12,7 +12,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.claims.finding import Finding
-from eomcheck.cli.study import GROUPS
+from eomcheck.cli.study_commands import GROUPS
 from eomcheck.engines import engine_of
 from eomcheck.errors import WorkerError
 from eomcheck.evaluation.tolerance import C
@@ -238,7 +238,7 @@ def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatc
         setattr(made, name, value)
     made.apart = {"M": np.zeros((2, 2))}
     monkeypatch.setattr(comparing, "compare", lambda *how: made)
-    monkeypatch.setattr("eomcheck.named.scene_of", lambda name: SLEIGH)
+    monkeypatch.setattr("eomcheck.scene_lookup.scene_of", lambda name: SLEIGH)
     assert code_of(monkeypatch, "compare", "robot.urdf") == code
 
 

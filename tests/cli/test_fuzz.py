@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eomcheck import cli
-from eomcheck.cli.fuzzing import seconds_of
+from eomcheck.cli.fuzz_command import seconds_of
 from eomcheck.lab.fuzzing import motion_rounds, rounds
 from eomcheck.lab.fuzzing.work import Result
 

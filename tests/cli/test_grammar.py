@@ -15,12 +15,12 @@ from tests.cli.test_cli import run
 import eomcheck
 from eomcheck import cli, console
 from eomcheck.cli.app import DOORS, EXIT_CODES
-from eomcheck.cli.complete import WRITTEN, keys
+from eomcheck.cli.shared_options import WRITTEN, keys
 from eomcheck.engines import engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
 from eomcheck.lab.options import listed, numbers, parameters
 from eomcheck.mechanics.parameters import with_parameters
-from eomcheck.named import ROBOTS, kinds_of, scene_of
+from eomcheck.scene_lookup import ROBOTS, kinds_of, scene_of
 from eomcheck.scenes import FourBarChain, Sleigh, Snake
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"

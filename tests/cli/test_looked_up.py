@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from eomcheck import lookup
-from eomcheck.cli import options
+from eomcheck import class_lookup
+from eomcheck.class_lookup import announced, home_of_code, in_file, looked_up, outside, value_of
+from eomcheck.cli import shared_options
 from eomcheck.errors import CallError, EngineError, InputError, UnknownNameError
 from eomcheck.lab.options import interval, no_more_than, parameters, whole_numbers
-from eomcheck.lookup import announced, home_of_code, in_file, looked_up, outside, value_of
-from eomcheck.named import SCENE, kind_of
+from eomcheck.scene_lookup import SCENE, kind_of
 from eomcheck.scenes import Sleigh, Snake
 
 OWN = """
@@ -125,7 +125,7 @@ def test_what_packages_announce_is_known_beside_ours_which_stay_ours(own, monkey
         return SimpleNamespace(name=name, value=value)
 
     of = {"eomcheck.scenes": [point("sleigh", "x:Y"), point("mine", f"{own.stem}:Mine")]}
-    monkeypatch.setattr(lookup, "entry_points", lambda group: of.get(group, []))
+    monkeypatch.setattr(class_lookup, "entry_points", lambda group: of.get(group, []))
     assert [*announced(SCENE)] == ["mine"]
     assert looked_up(SCENE, "mine").key == "mine" and looked_up(SCENE, "sleigh") is Sleigh
     with pytest.raises(UnknownNameError, match="did you mean 'mine'"):
@@ -133,7 +133,7 @@ def test_what_packages_announce_is_known_beside_ours_which_stay_ours(own, monkey
 
 
 def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own, monkeypatch):
-    monkeypatch.setattr(lookup, "_run_here", set())
+    monkeypatch.setattr(class_lookup, "_run_here", set())
     plain: Any = in_file(str(own), "Plain")
 
     def error_of(function: Any) -> BaseException:
@@ -150,7 +150,7 @@ def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own
     assert outside(error_of(lambda: in_file("no/such.py", "X"))).startswith(Path(__file__).name)
     assert outside(error_of(lambda: int("x"))).startswith(Path(__file__).name)
     assert outside(CallError("f", "raised it")) == "f raised it"
-    monkeypatch.setattr(lookup, "_run_here", set())
+    monkeypatch.setattr(class_lookup, "_run_here", set())
     assert outside(error) == ""
 
 
@@ -176,16 +176,16 @@ def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own
         (parameters, ["=1"], "expected NAME=VALUE"),
         (parameters, ["a=,"], "expected a number after a="),
         (parameters, ["a=-1e3", "b=none"], {"a": [-1000.0], "b": None}),
-        (options.engines_asked, ["none"], []),
-        (options.engines_asked, None, None),
-        (options.engines_asked, ["none", "casadi"], ["none", "casadi"]),
-        (options.raise_unread, [], None),
-        (options.raise_unread, ["first"], "not all is shown: first"),
-        (options.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),
-        (options.check_figure, Path("a.svg"), None),
-        (options.check_figure, Path("a.gif"), "a figure is written as .png, .svg or .pdf"),
-        (options._patient, 0.0, "expected seconds, a positive number up to 1e6"),
-        (options._patient, 1.1e6, "expected seconds"),
+        (shared_options.engines_asked, ["none"], []),
+        (shared_options.engines_asked, None, None),
+        (shared_options.engines_asked, ["none", "casadi"], ["none", "casadi"]),
+        (shared_options.raise_unread, [], None),
+        (shared_options.raise_unread, ["first"], "not all is shown: first"),
+        (shared_options.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),
+        (shared_options.check_figure, Path("a.svg"), None),
+        (shared_options.check_figure, Path("a.gif"), "a figure is written as .png, .svg or .pdf"),
+        (shared_options._patient, 0.0, "expected seconds, a positive number up to 1e6"),
+        (shared_options._patient, 1.1e6, "expected seconds"),
     ],
 )
 def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypatch):
@@ -194,7 +194,7 @@ def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypa
         with pytest.raises(InputError) as error:
             read(text)
         assert value in str(error.value)
-        assert read is not options.raise_unread or value == str(error.value)
+        assert read is not shared_options.raise_unread or value == str(error.value)
     else:
         assert read(text) == value
 
@@ -203,12 +203,12 @@ def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp
     page, path = tmp_path / "page.html", tmp_path / "r.db"
     installed = "eomcheck.lab.report.page.check_installed"
     monkeypatch.setattr(installed, lambda: None)
-    with options.records_to_report(None, None) as records:
+    with shared_options.records_to_report(None, None) as records:
         assert records is None
-    with options.records_to_report(path, page) as records:
+    with shared_options.records_to_report(path, page) as records:
         assert records is not None and records.path == path
     assert path.exists()
-    with options.records_to_report(None, page) as records:
+    with shared_options.records_to_report(None, page) as records:
         assert records is not None
         spare = records.path
         assert spare.exists() and spare.parent != tmp_path
@@ -218,9 +218,9 @@ def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp
         raise EngineError("no jinja2")
 
     monkeypatch.setattr(installed, missing)
-    with options.records_to_report(path, None) as records:
+    with shared_options.records_to_report(path, None) as records:
         assert records is not None
-    with pytest.raises(EngineError), options.records_to_report(path, page):
+    with pytest.raises(EngineError), shared_options.records_to_report(path, page):
         pass
 
 
@@ -229,12 +229,12 @@ def test_a_page_is_never_written_over_records_whatever_they_are_called(tmp_path)
     path.write_text("x")
     link.symlink_to(path)
     other = tmp_path / "other.db"
-    options.check_output(other, [path])
-    options.check_output(None, [path])
+    shared_options.check_output(other, [path])
+    shared_options.check_output(None, [path])
     for records in ([path], [other, path], [link]):
         with pytest.raises(InputError, match="holds the records themselves"):
-            options.check_output(path, records)
+            shared_options.check_output(path, records)
     with pytest.raises(InputError, match="is not a folder that exists"):
-        options.check_folder(path)
-    options.check_folder(tmp_path)
-    options.check_folder(None)
+        shared_options.check_folder(path)
+    shared_options.check_folder(tmp_path)
+    shared_options.check_folder(None)

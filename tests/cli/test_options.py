@@ -16,7 +16,7 @@ import pytest
 import typer
 
 from eomcheck import cli
-from eomcheck.cli.study import GROUPS, command_of
+from eomcheck.cli.study_commands import GROUPS, command_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
 from eomcheck.lab.fuzzing.strata import strata_of
@@ -88,7 +88,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.findings.print_runs": None,
         "eomcheck.lab.report.document.write_json": None,
         "eomcheck.claims.trial.check_compared": None,
-        "eomcheck.cli.checking._write_page": None,
+        "eomcheck.cli.check_commands._write_page": None,
     },
     "prove": {
         "eomcheck.lab.proof_jobs.proof_jobs": SimpleNamespace(),
@@ -98,7 +98,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.proofs.print_proofs": None,
     },
     "list": {"eomcheck.lab.report.registries.registry_sheet": lambda name: name}
-    | {"eomcheck.lab.show.terminal.print_sheets": None},
+    | {"eomcheck.lab.show.table.print_sheets": None},
     "report": {
         "eomcheck.lab.report.page.write_page": None,
         "eomcheck.lab.report.markdown.write_markdown": None,
@@ -106,12 +106,12 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.equivalences.write_equivalences": None,
         "eomcheck.lab.report.overview.read": lambda paths, unread=None: [],
     },
-    "export": {"eomcheck.cli.checking.write_text": None},
+    "export": {"eomcheck.cli.check_commands.write_text": None},
     "reference": {
         "eomcheck.lab.reference_runs.produce_all": lambda cases, where=None: ["made"],
         "eomcheck.lab.references.write_reference": Path("there.json"),
         "eomcheck.lab.references.reference_sheet": None,
-        "eomcheck.lab.show.terminal.print_sheets": None,
+        "eomcheck.lab.show.table.print_sheets": None,
     },
     "fuzz": {
         "eomcheck.lab.report.fuzzing.print_campaign": None,
@@ -125,7 +125,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.motions.print_trajectories": None,
         "eomcheck.lab.report.many.print_many": None,
         "eomcheck.lab.report.many.chart_of_many": None,
-        "eomcheck.lab.show.by_matplotlib.draw": None,
+        "eomcheck.lab.show.chart_matplotlib.draw": None,
     },
     "acceleration": {"eomcheck.lab.report.accelerations.print_accelerations": 0},
     "constraints": {"eomcheck.lab.report.constraints.print_constraints": 0},
@@ -137,12 +137,12 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.comparison.write_comparison": None,
     },
     "draw scene": {
-        "eomcheck.lab.show.mechanism.draw_scene": None,
-        "eomcheck.lab.show.animation.draw_motion": None,
+        "eomcheck.lab.show.pictures.draw_scene": None,
+        "eomcheck.lab.show.pictures.draw_motion": None,
         "eomcheck.lab.mechanisms.sketches_of_motion": ([], np.zeros(1), 1),
     },
     "draw structure": {
-        "eomcheck.lab.show.structure.draw_structure": None,
+        "eomcheck.lab.show.pictures.draw_structure": None,
         "eomcheck.lab.structures.structure_of": lambda scene, formulation, *state: (
             f"{formulation.key} of {scene!r}"
         ),
@@ -537,7 +537,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     monkeypatch.setattr(type(study), "run", run)
     monkeypatch.setattr(type(study), "write", write)
     monkeypatch.setattr(
-        "eomcheck.lab.show.by_matplotlib.draw", lambda files, path: given.update(path=path)
+        "eomcheck.lab.show.chart_matplotlib.draw", lambda files, path: given.update(path=path)
     )
     chart = SimpleNamespace(files=list)
     how = {"charts": lambda found: [chart], "sheets": lambda found: [], "said": lambda found: []}

@@ -18,7 +18,7 @@ from eomcheck.console import progress, stoppable
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import STATES
 from eomcheck.lab.store.records import Records
-from eomcheck.output import NAMES, plain, unfailing
+from eomcheck.safe_output import NAMES, plain, unfailing
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]
 VALIDATE = "validate", "--scene", "sleigh", "--examples", "1"
@@ -159,7 +159,7 @@ def test_a_validation_that_is_told_to_end_writes_what_it_has(tmp_path: Path, num
 
 
 def test_standard_output_is_the_same_again_afterwards(monkeypatch, capsys):
-    from eomcheck.output import unfailing
+    from eomcheck.safe_output import unfailing
 
     raw = io.BytesIO()
     stream = io.TextIOWrapper(io.BufferedWriter(Raw(raw)), "ascii")

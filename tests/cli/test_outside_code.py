@@ -17,9 +17,9 @@ from tests.engines.planar import with_fault
 import eomcheck
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.class_lookup import in_file, outside
 from eomcheck.engines import Engine, engine_of, version_of
 from eomcheck.errors import InputError, described_error
-from eomcheck.lookup import in_file, outside
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
 

@@ -41,7 +41,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     for name in ("motions.print_trajectories", "many.print_many", "many.chart_of_many"):
         monkeypatch.setattr(f"eomcheck.lab.report.{name}", lambda found: found)
     monkeypatch.setattr(
-        "eomcheck.lab.show.by_matplotlib.draw", lambda charts, path: seen.append(path.name)
+        "eomcheck.lab.show.chart_matplotlib.draw", lambda charts, path: seen.append(path.name)
     )
     return seen
 

@@ -18,11 +18,11 @@ from tests.widths import WIDTHS, check_fits
 
 import eomcheck
 from eomcheck import cli
-from eomcheck.cli.study import GROUPS
+from eomcheck.cli.study_commands import GROUPS
 from eomcheck.console import console
 from eomcheck.lab.fuzzing import rounds
 from eomcheck.lab.report.registries import registry_sheet
-from eomcheck.lab.show import terminal
+from eomcheck.lab.show import table
 
 COMMANDS = {
     "doors": "",
@@ -61,7 +61,7 @@ def width(request, monkeypatch) -> Iterator[int]:
     """Print for somebody who has so many columns."""
     before = console.width
     console.width = request.param
-    monkeypatch.setattr(terminal, "WIDTH_KNOWN", True)
+    monkeypatch.setattr(table, "WIDTH_KNOWN", True)
     monkeypatch.setenv("COLUMNS", str(request.param))
     yield request.param
     console.width = before

@@ -16,7 +16,7 @@ import typer
 from tests.cli.test_cli import run
 
 from eomcheck import __version__, console
-from eomcheck.cli import complete
+from eomcheck.cli import shared_options
 from eomcheck.errors import (
     CallError,
     EngineError,
@@ -36,10 +36,10 @@ from eomcheck.errors import (
     whole_number,
 )
 from eomcheck.lab.store.record import Record
-from eomcheck.output import counted, harmless, plain, printable
+from eomcheck.safe_output import counted, harmless, plain, printable
 
 app: Any = import_module("eomcheck.cli.app")
-study: Any = import_module("eomcheck.cli.study")
+study: Any = import_module("eomcheck.cli.study_commands")
 
 # ---- Errors --------------------------------------------------------------------------------------
 
@@ -388,8 +388,8 @@ def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(m
 
 def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypatch):
     known = {"scene": ["snake", "sleigh"], "robot": ["snail", "paper"]}
-    monkeypatch.setattr(complete, "keys", known.__getitem__)
-    completed = complete.completing("scene", "robot", more=("all", "snow"))
+    monkeypatch.setattr(shared_options, "keys", known.__getitem__)
+    completed = shared_options.completing("scene", "robot", more=("all", "snow"))
     assert completed("sn") == ["snake", "snail", "snow"]
     assert completed("a,sleigh,s") == [
         f"a,sleigh,{x}" for x in ("snake", "sleigh", "snail", "snow")
@@ -397,7 +397,7 @@ def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypa
     assert completed("paper,") == [
         f"paper,{x}" for x in (*known["scene"], *known["robot"], "all", "snow")
     ]
-    assert completed("x") == [] and complete.completing("scene")("a") == []
+    assert completed("x") == [] and shared_options.completing("scene")("a") == []
 
 
 def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch, tmp_path):
@@ -415,10 +415,10 @@ def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch,
         asked.append(group)
         return [SimpleNamespace(name="far")] if group == "eomcheck.scenes" else []
 
-    monkeypatch.setattr(complete, "ROOT", tmp_path)
-    monkeypatch.setattr(complete, "entry_points", points)
-    assert complete.keys("scene") == ["one", "two-words", "far"]
-    assert complete.keys("engine") == ["own"]
+    monkeypatch.setattr(shared_options, "ROOT", tmp_path)
+    monkeypatch.setattr(shared_options, "entry_points", points)
+    assert shared_options.keys("scene") == ["one", "two-words", "far"]
+    assert shared_options.keys("engine") == ["own"]
     assert asked == ["eomcheck.scenes", "eomcheck.engines"]
 
 

@@ -24,7 +24,7 @@ from eomcheck.formulations import (
     kane,
     uk,
 )
-from eomcheck.formulations.projection import project
+from eomcheck.formulations.em import project
 from eomcheck.scenes import SCENES, Snake
 
 # ---- Facts ---------------------------------------------------------------------------------------

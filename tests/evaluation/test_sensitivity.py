@@ -22,10 +22,10 @@ from eomcheck.evaluation.perturbed import (
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.perturbed_trace import Moves
-from eomcheck.named import kinds_of
 from eomcheck.numbers.generic import map_record
 from eomcheck.numbers.linear import solve, watching
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import SCENES, Snake
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"

@@ -11,18 +11,24 @@ import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show import by_matplotlib, by_plotly
-from eomcheck.lab.show.by_plotly import json_of
-from eomcheck.lab.show.chart import Chart, File, in_rows, keys_of
-from eomcheck.lab.show.drawn_heat import draw_heat
-from eomcheck.lab.show.drawn_panel import draw_panel
-from eomcheck.lab.show.figures import HOLLOW
-from eomcheck.lab.show.heat import Box, Heat
-from eomcheck.lab.show.panel import Axis, Band, Line, Panel
+from eomcheck.lab.show import chart_matplotlib, chart_plotly
+from eomcheck.lab.show.chart import (
+    STYLES,
+    Axis,
+    Band,
+    Box,
+    Chart,
+    File,
+    Heat,
+    Line,
+    Panel,
+    in_rows,
+    keys_of,
+)
+from eomcheck.lab.show.chart_matplotlib import HOLLOW, draw_heat, draw_panel, tick
+from eomcheck.lab.show.chart_plotly import json_of
+from eomcheck.lab.show.document_text import grouped, seconds_text
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.style import STYLES
-from eomcheck.lab.show.text import grouped, seconds_text
-from eomcheck.lab.show.ticks import tick
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import study_of
@@ -341,8 +347,8 @@ def test_ticks_of_logarithms_are_at_decades_or_within_them(limits, ticks):
 
 def drawn_figure(monkeypatch, charts: list[Chart]) -> Any:
     seen: list[Any] = []
-    monkeypatch.setattr(by_matplotlib, "save", lambda figure, path: seen.append((figure, path)))
-    by_matplotlib.draw(charts, "path")  # type: ignore[arg-type]
+    monkeypatch.setattr(chart_matplotlib, "save", lambda figure, path: seen.append((figure, path)))
+    chart_matplotlib.draw(charts, "path")  # type: ignore[arg-type]
     ((figure, path),) = seen
     assert path == "path"
     plt.close(figure)
@@ -401,17 +407,17 @@ def test_several_charts_are_blocks_side_by_side_while_they_are_narrow(monkeypatc
     ],
 )
 def test_an_axis_of_a_page_has_its_title_its_kind_and_its_ticks(axis, made):
-    assert by_plotly._axis(axis) == {"title": {"text": "x"}, "automargin": True} | made
+    assert chart_plotly._axis(axis) == {"title": {"text": "x"}, "automargin": True} | made
 
 
 def test_what_points_say_is_wrapped_and_no_markup():
     long = "word " * 12
-    assert by_plotly._wrapped(["<a> & b", long]) == [
+    assert chart_plotly._wrapped(["<a> & b", long]) == [
         "&lt;a&gt; &amp; b",
         "word word word word word word word word word",
         "word word word",
     ]
-    told = by_plotly._told("kane", [["a", "b"], ["c"]])
+    told = chart_plotly._told("kane", [["a", "b"], ["c"]])
     assert (told["name"], told["hovertext"]) == ("kane", ["a<br>b", "c"])
     assert told["hovertemplate"] == "%{hovertext}<extra></extra>"
-    assert by_plotly._told("au", ()) == {"name": "au", "meta": {"formulation": "au"}}
+    assert chart_plotly._told("au", ()) == {"name": "au", "meta": {"formulation": "au"}}

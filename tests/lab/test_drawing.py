@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eomcheck.lab.show import animation, labels
-from eomcheck.lab.show.canvas import canvas, paint
-from eomcheck.lab.show.colors import DARK, LIGHT
-from eomcheck.lab.show.drawing import Drawing
-from eomcheck.lab.show.mechanism import scene_figure
+from eomcheck.lab.show import pictures, sketch_drawing
+from eomcheck.lab.show.pictures import _title, canvas, paint, scene_figure, structure_figure
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.structure import _title, structure_figure
-from eomcheck.lab.show.view import View
+from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Drawing, View
 from eomcheck.lab.structures import Block, Matrix, Structure
 from eomcheck.mechanics import sketch as s
 
@@ -355,64 +351,64 @@ NOTHING = np.zeros((0, 2))
 
 
 def test_points_along_a_line_are_four_pixels_apart_or_less_and_both_ends_are_among_them():
-    assert labels._sampled(np.array([[0, 0], [9, 0], [9, 3]], float)).tolist() == [
+    assert sketch_drawing._sampled(np.array([[0, 0], [9, 0], [9, 3]], float)).tolist() == [
         *([9.0, 3.0], [0.0, 0.0], [4.5, 0.0], [9.0, 0.0])
     ]
 
 
 def test_places_of_a_label_are_all_around_and_cost_distance_and_the_wrong_direction():
-    places = labels._places(array(50, 50), array(20, 10), None)
+    places = sketch_drawing._places(array(50, 50), array(20, 10), None)
     assert len(places) == 7 * 16
     assert places[0][0].tolist() == [69.0, 50.0] and places[0][1] == 0.25 * 9
     assert np.allclose(places[4][0], [50.0, 64.0]) and np.allclose(places[8][0], [31.0, 50.0])
     assert np.allclose(places[16][0], [76.0, 50.0]) and places[16][1] == 4.0
     for away in (array(0, 3), array(0, 0.1)):
-        costs = [cost for _, cost in labels._places(array(50, 50), array(20, 10), away)]
+        costs = [cost for _, cost in sketch_drawing._places(array(50, 50), array(20, 10), away)]
         assert np.allclose([costs[k] for k in (0, 4, 8, 12)], [7.25, 2.25, 7.25, 12.25])
-    still = labels._places(array(50, 50), array(20, 10), array(0, 0))
+    still = sketch_drawing._places(array(50, 50), array(20, 10), array(0, 0))
     assert [cost for _, cost in still[:16]] == [2.25] * 16
 
 
 def test_a_label_costs_what_it_covers_and_what_is_off_the_page():
     points = np.array([[50, 50], [51, 50], [52, 50], [50, 51], [40, 50]], float)
     box = array(50, 50), array(4, 2)
-    assert labels._cost(*box, [], points, FRAME) == 12.0, "of those within, not on its edge"
+    assert sketch_drawing._cost(*box, [], points, FRAME) == 12.0, "of those within, not on its edge"
     over, beside = np.array([[51, 50], [60, 60]]), np.array([[52, 49], [60, 51]])
-    assert labels._cost(*box, [over, beside, over], NOTHING, FRAME) == 2e4
+    assert sketch_drawing._cost(*box, [over, beside, over], NOTHING, FRAME) == 2e4
     above = np.array([[48, 51], [52, 60]])
-    assert labels._cost(*box, [above], NOTHING, FRAME) == 0.0
-    assert labels._cost(array(99, 0), array(4, 2), [], NOTHING, FRAME) == 2e3
-    assert labels._cost(array(1, 100.5), array(4, 2), [], NOTHING, FRAME) == 2.5e3
+    assert sketch_drawing._cost(*box, [above], NOTHING, FRAME) == 0.0
+    assert sketch_drawing._cost(array(99, 0), array(4, 2), [], NOTHING, FRAME) == 2e3
+    assert sketch_drawing._cost(array(1, 100.5), array(4, 2), [], NOTHING, FRAME) == 2.5e3
 
 
 def test_a_line_leads_to_a_label_that_is_far_and_ends_at_its_edge():
     size = array(10, 4)
-    assert labels._leader(array(0, 0), array(27, 0), size) is None
-    assert labels._leader(array(0, 0), array(27.1, 0), size) is not None
-    leader = labels._leader(array(0, 0), array(30, 0), size)
+    assert sketch_drawing._leader(array(0, 0), array(27, 0), size) is None
+    assert sketch_drawing._leader(array(0, 0), array(27.1, 0), size) is not None
+    leader = sketch_drawing._leader(array(0, 0), array(30, 0), size)
     assert np.allclose(leader, [[0, 0], [25, 0]])
-    slanted = labels._leader(array(1, 1), array(31, 41), size)
+    slanted = sketch_drawing._leader(array(1, 1), array(31, 41), size)
     assert np.allclose(slanted, [[1, 1], [29.5, 39]])
 
 
 def test_a_line_to_a_label_costs_labels_and_lines_that_it_crosses_but_not_at_its_start():
     leader = np.array([[0, 0], [40, 0]], float)
-    assert labels._cost_of_leader(None, [], NOTHING) == 0.0
-    assert labels._cost_of_leader(leader, [], NOTHING) == 0.0
+    assert sketch_drawing._cost_of_leader(None, [], NOTHING) == 0.0
+    assert sketch_drawing._cost_of_leader(leader, [], NOTHING) == 0.0
     across, beside = np.array([[20, -1], [30, 1]]), np.array([[20, 0], [30, 1]])
-    assert labels._cost_of_leader(leader, [across, beside, across], NOTHING) == 1000.0
+    assert sketch_drawing._cost_of_leader(leader, [across, beside, across], NOTHING) == 1000.0
     points = np.array([[24, 1.9], [32, -1.0], [16, 2.0], [4, 0.0], [8, 0]], float)
-    assert labels._cost_of_leader(leader, [], points) == 6.0
-    assert labels._cost_of_leader(leader, [across], points) == 506.0
+    assert sketch_drawing._cost_of_leader(leader, [], points) == 6.0
+    assert sketch_drawing._cost_of_leader(leader, [across], points) == 506.0
 
 
 def test_a_label_is_put_where_it_costs_least():
     at, size, away = array(50, 50), array(20, 10), array(0, 1)
-    best = labels._best(at, size, away, [], NOTHING, FRAME)
+    best = sketch_drawing._best(at, size, away, [], NOTHING, FRAME)
     assert np.allclose(best, [50, 64])
     taken = [np.array([[40, 59], [60, 69]], float)]
-    other = labels._best(at, size, away, taken, NOTHING, FRAME)
-    assert labels._cost(other, size, taken, NOTHING, FRAME) == 0.0
+    other = sketch_drawing._best(at, size, away, taken, NOTHING, FRAME)
+    assert sketch_drawing._cost(other, size, taken, NOTHING, FRAME) == 0.0
     assert np.hypot(*(other - at)) < 40 and other[1] > 50
 
 
@@ -421,14 +417,14 @@ def test_labels_are_written_the_shortest_first_and_do_not_cover_each_other():
     axes.set(xlim=(0, 1), ylim=(0, 1))
     points = np.array([[0.5, 0.5], [0.6, 0.5]])
     three = [
-        labels.Label(text, np.array([0.5, 0.5]), color, away)
+        sketch_drawing.Label(text, np.array([0.5, 0.5]), color, away)
         for text, color, away in (
             ("a sentence", "#ff0000", None),
             ("x", "#00ff00", np.array([0.0, 1.0])),
             ("long", "#0000ff", np.array([0.0, 1.0])),
         )
     ]
-    texts = labels.place_labels(axes, three, [points], "#888888")
+    texts = sketch_drawing.place_labels(axes, three, [points], "#888888")
     assert [x.get_text() for x in texts] == ["x", "long", "a sentence"]
     assert [x.get_color() for x in texts] == ["#00ff00", "#0000ff", "#ff0000"]
     assert {x.get_fontsize() for x in texts} == {15.0}
@@ -450,7 +446,7 @@ def test_labels_are_written_the_shortest_first_and_do_not_cover_each_other():
     ],
 )
 def test_what_stands_behind_an_underscore_is_an_index(name, written):
-    assert labels.symbol(name) == written
+    assert sketch_drawing.symbol(name) == written
 
 
 # ---- Matrices ------------------------------------------------------------------------------------
@@ -575,10 +571,10 @@ def test_a_motion_stays_in_its_picture_and_leaves_its_trail_in_every_frame(tmp_p
         shown.append((bounds, axes))
         return axes
 
-    monkeypatch.setattr(animation, "canvas", framed)
+    monkeypatch.setattr(pictures, "canvas", framed)
     monkeypatch.setattr(plt, "close", lambda figure: None)
     path = tmp_path / "motion.gif"
-    animation.draw_motion(sketches, [0.0, 0.5, 1.0, 1.5, 2.0], path, 2)
+    pictures.draw_motion(sketches, [0.0, 0.5, 1.0, 1.5, 2.0], path, 2)
     monkeypatch.undo()
     assert len(shown) == 3
     for k, (bounds, axes) in enumerate(shown):

@@ -19,7 +19,7 @@ from eomcheck.lab.report.equivalences import RUN, write_equivalences
 from eomcheck.lab.report.named_tests import PROVED, named_tests
 from eomcheck.lab.report.other_data import other_data
 from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.show.text import ranges
+from eomcheck.lab.show.document_text import ranges
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.validation import look_at_kind
 from eomcheck.scenes import SCENES, Sleigh

@@ -32,7 +32,7 @@ from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
 from eomcheck.random_mechanisms import RANDOM
 from eomcheck.random_mechanisms.kinds import MOTION, NOTHING
-from eomcheck.strategies import scene_states, scenes
+from eomcheck.strategies import scene_states, scene_strategies
 
 TREES, MECHANISMS = RANDOM["random-trees"], RANDOM["random-mechanisms"]
 ALL = tuple(one for one in CLAIMS if one != "coverage")
@@ -202,7 +202,7 @@ def test_random_scenes_are_moved_too(kind):
 def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
     random, strata = np.random.default_rng(0), strata_of_any(kind, (3,))
     fuzzed = [structure_drawn(kind, strata[i % len(strata)], random)() for i in range(60)]
-    by_hypothesis = [scene for scene, _ in draw(scene_states(scenes(kind, 3, 3)), 30, 0)]
+    by_hypothesis = [scene for scene, _ in draw(scene_states(scene_strategies(kind, 3, 3)), 30, 0)]
     ways: dict[str, set[str]] = {}
     for entry in kind.topologies(3):
         for name, of in entry.items():

@@ -16,16 +16,15 @@ from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketched, sketches_of_motion
-from eomcheck.lab.show.colors import DARK, LIGHT
-from eomcheck.lab.show.labels import symbol
-from eomcheck.lab.show.mechanism import scene_figure
+from eomcheck.lab.show.pictures import scene_figure
 from eomcheck.lab.show.pyplot import plt
+from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, symbol
 from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
 from eomcheck.numbers.generic import FLOAT64
 from eomcheck.numbers.linear import null_space
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import SCENES, Andrews, Bicycle, RollingDisk, Snake
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"

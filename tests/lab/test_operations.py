@@ -12,24 +12,22 @@ from flint import fmpq_poly
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.lab.studies.operations import STUDY, cells
-from eomcheck.lab.studies.operations import counting as counting_module
-from eomcheck.lab.studies.operations.counting import (
+from eomcheck.lab.studies.operations import measure as counting_module
+from eomcheck.lab.studies.operations.measure import (
     Operations,
     compare_springs,
     count,
     lu_operations,
 )
-from eomcheck.lab.studies.operations.fits import (
+from eomcheck.lab.studies.operations.show import (
     KINDS,
+    counted_in,
     fit,
     fit_order,
     fit_polynomial,
-    solved_systems,
-)
-from eomcheck.lab.studies.operations.show import (
-    counted_in,
     order_text,
     polynomial_text,
+    solved_systems,
     springs_in,
     table_i_text,
 )

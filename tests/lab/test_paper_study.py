@@ -10,10 +10,11 @@ import pytest
 from tests.widths import check_sheets_fit
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.panel import Panel
+from eomcheck.lab.show.chart import Panel
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
-from eomcheck.lab.studies.paper.claims.claim import (
+from eomcheck.lab.studies.paper.measure import PAPER, STUDY, Found, Solver
+from eomcheck.lab.studies.paper.paper_claims import (
     PAPER_CLAIMS,
     Evidence,
     PaperClaim,
@@ -21,7 +22,6 @@ from eomcheck.lab.studies.paper.claims.claim import (
     judgements,
     verdict_of,
 )
-from eomcheck.lab.studies.paper.measure import PAPER, STUDY, Found, Solver
 from eomcheck.lab.studies.paper.show import said, sheets
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))

@@ -43,8 +43,7 @@ from eomcheck.lab.report.junit import write_junit
 from eomcheck.lab.report.named_tests import named_tests
 from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.report.sections import sections_of
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Axis, Line, Panel
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.store.findings import PROOFS, RUNS
 from eomcheck.lab.store.record import Record
 from eomcheck.mechanics.records import State

@@ -19,8 +19,8 @@ from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
 from eomcheck.lab.report.sections import sections_of
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.style import STYLES
+from eomcheck.lab.show.chart import STYLES
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.findings import RUNS, STATES, kept_in, kept_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records

@@ -17,7 +17,7 @@ from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.parameters import parameter_sheet
 from eomcheck.lab.report.records import columns, record_sheet
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.findings import RUNS
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.study import Study
@@ -196,7 +196,7 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
     monkeypatch.setattr("eomcheck.engines.ENGINES", {"own": Own, "gone": Gone})
     monkeypatch.setattr("eomcheck.engines.version_of", version_of)
     monkeypatch.setattr("eomcheck.engines.engine_of", engine_of)
-    monkeypatch.setattr("eomcheck.lookup.announced", lambda kind: points)
+    monkeypatch.setattr("eomcheck.class_lookup.announced", lambda kind: points)
     sheet = registries.registry_sheet("engines")
     heads = "library", "installed by the extra", "own constraints", "what it is"
     assert (sheet.name, sheet.columns) == ("engines", ("key", *heads))

@@ -10,7 +10,7 @@ from tests import reports
 
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.report.page import DARK, LIGHT, on_dark, write_page
-from eomcheck.lab.show.style import STYLES
+from eomcheck.lab.show.chart import STYLES
 
 sync_api = pytest.importorskip("playwright.sync_api")
 NAMES = ("chromium", "chromium-browser", "google-chrome")

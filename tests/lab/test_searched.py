@@ -22,7 +22,7 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Result
 from eomcheck.lab.reference_cases import CASES, Case
-from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake, TurntableBall
 

@@ -20,8 +20,7 @@ from eomcheck.lab.report.judged import by_claim
 from eomcheck.lab.report.parameters import parameter_sheet
 from eomcheck.lab.report.proofs import proof_sheet
 from eomcheck.lab.report.registries import registry_sheet
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet, _filled, _narrowed
+from eomcheck.lab.show.table import Cell, Sheet, _filled, _narrowed
 from eomcheck.lab.store.findings import kept_in, kept_of_runs
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.records import Records

@@ -19,15 +19,13 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import print_sheets
 from eomcheck.lab.store import cells as store
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import study_of
-from eomcheck.lab.studies.stability.families import FAMILIES
-from eomcheck.lab.studies.stability.families.base import decades
-from eomcheck.lab.studies.stability.families.dependent import DEPENDENT, TwoWheels
 from eomcheck.lab.studies.stability.measure import (
+    FAMILIES,
     STATE,
     STUDY,
     Method,
@@ -41,6 +39,8 @@ from eomcheck.lab.studies.stability.measure import (
     outcome,
     settings_of,
 )
+from eomcheck.lab.studies.stability.scene_families import decades
+from eomcheck.lab.studies.stability.two_wheels import DEPENDENT, TwoWheels
 from eomcheck.numbers.pivots import EPS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)

@@ -15,13 +15,11 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
-from eomcheck.lab.studies.stiff import STUDY
-from eomcheck.lab.studies.stiff import measure as stiff
-from eomcheck.lab.studies.stiff.measure import COMPILED, scene_of
-from eomcheck.lab.studies.stiff.show import cheapest, crossover
+from eomcheck.lab.studies import stiff as stiff
+from eomcheck.lab.studies.stiff import COMPILED, STUDY, cheapest, crossover, scene_of
 from eomcheck.motion import right_hand_side
 from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
 from eomcheck.motion.simulate import Motion
@@ -141,7 +139,7 @@ def run(k: float, integrator: str, seconds: float | None, error: float = 1e-4) -
         "tolerance": 1e-3,
     }
     return Record(
-        stiff.STUDY,
+        stiff.KEY,
         settings,
         "failed" if seconds is None else "done",
         seconds=seconds,

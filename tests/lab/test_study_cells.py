@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.lab.show.panel import Panel
+from eomcheck.lab.show.chart import Panel
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import operations, study_of
-from eomcheck.lab.studies.operations import absent
-from eomcheck.lab.studies.operations.absent import Saving
-from eomcheck.lab.studies.operations.counting import Operations, Springs, record_of
-from eomcheck.lab.studies.stiff import measure as stiff
+from eomcheck.lab.studies import stiff as stiff
+from eomcheck.lab.studies.operations import measure
+from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, record_of
 from eomcheck.numbers.counting import System
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Sleigh, Snake
@@ -175,13 +174,13 @@ def test_a_saving_is_of_its_structure_and_tells_what_is_left_out_before_zeros(mo
         asked.append((key, [job[0] for job in jobs], repeats))
         return SimpleNamespace(seconds=2e-6), SimpleNamespace(seconds=3e-6)
 
-    monkeypatch.setattr(absent, "time_calls", timed)
-    monkeypatch.setattr(absent, "rate_call", lambda at, formulation: at.scene)
+    monkeypatch.setattr(measure, "time_calls", timed)
+    monkeypatch.setattr(measure, "rate_call", lambda at, formulation: at.scene)
     second = [*Snake.structures(2)][1]
     settings = {"scene": "snake", "links": 2, "formulation": "au", "repeats": 4}
-    found = absent.saving(Snake, settings | {"structure": second.structure})
+    found = measure.saving(Snake, settings | {"structure": second.structure})
     assert (found.structure, found.formulation) == (second.structure, "au")
-    assert found.absent == absent.absent_terms(second)
+    assert found.absent == measure.absent_terms(second)
     assert found.seconds == (2e-6, 3e-6) and found.operations[0] < found.operations[1]
     assert asked == [("snake", [second.name] * 2, 4)]
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Panel
+from eomcheck.lab.show.chart import Chart, Panel
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.paper import measure as paper
-from eomcheck.lab.studies.paper.claims.claim import PAPER_CLAIMS, judge
 from eomcheck.lab.studies.paper.measure import FULL, QUICK, STUDY, Found, Solver, growth
+from eomcheck.lab.studies.paper.paper_claims import PAPER_CLAIMS, judge
 from eomcheck.lab.studies.paper.show import robot
 
 FIRST, SECOND = SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))

@@ -10,7 +10,7 @@ import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.quantities import QUANTITIES
-from eomcheck.lab.show.cell import Cell
+from eomcheck.lab.show.table import Cell
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import study_of
@@ -18,8 +18,7 @@ from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
 from eomcheck.lab.studies.engines import Compared
 from eomcheck.lab.studies.motion import MotionTime
-from eomcheck.lab.studies.operations.absent import Saving
-from eomcheck.lab.studies.operations.counting import Operations, record_of
+from eomcheck.lab.studies.operations.measure import Operations, Saving, record_of
 from eomcheck.lab.studies.rhs import Timing
 from eomcheck.lab.studies.robots import Read
 from eomcheck.lab.studies.stability.measure import outcome

@@ -33,7 +33,7 @@ from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.page import write_page
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.report.units import units
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.findings import PROOFS, RUNS
 from eomcheck.lab.store.kept import Kept
 from eomcheck.lab.store.record import Record

@@ -20,9 +20,9 @@ from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import disturbed
-from eomcheck.lab.show import by_matplotlib
+from eomcheck.lab.show import chart_matplotlib
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.studies import work_precision
@@ -134,9 +134,9 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
     def draw(records: list[Record], which: int = 0, rendered: bool = False):
         if not rendered:  # most of the time goes into where to put what
-            monkeypatch.setattr(by_matplotlib, "save", lambda *_: None)
+            monkeypatch.setattr(chart_matplotlib, "save", lambda *_: None)
         parts = [chart.files()[which] for chart in charts(records)]
-        by_matplotlib.draw(parts, tmp_path / "figure.png")
+        chart_matplotlib.draw(parts, tmp_path / "figure.png")
         return plt.gcf()
 
     yield draw

@@ -14,7 +14,7 @@ from tests.exact import SMALL_SCENES, RandomFractions
 from eomcheck.claims.point import Point
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition, kane
-from eomcheck.formulations.projection import project
+from eomcheck.formulations.em import project
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import duals, rate
 

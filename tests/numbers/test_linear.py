@@ -16,7 +16,7 @@ from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.program import INLINE
-from eomcheck.lab.studies.stability.families.snake import MASS_RATIO
+from eomcheck.lab.studies.stability.snake_families import MASS_RATIO
 from eomcheck.numbers import linear
 from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching
 from eomcheck.numbers.noise import STEP

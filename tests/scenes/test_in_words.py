@@ -15,7 +15,7 @@ from eomcheck.mechanics.described import words
 from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import Sleigh
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"

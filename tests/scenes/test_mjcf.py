@@ -18,8 +18,8 @@ from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.comparing import compare
 from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.named import scene_of
 from eomcheck.robots import from_mjcf, mjcf_file
+from eomcheck.scene_lookup import scene_of
 
 mujoco = pytest.importorskip("mujoco")
 

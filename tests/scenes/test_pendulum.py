@@ -11,7 +11,7 @@ import eomcheck
 from eomcheck.claims import CLAIMS
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
 Q, V = np.array([0.6, -0.8]), np.array([1.6, 1.2])

@@ -42,7 +42,6 @@ from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_
 from eomcheck.mechanics.described.topology import ROLLING
 from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, coupling, weld
 from eomcheck.mechanics.records import State
-from eomcheck.named import kinds_of
 from eomcheck.random_mechanisms import RANDOM, closing
 from eomcheck.random_mechanisms.closing import INDEPENDENT, UPRIGHT
 from eomcheck.random_mechanisms.description import Description, poses
@@ -50,6 +49,7 @@ from eomcheck.random_mechanisms.kinds import CONSTRAINTS
 from eomcheck.random_mechanisms.parts import body
 from eomcheck.random_mechanisms.trees import BRANCHED, ROOT, SHAPE
 from eomcheck.random_mechanisms.urdf import URDF_JOINTS, urdf_text, urdf_tree
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import from_urdf
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)

@@ -10,7 +10,7 @@ import pytest
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 
 TRAILER = Path(__file__).parents[2] / "docs" / "guides" / "trailer.py"
 Q, U = np.array([0.4, 1.0, 2.0]), np.array([1.5, 0.7])

@@ -20,8 +20,8 @@ from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
-from eomcheck.named import kinds_of, left_out, scene_of
 from eomcheck.robots.urdf import urdf_kind
+from eomcheck.scene_lookup import kinds_of, left_out, scene_of
 from eomcheck.scenes import from_urdf
 
 ROBOTS = Path(__file__).parent / "robots"

@@ -37,8 +37,7 @@ from eomcheck.console import progress
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
 from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.robots import from_mjcf, from_urdf

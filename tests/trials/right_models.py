@@ -20,8 +20,7 @@ from tests.trials.formula_models import formula_models
 from tests.trials.library_models import Model, library_models
 from tests.trials.progress import Progress, ignore_interrupts
 
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.testing import check
 
 LEAST = 200

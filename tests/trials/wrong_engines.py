@@ -19,8 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import Sheet, print_sheets
 
 LEAST = 38
 """So many of the faults must be found, each by the name of its term."""

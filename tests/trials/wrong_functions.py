@@ -27,8 +27,7 @@ from tests.trials.formula_models import _damped_chain, _furuta, _two_link_arm, b
 from tests.trials.progress import Progress, ignore_interrupts
 
 from eomcheck.claims.finding import Finding
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.testing import check
 from eomcheck.testing.answers import Answers
 from eomcheck.testing.point import Point

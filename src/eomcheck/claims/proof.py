@@ -37,7 +37,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.degree import Bound, Degrees
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, DomainError
 from eomcheck.numbers.generic import NotRationalError
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 
 def prove(

@@ -28,7 +28,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import column_scale
 from eomcheck.numbers.pivots import EPS, scale_of
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 
 def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:

@@ -77,7 +77,9 @@ def _place(kind: type) -> str:
         return f"from {module} import {name}"
     path = Path(file).resolve()
     if "." not in module:
-        return f"from eomcheck.lookup import in_file\n{name} = in_file({str(path)!r}, {name!r})"
+        return (
+            f"from eomcheck.class_lookup import in_file\n{name} = in_file({str(path)!r}, {name!r})"
+        )
     # Files of one package import each other by their names.
     depth = module.count(".") + (path.name == "__init__.py")
     root = str(path.parents[depth])

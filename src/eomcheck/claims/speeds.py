@@ -29,7 +29,7 @@ from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Partition, em, kane
-from eomcheck.formulations.projection import project
+from eomcheck.formulations.em import project
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import Array, map_record, objects
 

@@ -22,7 +22,7 @@ from eomcheck.mechanics.choices import FromGenerator, Ways
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.strategies.states import ordinary_state, state_ranges
+from eomcheck.strategies.state_strategies import ordinary_state, state_ranges
 
 REST_EVERY = 10
 """At most one draw of so many is at rest."""

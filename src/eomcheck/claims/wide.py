@@ -19,7 +19,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.strategies.states import angles_of
+from eomcheck.strategies.state_strategies import angles_of
 
 TURNS = 2
 """Whole turns of an angle to either side, at most."""

@@ -16,13 +16,19 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from eomcheck import calls, supervisor
-from eomcheck.cli import checking, comparing, drawing, fuzzing, motions
+from eomcheck.class_lookup import looked_up_code, outside
+from eomcheck.cli import (
+    check_commands,
+    compare_command,
+    fuzz_command,
+    scene_commands,
+    study_commands,
+)
 from eomcheck.cli.app import app, help_width, usage_error
-from eomcheck.cli.study import bench, draw, study
+from eomcheck.cli.study_commands import bench, draw, study
 from eomcheck.console import said_at_work
 from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_error
-from eomcheck.lookup import looked_up_code, outside
-from eomcheck.output import unfailing
+from eomcheck.safe_output import unfailing
 
 SUPERVISED = "validate", "fuzz"
 """Commands that ask outside libraries, Pinocchio and CasADi, unless told otherwise."""
@@ -112,4 +118,12 @@ def _said(sentence: str, code: int) -> int:
     return code
 
 
-__all__ = ["app", "checking", "comparing", "drawing", "fuzzing", "main", "motions"]
+__all__ = [
+    "app",
+    "check_commands",
+    "compare_command",
+    "fuzz_command",
+    "main",
+    "scene_commands",
+    "study_commands",
+]

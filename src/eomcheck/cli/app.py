@@ -1,4 +1,4 @@
-"""The command line itself, which commands of the other files join."""
+"""The command line application: its help, exit codes and usage errors; commands register here."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from inspect import getattr_static
 
 from eomcheck import calls
+from eomcheck.class_lookup import Kind, looked_up
 from eomcheck.engines.answers import Answers, EngineFault, made, represents, version_of
 from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
@@ -17,7 +18,6 @@ from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.engines.pybullet import PybulletEngine
 from eomcheck.errors import InputError, distinct
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lookup import Kind, looked_up
 
 ENGINES: dict[str, type[Engine]] = {
     engine.key: engine
@@ -45,8 +45,8 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
     """Return the engine that `name` stands for.
 
     Args:
-        name: a key of `ENGINES`, another name as `eomcheck.lookup.looked_up` understands it, or the
-            class itself.
+        name: a key of `ENGINES`, another name as `eomcheck.class_lookup.looked_up` understands it,
+            or the class itself.
 
     Raises:
         UnknownNameError: there is none.

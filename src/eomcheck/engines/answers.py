@@ -16,7 +16,7 @@ from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.output import printable
+from eomcheck.safe_output import printable
 
 ELSEWHERE = 0.25
 """How far off the states are at which an engine is asked before, per size above 1, see

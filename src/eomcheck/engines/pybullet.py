@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from eomcheck.atomic_write import write_text
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
-from eomcheck.files import write_text
 from eomcheck.mechanics.described.quaternions import roll_pitch_yaw_of
 from eomcheck.numbers.generic import Array
 

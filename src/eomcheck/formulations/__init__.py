@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from eomcheck.errors import InputError, distinct, named
 from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml, uk
-from eomcheck.formulations.base import Formulation, Partition
+from eomcheck.formulations.formulation import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 
 FORMULATIONS: dict[str, Formulation] = {

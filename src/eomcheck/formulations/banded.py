@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.formulations.base import Formulation
+from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.generic import generic
 

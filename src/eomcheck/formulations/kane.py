@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.formulations.base import Formulation
+from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve

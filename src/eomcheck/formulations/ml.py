@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from eomcheck.formulations.base import Formulation
-from eomcheck.formulations.projection import project
+from eomcheck.formulations.em import project
+from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 

@@ -14,7 +14,7 @@ from eomcheck.formulations import Formulation
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import Sketch
-from eomcheck.named import ROBOTS, kind_of, scene_of
+from eomcheck.scene_lookup import ROBOTS, kind_of, scene_of
 
 BETWEEN = 6
 """Points of a path from one frame to the next."""
@@ -31,7 +31,7 @@ def scene_to_draw(
         given: parameters that are other than usual.
 
     Raises:
-        UnknownNameError, InputError: see `eomcheck.named.scene_of`.
+        UnknownNameError, InputError: see `eomcheck.scene_lookup.scene_of`.
     """
     if name in ROBOTS:
         scene = scene_of(name, links, given)

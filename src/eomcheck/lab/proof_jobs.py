@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from eomcheck.errors import MOST_COUNTED, whole_number
 from eomcheck.formulations import formulations_among
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import ALL, kinds_of
+from eomcheck.scene_lookup import ALL, kinds_of
 
 LINKS = (*range(1, 13), 20, 50, 100)
 """Numbers of links that are proved by default."""
@@ -41,7 +41,7 @@ def proof_jobs(
     """Return the jobs for the kinds of scenes that `scene` stands for.
 
     Args:
-        scene: a name, see `eomcheck.named.kinds_of`.
+        scene: a name, see `eomcheck.scene_lookup.kinds_of`.
         links: numbers of links, for kinds that have one; by default `LINKS`.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.

@@ -16,7 +16,7 @@ from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
 from eomcheck.lab.proof_jobs import ProofJobs
-from eomcheck.lab.show.text import write_json
+from eomcheck.lab.show.document_text import write_json
 from eomcheck.lab.store.findings import PROOFS, kept_in, kept_of, record_of
 from eomcheck.lab.store.groups import group
 from eomcheck.lab.store.kept import Kept

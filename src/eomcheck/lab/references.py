@@ -8,8 +8,7 @@ from pathlib import Path
 from eomcheck import __version__
 from eomcheck.errors import InputError
 from eomcheck.lab.reference_cases import CASES
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 from eomcheck.motion.reference_io import Reference, load_reference, save_reference
 
 

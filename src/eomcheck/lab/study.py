@@ -14,9 +14,9 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any
 
-from eomcheck.files import write_text
+from eomcheck.atomic_write import write_text
 from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.cells import run_cells
 from eomcheck.lab.store.executors import check_place
 from eomcheck.lab.store.groups import group, rows_of
@@ -149,7 +149,7 @@ class Study:
 
     def write(self, found: Found, folder: Path) -> list[Path]:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""
-        from eomcheck.lab.show.by_matplotlib import draw
+        from eomcheck.lab.show.chart_matplotlib import draw
 
         files = (file for one in self.charts(found) for file in one.files())
         drawn = group(files, lambda chart: chart.name)

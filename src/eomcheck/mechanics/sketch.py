@@ -1,7 +1,7 @@
 """What a picture of a scene is made of: bodies, joints, coordinates and constraints in one pose.
 
 Points and directions have 2 components in the plane and 3 in space, in m and along axes that do not
-turn. Nothing here draws; `eomcheck.lab.show.drawing` does.
+turn. Nothing here draws; `eomcheck.lab.show.sketch_drawing` does.
 """
 
 from __future__ import annotations

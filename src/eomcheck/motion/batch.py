@@ -25,7 +25,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation, formulation_for
-from eomcheck.formulations.base import Choice
+from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels import dop853
 from eomcheck.kernels.jit import memory
 from eomcheck.kernels.kernel import Kernel
@@ -48,7 +48,7 @@ from eomcheck.numbers.generic import FLOAT64, Array, each
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import EPS
 from eomcheck.numbers.tape import Tape
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 # ---- Initial states ------------------------------------------------------------------------------
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.atomic_write import read_text, write_text
 from eomcheck.errors import InputError
-from eomcheck.files import read_text, write_text
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES

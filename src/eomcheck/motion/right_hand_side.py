@@ -28,8 +28,8 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.formulations.base import Choice
 from eomcheck.formulations.em import velocity_of_independent
+from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.kernels.jit import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.kernel import Kernel

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from eomcheck.atomic_write import check_regular
 from eomcheck.errors import InputError
-from eomcheck.files import check_regular
 
 LARGEST = 20_000_000
 """Bytes that a file may have."""

@@ -18,11 +18,21 @@ from __future__ import annotations
 from hypothesis import HealthCheck
 from hypothesis import settings as hypothesis_settings
 
-from eomcheck.strategies.entries import NEGLIGIBLE
-from eomcheck.strategies.hostile import hostile_snakes, hostile_states
-from eomcheck.strategies.mechanisms import random_mechanisms, random_trees, urdfs
-from eomcheck.strategies.scenes import scenes, snakes
-from eomcheck.strategies.states import CURVATURE, scene_states, states
+from eomcheck.strategies.scene_strategies import (
+    NEGLIGIBLE,
+    random_mechanisms,
+    random_trees,
+    scenes,
+    snakes,
+    urdfs,
+)
+from eomcheck.strategies.state_strategies import (
+    CURVATURE,
+    hostile_snakes,
+    hostile_states,
+    scene_states,
+    states,
+)
 
 __all__ = [
     "CURVATURE",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from eomcheck.atomic_write import read_text
 from eomcheck.errors import InputError
-from eomcheck.files import read_text
 
 
 def expected_failures(path: Path) -> dict[str, str]:

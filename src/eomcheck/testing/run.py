@@ -16,7 +16,7 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 # In the order in which a failure is closest to its cause.
 from eomcheck.testing import of_answers, of_terms, of_energies  # isort: skip

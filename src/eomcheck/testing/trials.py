@@ -20,7 +20,7 @@ from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine, represents
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import SCENES
 from eomcheck.testing.run import FUNCTION_CLAIMS, check
 from eomcheck.testing.subject import Functions

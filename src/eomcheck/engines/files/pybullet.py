@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.atomic_write import write_text
 from eomcheck.engines.files.base import FileEngine
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import FREE, BaseVelocity, FreeBase, free_base
 from eomcheck.engines.pybullet import BASE, PybulletEngine
-from eomcheck.files import write_text
 from eomcheck.numbers.generic import Array
 
 POSE = 9

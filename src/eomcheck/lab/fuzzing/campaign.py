@@ -27,7 +27,7 @@ from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.records import State
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
 """Names that Records are read by."""

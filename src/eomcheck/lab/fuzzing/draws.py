@@ -21,7 +21,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import null_space
-from eomcheck.strategies.states import CURVATURE, angles_of, state_ranges
+from eomcheck.strategies.state_strategies import CURVATURE, angles_of, state_ranges
 
 
 def drawn_position(

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.errors import InputError, message_of
-from eomcheck.files import locked, read_text, write_text
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.mechanics.scene import finite_array
 

@@ -14,7 +14,7 @@ from eomcheck.lab.fuzzing.judging import Fault, fault_of
 from eomcheck.lab.fuzzing.motion_finding import MotionFinding, python_of_motion
 from eomcheck.lab.fuzzing.parameters import case_of, functions_named, parameters_of
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import SCENES
 
 FUNCTIONS = "functions"

@@ -14,7 +14,7 @@ from eomcheck.lab.fuzzing.mutation import Changed
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.strategies.states import state_ranges
+from eomcheck.strategies.state_strategies import state_ranges
 
 OVERSAMPLED = 2
 """Cases that are changed for one that is asked: closing may lead out of the ranges."""

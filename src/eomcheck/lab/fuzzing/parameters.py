@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.class_lookup import value_of
 from eomcheck.errors import InputError, message_of
 from eomcheck.lab.fuzzing.families import Case
-from eomcheck.lookup import value_of
 from eomcheck.mechanics.described.words import Constraint, Joint, Link
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State

@@ -10,8 +10,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.report.units import units
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.lab.show.table import Sheet, print_sheets, say
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from eomcheck.claims.finding import DECIDED
 from eomcheck.lab.report.judged import Judged
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 from eomcheck.lab.store.kept import Kept
 
 CELLS = (

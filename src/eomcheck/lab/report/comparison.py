@@ -7,16 +7,14 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from eomcheck.atomic_write import write_text
 from eomcheck.claims.entries import listed
 from eomcheck.console import console
-from eomcheck.files import write_text
 from eomcheck.lab.comparing import OURS
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.quantities import QUANTITIES
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
-from eomcheck.output import counted
+from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.safe_output import counted
 
 NOBODY = (
     "The two derivations of eomcheck agree in these states, but share one reading of the file: "

@@ -6,8 +6,7 @@ import numpy as np
 
 from eomcheck.evaluation.constraint_rank import rank_of
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.lab.show.table import Sheet, print_sheets, say
 from eomcheck.mechanics.scene import Scene
 
 

@@ -10,7 +10,7 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.engines import version_of
-from eomcheck.lab.show.text import write_json as write_document
+from eomcheck.lab.show.document_text import write_json as write_document
 
 
 def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:

@@ -10,15 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eomcheck import __version__
+from eomcheck.atomic_write import write_text
 from eomcheck.errors import InputError
-from eomcheck.files import write_text
 from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import LEVELS, Judged
 from eomcheck.lab.report.named_tests import PROVED, named_tests
 from eomcheck.lab.report.other_data import other_data
 from eomcheck.lab.report.overview import Overview, made
-from eomcheck.lab.show.templating import render
-from eomcheck.lab.show.text import ranges
+from eomcheck.lab.show.document_text import ranges, render
 from eomcheck.lab.store.findings import PROOFS, RUNS, STATES
 from eomcheck.lab.store.groups import group
 from eomcheck.scenes import SCENES

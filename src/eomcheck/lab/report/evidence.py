@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from eomcheck.lab.report.judged import LEVELS, Judged, anchor
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.templating import number
-from eomcheck.output import counted
+from eomcheck.lab.show.document_text import number
+from eomcheck.lab.show.table import Cell, Sheet
+from eomcheck.safe_output import counted
 
 
 def evidence_sheet(judged: Judged) -> Sheet:

@@ -14,11 +14,10 @@ from eomcheck.engines import Engine, represents, version_of
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
 from eomcheck.lab.report.judged import Judged, by_claim
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.lab.show.table import Sheet, print_sheets, say
 from eomcheck.lab.store.findings import kept_of_runs
 from eomcheck.lab.store.groups import group
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 
 def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False) -> None:

@@ -15,10 +15,8 @@ from eomcheck.lab.fuzzing.functions import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.replay import Replayed
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
-from eomcheck.output import counted, printable
+from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.safe_output import counted, printable
 
 EVERY = 10.0
 """Seconds between two lines of progress."""

@@ -11,11 +11,11 @@ from typing import Any
 from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.entries import lists
 from eomcheck.claims.finding import DECIDED
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.text import ranges
+from eomcheck.lab.show.document_text import ranges
+from eomcheck.lab.show.table import Cell
 from eomcheck.lab.store.groups import group
 from eomcheck.lab.store.kept import Kept
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")
 """Levels of evidence, strongest first."""

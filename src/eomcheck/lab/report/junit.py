@@ -6,10 +6,10 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from eomcheck.files import replacing
+from eomcheck.atomic_write import replacing
 from eomcheck.lab.report.judged import Judged
 from eomcheck.lab.report.overview import Overview
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML cannot hold."""

@@ -8,13 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from eomcheck.lab.report.units import units
-from eomcheck.lab.show.chart import Chart, in_rows
-from eomcheck.lab.show.panel import Axis, Band, Panel
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
+from eomcheck.lab.show.table import Sheet, print_sheets, say
 from eomcheck.motion.batch import Trajectories
 from eomcheck.numbers.generic import Array
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 QUANTILES = {"least": 0.0, "quartile": 0.25, "median": 0.5, "3rd quartile": 0.75, "largest": 1.0}
 PANELS = 12

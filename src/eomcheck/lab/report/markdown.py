@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eomcheck.files import write_text
+from eomcheck.atomic_write import write_text
 from eomcheck.lab.report.claims import scene_sheet
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of
-from eomcheck.lab.show.templating import render
+from eomcheck.lab.show.document_text import render
 
 
 def write_markdown(overview: Overview, path: Path) -> None:

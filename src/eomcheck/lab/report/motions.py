@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets, say
+from eomcheck.lab.show.table import Sheet, print_sheets, say
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.trajectory_errors import constraint_error, energy_error
 

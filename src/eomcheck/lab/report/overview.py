@@ -18,7 +18,7 @@ from eomcheck.lab.store.findings import PROOFS, RUNS, fault_of, kept_in
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.settings import key_of
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 from eomcheck.scenes import SCENES
 
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]

@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from eomcheck import __version__
+from eomcheck.atomic_write import write_text
 from eomcheck.engines import ENGINES
-from eomcheck.files import write_text
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.claims import party_sheet
 from eomcheck.lab.report.evidence import evidence_sheet
 from eomcheck.lab.report.judged import Judged, anchor
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.sections import sections_of
-from eomcheck.lab.show.chart import Chart, keys_of
-from eomcheck.lab.show.style import STYLES
-from eomcheck.lab.show.templating import environment, render
+from eomcheck.lab.show.chart import STYLES, Chart, keys_of
+from eomcheck.lab.show.document_text import environment, render
 from eomcheck.lab.store.kept import Kept
 
 LIGHT, DARK = "#ffffff", "#15181c"
@@ -26,7 +25,7 @@ CONTRAST = 4.0
 
 def check_installed() -> None:
     """Raise EngineError if jinja2 or plotly is not installed."""
-    from eomcheck.lab.show.by_plotly import plotly_js
+    from eomcheck.lab.show.chart_plotly import plotly_js
 
     environment()
     plotly_js()
@@ -38,7 +37,7 @@ def write_page(overview: Overview, path: Path) -> None:
     Raises:
         EngineError: jinja2 or plotly is not installed.
     """
-    from eomcheck.lab.show.by_plotly import json_of, plotly_js
+    from eomcheck.lab.show.chart_plotly import json_of, plotly_js
 
     sections = [(one, one.charts()) for one in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.parameters import Parametric

@@ -9,10 +9,9 @@ from eomcheck.lab.proofs import Proofs
 from eomcheck.lab.report.claims import name_of
 from eomcheck.lab.report.findings import print_unseen
 from eomcheck.lab.report.judged import Judged, by_claim
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.terminal import print_sheets
+from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.lab.store.groups import group
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 
 def proof_sheet(claims: Iterable[Judged]) -> Sheet:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
 
 GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")

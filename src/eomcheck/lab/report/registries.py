@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from eomcheck.errors import message_of
 from eomcheck.lab.report.scenes import first_line, registered_scenes
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 
 if TYPE_CHECKING:
     from eomcheck.formulations import Formulation
@@ -59,9 +58,9 @@ def function_claims_sheet() -> Sheet:
 
 
 def _engines() -> Sheet:
+    from eomcheck.class_lookup import announced
     from eomcheck.engines import ENGINE, ENGINES, engine_of, version_of
     from eomcheck.errors import EngineError
-    from eomcheck.lookup import announced
 
     rows = []
     for engine in ENGINES.values():

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 
 if TYPE_CHECKING:
     from eomcheck.evaluation.scene_quantities import Quantities
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
 def registered_scenes() -> Sheet:
     """Return the table of all registered scenes."""
     from eomcheck.engines import ENGINES
-    from eomcheck.lab.studies.operations.counting import outline
+    from eomcheck.lab.studies.operations.measure import outline
     from eomcheck.numbers.counting import Counting
     from eomcheck.scenes import SCENES
 

@@ -10,7 +10,7 @@ from eomcheck.errors import EomcheckError, described_error
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.states import digits_sheet, strata_sheet
 from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies import STUDIES, study_of
 

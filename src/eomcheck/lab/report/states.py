@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from statistics import median
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.groups import group
 from eomcheck.lab.store.kept import Kept
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 
 def digits_sheet(rows: Iterable[Kept]) -> Sheet:

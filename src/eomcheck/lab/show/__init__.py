@@ -1,1 +1,1 @@
-"""Tables, charts, figures and files."""
+"""Tables, charts, pictures and text of documents."""

@@ -1,11 +1,11 @@
-"""matplotlib's pyplot, which opens no window here."""
+"""matplotlib's pyplot with the Agg backend, which opens no window."""
 
 from __future__ import annotations
 
 import matplotlib
+import matplotlib.pyplot as plt
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt
 
 __all__ = ["plt"]

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
+from eomcheck.atomic_write import check_regular
 from eomcheck.errors import InputError, UnwrittenError
-from eomcheck.files import check_regular
 
 APPLICATION = int.from_bytes(b"eomc", "big")
 """SQLite's application id: tells our files from those of others."""

@@ -13,7 +13,7 @@ from eomcheck.lab.store.records import Records
 from eomcheck.lab.store.states import looked_at
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 
 
 def look_at_kinds(

@@ -25,7 +25,7 @@ from eomcheck.errors import DiedError, WorkerError
 from eomcheck.lab.store.executors import place_of
 from eomcheck.lab.store.place import Place
 from eomcheck.lab.store.processes import Local
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

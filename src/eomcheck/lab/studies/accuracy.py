@@ -1,4 +1,4 @@
-"""What doubles deliver: certified errors of every formulation over random states."""
+"""Certified float64 errors of every formulation over random states."""
 
 from __future__ import annotations
 
@@ -27,16 +27,15 @@ from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Examples, Links, Seed, check_count, interval
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
 
 FLOOR = 1e-3

@@ -1,4 +1,4 @@
-"""How far apart the formulations are on random snakes, beside what rounding allows and a fault."""
+"""Differences between formulations on random snakes, beside the rounding bound and a fault."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Links, Seed, check_count, interval
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.snake import joints
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.sketch_drawing import joints
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.groups import group, record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings

@@ -1,4 +1,4 @@
-"""What each engine can say, and how far what it says is from the scenes' own."""
+"""Differences between each engine and the scenes' own equations, and what each engine offers."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.options import Seed, check_count, interval
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 from eomcheck.lab.store.groups import record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings

@@ -18,9 +18,8 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
-from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Formulations, Study

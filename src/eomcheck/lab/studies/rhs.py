@@ -36,8 +36,8 @@ from eomcheck.kernels.kernel import repeated, sines
 from eomcheck.lab.draws import draw
 from eomcheck.lab.options import Kind, Repeats, Set, check_count, parameters
 from eomcheck.lab.run_time import slope
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.text import seconds_text
+from eomcheck.lab.show.document_text import seconds_text
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.groups import group, record_of_rows, rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
@@ -52,10 +52,10 @@ from eomcheck.motion.right_hand_side import (
     record_of,
     state_of,
 )
-from eomcheck.named import kinds_of
 from eomcheck.numbers.dual import Recorder
 from eomcheck.numbers.generic import FLOAT64, Angles, Array
 from eomcheck.numbers.symbolic import Symbols
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import Snake
 
 LINKS = (7, 20, 100, 1000, 10000)

@@ -1,4 +1,4 @@
-"""Robot descriptions that come with packages: checked, proved, and read by several libraries."""
+"""Robot descriptions from installed packages: checked, proved, and read by several libraries."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparing import compare
 from eomcheck.lab.options import Seed, check_count
 from eomcheck.lab.quantities import QUANTITIES
-from eomcheck.lab.show.cell import Cell
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Cell, Sheet
 from eomcheck.lab.store.groups import rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings

@@ -1,4 +1,4 @@
-"""What the constant C of every tolerance rests on: observed / (κ ε scale) over random states."""
+"""Evidence for the constant C of every tolerance: observed / (κ ε scale) over random states."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.options import Examples, Kind, Seed, check_count, interval
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import Snake
 
 

@@ -1,4 +1,4 @@
-"""Error against run time: formulations × integrators × tolerances × scenes, data first.
+"""Work-precision diagrams: formulations × integrators × tolerances × scenes.
 
 Each cell is one Record. Errors are those against a stored reference solution at its output times;
 run times are those of the integration alone, in machine code and warm.
@@ -19,10 +19,9 @@ from eomcheck.formulations import formulations_for
 from eomcheck.lab.reference_cases import CASES
 from eomcheck.lab.references import stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
-from eomcheck.lab.show.chart import Chart, File
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.text import seconds_text
+from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.document_text import seconds_text
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.groups import by_setting, group, select, values
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
@@ -31,7 +30,7 @@ from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.reference_io import Reference
 from eomcheck.motion.simulate import Motion, Trajectory, simulate
 from eomcheck.motion.trajectory_errors import constraint_drift, energy_drift, errors_of
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)

@@ -1,4 +1,4 @@
-"""What one right-hand side costs, over the number of links; and what leaving out saves."""
+"""Operation counts of one right-hand side over the number of links, and savings by absent terms."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from eomcheck.lab.options import interval
 from eomcheck.lab.store.groups import record_of_rows
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
-from eomcheck.lab.studies.operations import absent, counting, show
+from eomcheck.lab.studies.operations import measure, show
 from eomcheck.lab.study import Formulations, Study, failed
-from eomcheck.named import kinds_of
+from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import Snake
 
 Absent = Annotated[str | None, "Show what absent terms save instead, on a kind of scene or all."]
@@ -39,7 +39,7 @@ def cells(
         kinds = kinds_of(scene)
         if links is not None and not any(kind.has_links for kind in kinds):
             raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
-        yield from absent.cells(kinds, high, formulation, 15 if repeats is None else repeats)
+        yield from measure.cells(kinds, high, formulation, 15 if repeats is None else repeats)
         return
     if repeats is not None:
         raise InputError(f"repeats = {repeats}: nothing is timed without a scene")
@@ -57,20 +57,20 @@ def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settin
 
     def work(settings: Settings) -> Record:
         if scene is not None:
-            rows = [absent.saving(kinds[settings["scene"]], settings)]
+            rows = [measure.saving(kinds[settings["scene"]], settings)]
             return record_of_rows(STUDY.key, settings, rows)
         coil = Snake.coil(settings["links"])
         formulation = FORMULATIONS[settings["formulation"]]
         if "springs" in settings:
-            rows = [counting.compare_springs(coil, formulation)]
+            rows = [measure.compare_springs(coil, formulation)]
             return record_of_rows(STUDY.key, settings, rows)
-        return counting.record_of(counting.count(coil, formulation))
+        return measure.record_of(measure.count(coil, formulation))
 
     return work
 
 
 STUDY = Study(
-    key=counting.STUDY,
+    key=measure.STUDY,
     cells=cells,
     worker=worker,
     sheets=show.sheets,

@@ -1,4 +1,4 @@
-"""The paper's simulations over again: its table, its figures, and its claims judged by them."""
+"""Repetition of the paper's simulations: its table, its figures, and its claims judged by them."""
 
 from __future__ import annotations
 

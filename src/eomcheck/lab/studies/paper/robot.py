@@ -1,4 +1,4 @@
-"""The paper's Fig. 2, and its robot in motion: drawn from Records."""
+"""Poses (the paper's Fig. 2) and an animation of its robot, drawn from Records by matplotlib."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from eomcheck.lab.show.figures import save
+from eomcheck.lab.show.chart_matplotlib import save
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.snake import joints
+from eomcheck.lab.show.sketch_drawing import joints
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of
 from eomcheck.lab.studies.paper.show import POSES, robot

@@ -1,4 +1,4 @@
-"""The paper's table and figures from Records, and its claims beside them."""
+"""Tables and charts of the paper's table and figures, with its claims judged, from Records."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.chart import Chart, File
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
-from eomcheck.lab.show.text import seconds_text
+from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.document_text import seconds_text
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
-from eomcheck.lab.studies.operations.fits import fit_order
-from eomcheck.lab.studies.operations.show import signed_sum
-from eomcheck.lab.studies.paper.claims import judgements
-from eomcheck.lab.studies.paper.claims.claim import KANE
+from eomcheck.lab.studies.operations.show import fit_order, signed_sum
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
-from eomcheck.output import counted
+from eomcheck.lab.studies.paper.paper_claims import KANE, judgements
+from eomcheck.safe_output import counted
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""

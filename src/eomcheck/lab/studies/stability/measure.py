@@ -1,7 +1,8 @@
-"""The stability atlas: every formulation through families of growing severity, certified.
+"""Measurements of the stability atlas: every formulation through families of growing severity.
 
+A family is a sequence of states that grow more severe by one number; `FAMILIES` lists them all.
 Each cell, one formulation at one state, is one Record: the true relative error against ball
-arithmetic, what the error bound and κ ε foresaw, the condition number of each matrix solved, or the
+arithmetic, the error bound and κ ε beside it, the condition number of each matrix solved, or the
 refusal and its reason. Verdicts are read off the Records.
 """
 
@@ -30,10 +31,48 @@ from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.lab.store.groups import by_setting, group
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
-from eomcheck.lab.studies.stability.families import FAMILIES, Posed, families_about
+from eomcheck.lab.studies.stability import scene_families, snake_families, two_wheels
+from eomcheck.lab.studies.stability.scene_families import Family, Posed
 from eomcheck.lab.study import Formulations
-from eomcheck.named import kinds_of
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.pivots import EPS
+from eomcheck.scene_lookup import kinds_of
+from eomcheck.scenes import SCENES, Snake
+
+# ---- All families --------------------------------------------------------------------------------
+
+
+def _families_of(kind: type[Scene]) -> Iterator[Family]:
+    yield from scene_families.families_of_kind(kind)
+    yield from (family for family in scene_families.OF_SINGLE_SCENES if family.about == kind.key)
+
+
+FAMILIES: dict[str, Family] = {
+    family.key: family
+    for family in (
+        snake_families.STIFFNESS,
+        snake_families.WHEEL_ANGLE,
+        snake_families.STRAIGHT,
+        snake_families.MASS_RATIO,
+        snake_families.LENGTH_RATIO,
+        snake_families.LINKS,
+        snake_families.SPEED,
+        snake_families.TURNS,
+        two_wheels.DEPENDENT,
+        snake_families.VIOLATED,
+        *(family for kind in SCENES.values() if kind is not Snake for family in _families_of(kind)),
+    )
+}
+"""Key -> family."""
+
+
+def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
+    """Return the families that say something of these kinds of scene."""
+    keys = {kind.key for kind in kinds}
+    return tuple(family for family in FAMILIES.values() if family.about in keys)
+
+
+# ---- Cells and their outcomes --------------------------------------------------------------------
 
 STUDY = "stability"
 STATE = ("family", "variant", "severity")

@@ -8,13 +8,11 @@ from collections.abc import Iterator, Sequence
 
 from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
 from eomcheck.evaluation.tolerance import NOTICEABLE
-from eomcheck.lab.show.chart import Chart, File, in_rows
-from eomcheck.lab.show.heat import Box, Heat
-from eomcheck.lab.show.panel import Axis, Line, Panel
-from eomcheck.lab.show.sheet import Sheet
+from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
+from eomcheck.lab.show.table import Sheet
 from eomcheck.lab.store.record import Record
-from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.lab.studies.stability.measure import (
+    FAMILIES,
     Atlas,
     Method,
     Outcome,
@@ -26,7 +24,7 @@ from eomcheck.lab.studies.stability.measure import (
     method_of,
     outcome,
 )
-from eomcheck.output import counted
+from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
 
 WORDS = {

@@ -1,0 +1,108 @@
+"""Atomic writes of files, locks between processes, and checks of paths.
+
+A file is written beside the old one and replaces it when it is whole: an exception or the end of
+the process leaves the old file as it was.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from eomcheck.errors import InputError, UnwrittenError
+
+
+def _cannot(path: Path, error: OSError) -> UnwrittenError:
+    return UnwrittenError(f"{str(path)!r} cannot be written: {error.strerror or error}")
+
+
+def _replaced(path: Path) -> bool:
+    """Return whether a file takes the place of another; what is a device or a pipe stays one."""
+    return path.is_file() or not path.exists()
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the path of a new file, of the same suffix, that becomes `path` after the block.
+
+    Whatever ends the block early, an exception or the process, leaves the old file as it was.
+
+    Raises:
+        UnwrittenError: it cannot be written, or not to its end.
+    """
+    target = path.resolve()
+    beside = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    try:
+        if not _replaced(target):
+            yield path
+            return
+        yield beside
+        with beside.open("rb+") as written:
+            os.fsync(written.fileno())
+        if target.exists():
+            beside.chmod(target.stat().st_mode & 0o777)
+        beside.replace(target)
+    except OSError as error:
+        raise _cannot(path, error) from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Let one process at a time read and replace a file in the folder of `path`.
+
+    The lock is the folder's: a file that is replaced takes its own with it. Systems without
+    `flock`, and folders that cannot be locked, have none.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            stack.callback(os.close, folder)
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+
+
+def check_regular(path: Path) -> None:
+    """Raise InputError if `path` is there and no file: a pipe or a device may never end."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{str(path)!r} is not a regular file")
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular file, in UTF-8.
+
+    Raises:
+        InputError: it is a folder, a pipe or a device.
+        OSError, UnicodeDecodeError: it cannot be read.
+    """
+    check_regular(path)
+    return path.read_text(encoding="utf-8")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, in UTF-8, as the file `path`, see `replacing`."""
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8", newline="")
+
+
+def check_writable(path: Path | None) -> None:
+    """Raise InputError if `path` cannot be written; None needs no file."""
+    if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
+        return
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise InputError(f"{str(path)!r} is not a file in a folder that exists")
+    try:
+        if path.exists():
+            with path.open("ab"):
+                pass
+        new = path.resolve().with_name(f".{secrets.token_hex(8)}")
+        new.touch(exist_ok=False)
+        new.unlink()
+    except OSError as error:
+        raise _cannot(path, error) from None

@@ -1,0 +1,389 @@
+"""Commands that check and report: `validate`, `prove`, `list`, `report`, `export`, `reference`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eomcheck.atomic_write import check_writable, write_text
+from eomcheck.calls import PATIENCE
+from eomcheck.cli.app import app
+from eomcheck.cli.shared_options import (
+    REFERENCES,
+    SUITE,
+    Engines,
+    Formulations,
+    Given,
+    Json,
+    Kept,
+    Kind,
+    Patience,
+    Seed,
+    Where,
+    check_folder,
+    check_output,
+    check_used,
+    completing,
+    engines_asked,
+    raise_unread,
+    records_or_none,
+    records_to_report,
+)
+from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
+from eomcheck.lab.options import SCENE_HELP, check_count, interval, parameters, whole_numbers
+
+REGISTRIES = ("formulations", "scenes", "engines", "claims")
+"""What `eomcheck list` can list."""
+
+
+@app.command()
+def validate(
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help=f"{SCENE_HELP} [snake; with an engine of your own all and random ones]",
+            autocompletion=completing("scene", "robot", more=["all"]),
+        ),
+    ] = None,
+    links: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N..M", help="Number of links of the random scenes, N or N..M. [1..12]"
+        ),
+    ] = None,
+    given: Given = None,
+    examples: Annotated[
+        int,
+        typer.Option(
+            help="Number of random scenes of a kind, each in one state, or of random states of one "
+            "scene. Beside them its example, or that scene, is looked at as it begins, and an "
+            "example in one random state too."
+        ),
+    ] = 120,
+    seed: Seed = 0,
+    engine: Engines = None,
+    formulation: Formulations = None,
+    executor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLACE",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [local]",
+        ),
+    ] = None,
+    json: Json = None,
+    records: Kept = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
+    ] = None,
+    wide: Annotated[
+        bool, typer.Option("--wide", help="Print every formulation, engine or scene by itself.")
+    ] = False,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Check every claim on the example of a scene (the paper's robot) and on random ones.
+
+    With --set, or for one snake, on that scene alone, in random states.
+    """
+    bounds, known = interval("1..12" if links is None else links), parameters(given)
+    check_count(examples=examples)
+    for path in (json, report):
+        check_output(path, [records] if records else [])
+
+    from eomcheck.claims import CLAIMS
+    from eomcheck.claims.run import Run
+    from eomcheck.claims.selection import Selection
+    from eomcheck.claims.strata import links_of
+    from eomcheck.claims.trial import check_compared, is_on_trial, represented
+    from eomcheck.console import console, progress, stoppable, undisturbed
+    from eomcheck.engines import engines_among, version_of
+    from eomcheck.lab.report.document import write_json
+    from eomcheck.lab.report.findings import print_runs
+    from eomcheck.lab.store.executors import check_place
+    from eomcheck.lab.store.states import ours, place_for
+    from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
+    from eomcheck.random_mechanisms import RANDOM
+    from eomcheck.scene_lookup import ALL, ROBOTS, kinds_of, left_out, scene_of
+
+    engine = engines_asked(engine)
+    engines = engines_among(engine)
+    tried = tuple(filter(is_on_trial, engines))
+    name, one = scene or (ALL if tried else "snake"), None
+    if known or name in ROBOTS:
+        if bounds[0] != bounds[1] and links is not None:
+            raise InputError(f"links = {links!r}, expected one number: one scene is looked at")
+        one = scene_of(name, None if links is None else bounds[0], known)
+        bounds = (links_of(one) or 1, links_of(one) or 1)
+    kinds = kinds_of(name) if one is None else (type(one),)
+    if scene is None and tried:
+        kinds += tuple(RANDOM.values())
+    if engine:
+        kinds = represented(tried if scene is None and tried else engines, kinds)
+    if links is not None and not any(kind.has_links for kind in kinds):
+        raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
+    # With all our scenes an engine is on trial, and not they.
+    claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
+    selection = Selection.of(formulation, engine, claims, scenes=kinds)
+    if len(kinds) == 1:
+        if executor is None:
+            executor = place_for(examples, kinds, selection.engines)
+        elif not ours(*kinds, *selection.engines):
+            own = "a scene or an engine of your own is looked at in one process"
+            raise InputError(f"executor = {executor!r}: {own}")
+    check_place(executor)
+    for made in selection.engines:
+        version_of(made)  # a missing library is bad input, said before anything is computed
+    runs = {kind.key: Run() for kind in kinds}
+    how = selection, bounds, examples, seed
+    interrupted, lost, unwritten = False, None, None
+    with (
+        stoppable(),
+        records_to_report(records, report) as kept,
+        progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
+    ):
+        try:
+            if len(kinds) == 1:
+                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
+            else:
+                look_at_kinds(runs, *how, advance, kept, executor)
+        except KeyboardInterrupt:
+            interrupted = True
+        except WorkerError as error:
+            lost = error
+        except UnwrittenError as error:
+            unwritten = error
+        # Files first: whatever becomes of the printing, they are there.
+        try:
+            with undisturbed():
+                if json is not None:
+                    write_json(json, runs.values(), selection)
+                if report is not None and kept is not None and unwritten is None:
+                    _write_page([kept.path], report)
+        except KeyboardInterrupt:
+            interrupted = True
+        except UnwrittenError as error:
+            unwritten = unwritten or error
+    findings = [finding for run in runs.values() for finding in run.findings]
+    print_runs(runs, selection, wide)
+    for said in left_out(kinds):
+        print(said)
+    if interrupted:
+        console.print("interrupted: the table holds what was checked until then")
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
+    if json is not None:
+        print(f"written: {json}")
+    if interrupted:
+        raise typer.Exit(130)
+    if lost is not None:
+        raise lost
+    if any(finding.verdict == "failed" for finding in findings):
+        raise typer.Exit(1)
+    if engine and not interrupted:
+        check_compared(engines, findings)
+
+
+@app.command()
+def prove(
+    links: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N..M",
+            help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]",
+        ),
+    ] = None,
+    points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
+    ] = None,
+    scene: Kind = "snake",
+    formulation: Formulations = None,
+    executor: Where = "local",
+    json: Json = None,
+    records: Kept = None,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Prove the claims that are identities, for all parameters and states of a scene at once."""
+    numbers = None if links is None else whole_numbers(links)
+    check_writable(json)
+
+    from eomcheck.console import stoppable
+    from eomcheck.lab.proof_jobs import proof_jobs
+    from eomcheck.lab.proofs import Proofs
+    from eomcheck.lab.report.proofs import print_proofs
+    from eomcheck.lab.store.executors import check_place
+    from eomcheck.scene_lookup import kinds_of, left_out
+
+    jobs = proof_jobs(scene, numbers, points, seed, formulation)
+    check_place(executor)
+    with stoppable(), records_or_none(records) as kept:
+        proofs = Proofs(jobs, json, executor, kept)
+        try:
+            proofs.run()
+        except (WorkerError, UnwrittenError):
+            print_proofs(proofs)
+            raise
+        except KeyboardInterrupt:
+            print_proofs(proofs)
+            if json is not None:
+                print("interrupted: the same command goes on with the structures that are left")
+            raise typer.Exit(130) from None
+        unwritten = None
+        if json is not None:
+            try:
+                proofs.write()
+            except UnwrittenError as error:
+                unwritten = error
+    print_proofs(proofs)
+    for said in left_out(kinds_of(scene)):
+        print(said)
+    if unwritten is not None:
+        raise unwritten
+    if json is not None:
+        print(f"written: {json}")
+    if proofs.failed:
+        raise typer.Exit(1)
+    if not proofs.decided:
+        raise InputError(f"scene = {scene!r}: no identity could be looked at")
+
+
+@app.command("list")
+def list_registry(
+    registry: Annotated[
+        str,
+        typer.Argument(
+            metavar="WHAT",
+            help="formulations, scenes, engines or claims.",
+            autocompletion=lambda incomplete: [x for x in REGISTRIES if x.startswith(incomplete)],
+        ),
+    ],
+) -> None:
+    """List formulations, scenes, engines or claims."""
+    if registry not in REGISTRIES:
+        raise UnknownNameError("list", registry, REGISTRIES)
+    from eomcheck.lab.report.registries import registry_sheet
+    from eomcheck.lab.show.table import print_sheets
+
+    print_sheets([registry_sheet(registry)])
+
+
+def _write_page(records: list[Path], path: Path) -> None:
+    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.page import write_page
+
+    write_page(Overview(read(records)), path)
+    print(f"written: {path}")
+
+
+@app.command()
+def report(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDS", help="Files of records: of validate, prove and the studies."
+        ),
+    ],
+    html: Annotated[
+        Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
+    ] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
+    equivalences: Annotated[
+        Path | None, typer.Option(help="Write the page of verified equivalences into this file.")
+    ] = None,
+    suite: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the suite, of which that page names tests. [validation]"),
+    ] = None,
+) -> None:
+    """Report what was found: verdict, claims, failing states, and the studies there are.
+
+    Exit code 1 if a claim fails.
+    """
+    if equivalences is None:
+        check_used("without --equivalences", suite=suite)
+    if html is markdown is junit is equivalences is None:
+        html = Path("report.html")
+    for path in (html, markdown, junit, equivalences):
+        check_output(path, records)
+    from functools import partial
+
+    from eomcheck.lab.report.equivalences import write_equivalences
+    from eomcheck.lab.report.junit import write_junit
+    from eomcheck.lab.report.markdown import write_markdown
+    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.page import write_page
+    from eomcheck.lab.show.table import say
+
+    unread: list[str] = []
+    overview = Overview(read(records, unread), unread)
+    for path, write in (
+        (html, write_page),
+        (markdown, write_markdown),
+        (junit, write_junit),
+        (equivalences, partial(write_equivalences, suite=suite or SUITE)),
+    ):
+        if path is not None:
+            write(overview, path)
+            print(f"written: {path}")
+    say(f"{overview.headline} {overview.basis}" if overview.rows else overview.headline)
+    raise_unread(overview.unread)
+    if overview.verdict == "failed":
+        raise typer.Exit(1)
+
+
+@app.command("export")
+def export_records(
+    records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
+    file: Annotated[
+        Path | None, typer.Argument(help="File to write. Default: standard output.")
+    ] = None,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="As CSV; there is no other format yet.")
+    ] = True,
+) -> None:
+    """Write the records of a study as a table: one line per cell, one column per value."""
+    check_output(file, [records])
+    from eomcheck.lab.report.records import record_sheet
+    from eomcheck.lab.store.records import Records
+
+    unread: list[str] = []
+    with Records(records, readonly=True, unread=unread) as opened:
+        text = record_sheet(opened.all()).csv()
+    if file is None:
+        sys.stdout.write(text)
+        raise_unread(unread)
+        return
+    write_text(file, text)
+    print(f"written: {file}")
+    raise_unread(unread)
+
+
+@app.command()
+def reference(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAMES", help="References to compute. Default all."),
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
+    executor: Where = "local",
+) -> None:
+    """Compute reference solutions, each by two derivations, and write them."""
+    check_folder(folder)
+    from eomcheck.lab.reference_cases import CASES, case_of
+    from eomcheck.lab.reference_runs import produce_all
+    from eomcheck.lab.references import reference_sheet, write_reference
+    from eomcheck.lab.show.table import print_sheets
+    from eomcheck.lab.store.executors import check_place
+
+    cases = {name: case_of(name) for name in names or CASES}
+    for name in cases:
+        check_writable(folder / f"{name}.json")
+    check_place(executor)
+    for made in produce_all(cases, executor):
+        path = write_reference(made, folder)
+        print_sheets([reference_sheet([made])])
+        print(f"written: {path}")

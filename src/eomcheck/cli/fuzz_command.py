@@ -1,0 +1,349 @@
+"""Command `eomcheck fuzz`: random and hill-climbed states; failures are stored and replayed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck.atomic_write import check_writable
+from eomcheck.calls import PATIENCE
+from eomcheck.cli.app import app
+from eomcheck.cli.shared_options import (
+    Engines,
+    Formulations,
+    Kept,
+    Patience,
+    Seed,
+    check_used,
+    completing,
+    engines_asked,
+    records_or_none,
+)
+from eomcheck.errors import InputError, UnwrittenError, WorkerError
+from eomcheck.lab.options import SCENE_HELP, check_count, interval, listed
+from eomcheck.safe_output import counted
+
+if TYPE_CHECKING:
+    from eomcheck.claims.selection import Selection
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
+    from eomcheck.lab.fuzzing.rounds import Plan
+    from eomcheck.mechanics.scene import Scene
+
+
+UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def seconds_of(text: str) -> float:
+    """Return the seconds that a text such as "20s", "10m" or "1.5h" says.
+
+    Raises:
+        InputError: it says none.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text)
+    if found is None or not float(found[1]):
+        raise InputError(f"time = {text!r}, expected a time such as 20s, 10m or 3h")
+    return float(found[1]) * UNITS[found[2]]
+
+
+def _rations(text: str) -> list[int]:
+    if re.fullmatch(r"\d+(,\d+){4}", text) is None:
+        raise InputError(f"ration = {text!r}, expected five whole numbers such as 4,20,10,200,20")
+    return [int(one) for one in text.split(",")]
+
+
+@app.command()
+def fuzz(
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help=f"{SCENE_HELP} [snake] With --replay: whose code the file may import.",
+            autocompletion=completing("scene", "robot"),
+        ),
+    ] = None,
+    links: Annotated[
+        str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
+    ] = None,
+    engine: Engines = None,
+    formulation: Formulations = None,
+    claim: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY,KEY",
+            help="Claim to look at, or several: a,b. Default all.",
+            callback=listed,
+        ),
+    ] = None,
+    time: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="How long: 20s, 10m, 3h. [1m, without --states]"),
+    ] = None,
+    states: Annotated[
+        int | None,
+        typer.Option(
+            help="Least number of states or motions instead, those in --records included: rounds "
+            "are finished, so that there are more."
+        ),
+    ] = None,
+    seed: Seed = 0,
+    motions: Annotated[
+        bool, typer.Option("--motions", help="Compare motions by all formulations.")
+    ] = False,
+    family: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY,KEY",
+            callback=listed,
+            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
+            "the first and the third.",
+        ),
+    ] = None,
+    climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
+    ration: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N,N,N,N",
+            help="One state in how many is looked at by enclosures, balls, engines, full checks, "
+            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]",
+        ),
+    ] = None,
+    executor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLACE",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]",
+        ),
+    ] = None,
+    records: Kept = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            help="Check the failures in this file again, and nothing else; code that they name is "
+            "imported only if --scene names it too."
+        ),
+    ] = None,
+    keep: Annotated[
+        Path | None, typer.Option(help="Add finds to this file, such as validation/found.json.")
+    ] = None,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Look for states at which a claim fails, by the thousand, and keep them.
+
+    States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
+    of the others. With --motions, motions by all formulations are compared. A campaign with
+    --records goes on where it stopped. Exit code 1 if there is a find, 2 if a kept one cannot be
+    checked again, 130 if interrupted.
+    """
+    check_writable(keep)
+    if replay is not None:
+        elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
+        many = {"time": time, "states": states, "ration": ration, "records": records, "keep": keep}
+        how = {"seed": seed or None, "no-climb": not climb, "executor": executor}
+        check_used("with --replay", motions=motions, **elsewhere, **many, **how)
+        _replay(replay, formulation, scene)
+        return
+    scene = "snake" if scene is None else scene
+    if time is not None and states is not None:
+        raise InputError("--time and --states: expected one of them, not both")
+    most = None if states is not None else seconds_of("1m" if time is None else time)
+    if states is not None:
+        check_count(states=states)
+
+    from eomcheck.console import console, doing, stoppable, undisturbed
+    from eomcheck.lab.fuzzing.campaign import Campaign
+    from eomcheck.lab.fuzzing.file import add_finds, read_finds
+    from eomcheck.lab.fuzzing.parameters import functions_named
+    from eomcheck.lab.fuzzing.strata import Stratum
+    from eomcheck.lab.fuzzing.structures import strata_of_any
+    from eomcheck.lab.report.fuzzing import Teller, print_campaign
+    from eomcheck.lab.store.executors import check_place
+
+    if keep is not None:
+        read_finds(keep)  # a damaged file is bad input, said before anything is computed
+    low, high = interval("1..12" if links is None else links)
+    if executor is not None:
+        check_place(executor)
+    interrupted, lost, unwritten = False, None, None
+    with stoppable(), records_or_none(records) as kept:
+        if functions_named(scene) is not None:
+            unused = {"links": links, "engine": engine, "formulation": formulation}
+            unused |= {"motions": motions, "ration": ration}
+            check_used(f"of {scene}, which are functions", **unused)
+            plan, name = _functions(scene, seed, claim, family, climb), scene
+            strata = [Stratum(None, ())]
+        else:
+            kind, name = _kind(scene)
+            if links is not None and not kind.has_links:
+                raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
+            strata = strata_of_any(kind, range(low, high + 1))
+            if motions:
+                check_used("with --motions", engine=engine, claim=claim, ration=ration)
+                plan = _motions(kind, formulation, seed, family, climb)
+            else:
+                selection = _selection(kind, engine, formulation, claim)
+                wide = bool(engine) and bool(selection.engines)
+                plan = _plan(kind, selection, seed, family, climb, ration, wide)
+        campaign = Campaign(plan, name, strata, kept)
+        try:
+            with doing(f"fuzzing {name}"):
+                campaign.run(states, most, executor, Teller())
+        except KeyboardInterrupt:
+            interrupted = True
+        except WorkerError as error:
+            lost = error
+        except UnwrittenError as error:
+            unwritten = error
+        if keep is not None and campaign.finds:
+            try:
+                with undisturbed():
+                    add_finds(keep, campaign.finds.values())
+            except KeyboardInterrupt:
+                interrupted = True
+            except InputError as error:
+                unwritten = error
+    print_campaign(campaign)
+    if interrupted:
+        console.print("interrupted: the tables hold what was looked at until then")
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
+    if keep is not None and campaign.finds:
+        print(f"written: {keep}")
+    if interrupted:
+        raise typer.Exit(130)
+    if lost is not None:
+        raise lost
+    if campaign.finds:
+        raise typer.Exit(1)
+
+
+def _kind(scene: str) -> tuple[type[Scene], str]:
+    from eomcheck.lab.fuzzing.finds import name_of
+    from eomcheck.scene_lookup import kinds_of
+
+    kinds = kinds_of(scene)
+    if len(kinds) > 1:
+        raise InputError(f"scene = {scene!r}, expected one kind of scene")
+    kind = next(iter(kinds))
+    return kind, name_of(kind, scene)
+
+
+def _selection(
+    kind: type[Scene],
+    engine: list[str] | None,
+    formulation: list[str] | None,
+    claim: list[str] | None,
+) -> Selection:
+    from eomcheck.claims.selection import Selection
+    from eomcheck.claims.trial import represented
+    from eomcheck.engines import ALWAYS, version_of
+
+    # Random robots have other parameters than their files, whose library could say nothing.
+    engines = ALWAYS if engine is None else engines_asked(engine)
+    selection = Selection.of(formulation, engines, claim, scenes=[kind])
+    if engine and engines:
+        represented(selection.engines, (kind,))
+    for made in selection.engines:
+        version_of(made)  # a missing library is bad input, said before anything is computed
+    return selection
+
+
+def _plan(
+    kind: type[Scene],
+    selection: Selection,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+    ration: str | None,
+    wide: bool,
+) -> Plan:
+    from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
+    from eomcheck.lab.fuzzing.rounds import BATCH, Plan
+    from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
+    from eomcheck.random_mechanisms.kinds import Random
+
+    families = _families(family)
+    claims = tuple(one for one in selection.claims if one != "coverage")
+    formulations = tuple(f.key for f in selection.formulations)
+    counts = Ration() if ration is None else Ration(*_rations(ration))
+    what = kind, seed, claims, formulations, selection.engines, families, climb, counts
+    if issubclass(kind, Random):
+        return RandomPlan(*what, LANES, wide)
+    return Plan(*what, BATCH if runs_in_lanes(kind) else ALONE, wide)
+
+
+def _functions(
+    name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
+) -> FunctionsPlan:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL
+    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.testing.run import FUNCTION_CLAIMS
+
+    claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
+    for one in claims:
+        named("claim", one, FUNCTION_CLAIMS)
+    families = (ORDINARY, SPECIAL) if family is None else _families(family)
+    for one in families:
+        named("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
+    return FunctionsPlan(name, seed, claims, families, climb)
+
+
+def _families(family: list[str] | None) -> tuple[str, ...]:
+    from eomcheck.errors import distinct, named
+    from eomcheck.lab.fuzzing.families import FAMILIES
+
+    families = FAMILIES if family is None else tuple(distinct("family", family))
+    for one in families:
+        named("family", one, dict.fromkeys(FAMILIES))
+    return families
+
+
+def _motions(
+    kind: type[Scene],
+    formulation: list[str] | None,
+    seed: int,
+    family: list[str] | None,
+    climb: bool,
+) -> MotionPlan:
+    from eomcheck.formulations import formulations_for
+    from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
+
+    keys = tuple(f.key for f in formulations_for(kind, formulation))
+    plan = MotionPlan(kind, seed, keys, climbing=climb)
+    return plan if family is None else plan._replace(families=_families(family))
+
+
+def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> None:
+    """Check kept failures again.
+
+    Raises:
+        InputError: there are none, or one could not be checked and none fails.
+        typer.Exit: with 1, one still fails.
+    """
+    from eomcheck.console import progress
+    from eomcheck.errors import named
+    from eomcheck.formulations import FORMULATIONS
+    from eomcheck.lab.fuzzing.file import read_finds
+    from eomcheck.lab.fuzzing.replay import replayed
+    from eomcheck.lab.report.fuzzing import print_replayed
+
+    for key in formulation or ():
+        named("formulation", key, FORMULATIONS)
+    if not path.is_file():
+        raise InputError(f"{str(path)!r} is no file")
+    finds = read_finds(path)
+    if not finds:
+        raise InputError(f"{str(path)!r} holds no finds: nothing is checked")
+    allowed = () if scene is None else (scene,)
+    with progress("checking {find} again", len(finds)) as advance:
+        results = replayed(finds, formulation or tuple(FORMULATIONS), advance, allowed)
+    print_replayed(results)
+    if any(one.outcome == "failed" for one in results):
+        raise typer.Exit(1)
+    left = [one for one in results if one.outcome == "not checked"]
+    if left:
+        raise InputError(f"{counted(len(left), 'find')} could not be checked: {left[0].reason}")

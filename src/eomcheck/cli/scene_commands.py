@@ -1,0 +1,246 @@
+"""Commands about one scene: `eomcheck simulate`, `acceleration` and `constraints`."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck.calls import PATIENCE
+from eomcheck.cli.app import app
+from eomcheck.cli.shared_options import (
+    ONE,
+    Formulations,
+    Given,
+    Links,
+    One,
+    OneOrNot,
+    Patience,
+    check_figure,
+    check_used,
+    completing,
+    scene_asked,
+)
+from eomcheck.errors import InputError
+from eomcheck.lab.options import check_count, numbers
+
+if TYPE_CHECKING:
+    from eomcheck.mechanics.scene import Scene
+
+
+Speeds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,X",
+        help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own.",
+    ),
+]
+
+
+def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
+    """Return p generalized speeds, None where none were given.
+
+    Raises:
+        InputError: these are no numbers, or not p.
+    """
+    if not texts:
+        return None
+    found = numbers("speeds", texts)
+    if len(found) != scene.p:
+        raise InputError(f"speeds = {found}: {scene.name} has {scene.p}, expected so many numbers")
+    return found
+
+
+def _many(
+    scene: Scene,
+    key: str,
+    t_end: float,
+    speeds: list[float] | None,
+    options: dict,
+    *,
+    draws: int,
+    scale: float,
+    seed: int,
+    executor: str | None,
+    plot: Path | None,
+) -> bool:
+    """Integrate, print and draw motions; return whether one did not reach its end."""
+    import numpy as np
+
+    import eomcheck
+    from eomcheck.evaluation.dynamics import closed_position
+    from eomcheck.lab.report.many import chart_of_many, print_many
+    from eomcheck.lab.store import executors
+
+    check_count(draws=draws)
+    if not 0 <= scale < np.inf:
+        raise InputError(f"scale = {scale}, expected a number that is not negative")
+    if plot is not None:
+        check_figure(plot)
+    random = np.random.default_rng(seed)
+    q, v = scene.initial_state()
+    u = eomcheck.speeds_of(scene, q, v) if speeds is None and v.any() else speeds or scene.p * [0.0]
+    q0 = q + scale * random.standard_normal((draws, scene.n))
+    u0 = u + scale * random.standard_normal((draws, scene.p))
+    if scene.position_residual is not None:
+        q0 = np.array([closed_position(scene, one) for one in q0])
+    there = nullcontext() if executor is None else executors.executor(executor)
+    with there as pool:
+        found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
+    print_many(found)
+    finished = found.status == "finished"
+    if plot is not None and finished.any():
+        from eomcheck.lab.show.chart_matplotlib import draw
+
+        draw([chart_of_many(found)], plot)
+        print(f"written: {plot}")
+    return not finished.all()
+
+
+def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, float]:
+    """Return the scene that is named, and when a motion ends."""
+    *names, end = words
+    if len(names) > 1:
+        raise InputError(f"{' '.join(words)!r}, expected one scene and the time of the end")
+    try:
+        t_end = float(end)
+    except ValueError:
+        raise InputError(f"END = {end!r}, expected a time in s as the last word") from None
+    if names and scene is not None:
+        raise InputError(f"two scenes are named, {names[0]!r} and {scene!r}")
+    return (names[0] if names else scene), t_end
+
+
+@app.command()
+def simulate(
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[SCENE] END",
+            help="Scene, as --scene names it, and the end, s.",
+            autocompletion=completing("robot", "scene"),
+        ),
+    ],
+    scene: OneOrNot = None,
+    links: Links = None,
+    given: Given = None,
+    speeds: Speeds = None,
+    formulation: Formulations = None,
+    integrator: Annotated[str, typer.Option(metavar="KEY", help="Integrator.")] = "DOP853",
+    tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
+    max_steps: Annotated[int, typer.Option(help="Give up after so many; 0 for no limit.")] = 0,
+    baumgarte: Annotated[
+        float | None, typer.Option(help="Feed the constraint error back at this rate, 1/s.")
+    ] = None,
+    projection: Annotated[
+        float | None, typer.Option(help="Project the velocity at intervals of so many s.")
+    ] = None,
+    draws: Annotated[
+        int | None, typer.Option(help="Integrate so many motions near this one instead.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s. [0.01]"),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of --draws. [0]")] = None,
+    executor: Annotated[
+        str | None, typer.Option(metavar="PLACE", help="Where to compute --draws.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Integrate a motion by each formulation, and print how well it kept energy and constraints.
+
+    With --baumgarte or --projection, by each formulation to which it applies. With --draws, motions
+    by one formulation, kane by default, and DOP853: a normal deviate is added to each coordinate
+    and generalized speed at the start, and printed is how far their ends are apart. Exit code 1 if
+    a motion does not reach its end.
+    """
+    name, t_end = _scene_and_end(words, scene)
+    if draws is None:
+        check_used("without --draws", scale=scale, seed=seed, executor=executor, plot=plot)
+
+    import eomcheck
+    from eomcheck.formulations import formulations_for
+    from eomcheck.lab.report.motions import print_trajectories
+
+    one = scene_asked(name or ONE, links, given)
+    u0 = _speeds(one, speeds)
+    if draws is not None:
+        if baumgarte is not None or projection is not None or integrator != "DOP853":
+            raise InputError("draws are integrated by DOP853, without stabilization")
+        chosen = formulation or ["kane"]
+        if len(chosen) > 1:
+            raise InputError(f"formulation = {chosen}, expected one for draws")
+        options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
+        near = {"draws": draws, "scale": 0.01 if scale is None else scale, "seed": seed or 0}
+        if _many(one, chosen[0], t_end, u0, options, **near, executor=executor, plot=plot):
+            raise typer.Exit(1)
+        return
+    asked = formulations_for(one, formulation)
+    if formulation is None and (baumgarte is not None or projection is not None):
+        asked = tuple(f for f in asked if f.level == "acceleration")
+    found = [
+        eomcheck.simulate(
+            one,
+            f.key,
+            t_end,
+            rtol=tolerance,
+            atol=tolerance,
+            integrator=integrator,
+            u0=u0,
+            max_steps=max_steps,
+            baumgarte=baumgarte,
+            projection=projection,
+        )
+        for f in asked
+    ]
+    print_trajectories(found)
+    if any(trajectory.status != "finished" for trajectory in found):
+        raise typer.Exit(1)
+
+
+@app.command()
+def acceleration(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            help="Scene, as --scene names it. Default the paper's robot.",
+            autocompletion=completing("robot", "scene"),
+        ),
+    ] = None,
+    scene: OneOrNot = None,
+    links: Links = None,
+    given: Given = None,
+    speeds: Speeds = None,
+    formulation: Formulations = None,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Print what each formulation says at the start, how far to trust it, or why it refuses.
+
+    Exit code 1 if one refuses.
+    """
+    if name is not None and scene is not None:
+        raise InputError(f"two scenes are named, {name!r} and {scene!r}")
+    from eomcheck.lab.report.accelerations import print_accelerations
+
+    one = scene_asked(name or scene or ONE, links, given)
+    if print_accelerations(one, _speeds(one, speeds), formulation):
+        raise typer.Exit(1)
+
+
+@app.command()
+def constraints(
+    scene: One = ONE, links: Links = None, given: Given = None, patience: Patience = PATIENCE
+) -> None:
+    """Tell which constraints of a scene are redundant at its start: which the others imply.
+
+    Exit code 1 if some are.
+    """
+    from eomcheck.lab.report.constraints import print_constraints
+
+    if print_constraints(scene_asked(scene, links, given)):
+        raise typer.Exit(1)

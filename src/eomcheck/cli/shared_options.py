@@ -1,0 +1,227 @@
+"""Shared options of commands: their types, shell completion, and checks of their values.
+
+Completion reads the keys of scenes, formulations and engines from the source files as text:
+nothing is imported for it, so it takes no longer than the command line takes to start.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib.metadata import entry_points
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eomcheck import calls
+from eomcheck.atomic_write import check_writable
+from eomcheck.errors import InputError
+from eomcheck.lab.options import ONE_HELP, SCENE_HELP, SET_HELP, listed, no_more_than, parameters
+
+if TYPE_CHECKING:
+    from eomcheck.lab.store.records import Records
+    from eomcheck.mechanics.scene import Scene
+
+
+# ---- Shell completion ----------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[1]
+
+WRITTEN = {
+    "scene": ("scenes", r'^    key = "([\w-]+)"'),
+    "formulation": ("formulations", r'^    key="(\w+)",'),
+    "engine": ("engines", r"^class (?!Tree)(\w+)Engine\(\w*Engine\):"),
+    "robot": ("", r'^    "(\w+)": lambda links'),
+}
+"""What is named -> the folder of its files, and how a file says the key."""
+
+
+def keys(word: str) -> list[str]:
+    """Return the keys of all that a word of `WRITTEN` names, and those that packages announce."""
+    folder, pattern = WRITTEN[word]
+    found = [
+        key.lower()
+        for file in sorted((ROOT / folder).glob("*.py"))
+        for key in re.findall(pattern, file.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    announced = [point.name for point in entry_points(group=f"eomcheck.{word}s")]
+    return [*found, *announced]
+
+
+def completing(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[str]]:
+    """Return what completes a key, or the last one of keys with commas between.
+
+    Args:
+        words: of what, see `WRITTEN`.
+        more: other names that can stand there.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        known = [key for word in words for key in keys(word)]
+        names = (name for name in (*known, *more) if name.startswith(last))
+        return [f"{before}{comma}{name}" for name in names]
+
+    return complete
+
+
+# ---- Types of options, and checks ----------------------------------------------------------------
+
+SUITE = Path("validation")
+REFERENCES = SUITE / "references"
+
+_SCENES = completing("scene", more=["all"])
+
+Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
+ONE = "paper"
+"""The scene of commands that look at one, unless another is named."""
+One = Annotated[
+    str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot"))
+]
+OneOrNot = Annotated[
+    str | None,
+    typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot")),
+]
+Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
+Given = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
+Formulation = Annotated[
+    str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completing("formulation"))
+]
+Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
+Where = Annotated[
+    str,
+    typer.Option(metavar="PLACE", help="Where to compute: local, local:PROCESSES or dask:ADDRESS."),
+]
+Formulations = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY,KEY",
+        help="Formulation, or several: a,b. Default all.",
+        callback=listed,
+        autocompletion=completing("formulation"),
+    ),
+]
+Engines = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY,KEY",
+        help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
+        "Default those that no extra installs; none for no engine.",
+        callback=listed,
+        autocompletion=completing("engine", more=["none"]),
+    ),
+]
+References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
+Measured = Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Kept = Annotated[
+    Path | None,
+    typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+]
+
+
+def _patient(seconds: float) -> float:
+    if not 0 < seconds <= 1e6:
+        raise InputError(f"patience = {seconds}, expected seconds, a positive number up to 1e6")
+    calls.set_patience(seconds)
+    return seconds
+
+
+Patience = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        callback=_patient,
+        help="How long a call of your own code or of an outside library may take; the first call "
+        f"of a function, and an import, {calls.FIRST} times as long.",
+    ),
+]
+
+
+def scene_asked(name: str, links: int | None, given: list[str] | None) -> Scene:
+    """Return the one scene that `--scene`, `--links` and `--set` stand for.
+
+    Raises:
+        InputError: there is none, see `eomcheck.scene_lookup.scene_of`.
+    """
+    known = parameters(given)
+    from eomcheck.scene_lookup import scene_of
+
+    return scene_of(name, no_more_than(links), known)
+
+
+def engines_asked(names: list[str] | None) -> list[str] | None:
+    """Return the engines that `--engine` names; an empty list of "none", None if not given."""
+    return [] if names == ["none"] else names
+
+
+def check_used(where: str, **options: object) -> None:
+    """Raise InputError if an option was given that says nothing here.
+
+    Args:
+        where: what it would need, such as "without --draws".
+        options: name -> value, None or False where it was not given.
+    """
+    for name, value in options.items():
+        if value is not None and value is not False:
+            raise InputError(f"--{name.replace('_', '-')} says nothing {where}")
+
+
+def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:
+    """Return the Records in a file, to enter; None without a file."""
+    if path is None:
+        return nullcontext()
+    from eomcheck.lab.store.records import Records
+
+    return Records(path)
+
+
+@contextmanager
+def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records | None]:
+    """Yield the Records in a file, or for a page without one, in a file that is thrown away.
+
+    Raises:
+        EngineError: there is to be a page, and what draws it is not installed.
+    """
+    if page is not None:
+        from eomcheck.lab.report.page import check_installed
+
+        check_installed()
+    spare = TemporaryDirectory() if page is not None and path is None else nullcontext()
+    with spare as folder, records_or_none(Path(folder) / "r.db" if folder else path) as records:
+        yield records
+
+
+def check_output(path: Path | None, records: list[Path]) -> None:
+    """Check that `path` can be written and is none of the files of records, there yet or not."""
+    check_writable(path)
+    if path is None:
+        return
+    for one in records:
+        there = path.exists() and one.exists()
+        if path.samefile(one) if there else path.resolve() == one.resolve():
+            raise InputError(f"{str(path)!r} holds the records themselves")
+
+
+def raise_unread(unread: list[str]) -> None:
+    """Raise InputError, once what can be read is shown, if something could not be read."""
+    if unread:
+        more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
+        raise InputError(f"not all is shown: {unread[0]}{more}")
+
+
+def check_folder(path: Path | None) -> None:
+    """Raise InputError unless `path` is a folder that exists; None needs no folder."""
+    if path is not None and not path.is_dir():
+        raise InputError(f"{str(path)!r} is not a folder that exists")
+
+
+def check_figure(path: Path | None) -> None:
+    """Raise InputError unless `path` can be written and its name is a figure's, or it is None."""
+    if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+    check_writable(path)

@@ -1,0 +1,291 @@
+"""Commands `eomcheck study`, `bench` and `draw`: one for every study, and pictures of scenes.
+
+The command of a study is generated: its options are those of the study's cells and worker. `draw`
+also has `draw scene` and `draw structure`: pictures of mechanisms and of matrices.
+"""
+
+from __future__ import annotations
+
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+
+import typer
+
+from eomcheck.atomic_write import check_writable
+from eomcheck.calls import PATIENCE
+from eomcheck.cli.app import Command, CommandLine, Group
+from eomcheck.cli.shared_options import (
+    Formulation,
+    Fresh,
+    Given,
+    Json,
+    Kept,
+    Links,
+    Measured,
+    One,
+    Patience,
+    check_figure,
+    check_folder,
+    check_used,
+    completing,
+    scene_asked,
+)
+from eomcheck.errors import UnknownNameError, UnwrittenError
+from eomcheck.lab.options import listed, no_more_than, numbers, parameters, whole_numbers
+from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
+
+if TYPE_CHECKING:
+    from eomcheck.lab.store.record import Record
+    from eomcheck.lab.study import Study
+
+
+Picture = Annotated[Path, typer.Argument(help="File to write, .png, .svg or .pdf.")]
+Figures = Annotated[
+    Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+]
+
+
+class _Studies(Group):
+    """The studies of a group; the command of one is made, its code imported, when it is run."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*GROUPS[self.name or ""], *super().list_commands(ctx)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in GROUPS[self.name or ""]:
+            return Command(cmd_name, help=STUDIES[cmd_name], rich_markup_mode=None)
+        return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        known = self.list_commands(ctx)
+        if args[0] not in known:
+            raise UnknownNameError(f"command of {self.name}", args[0], known)
+        name, command, rest = super().resolve_command(ctx, args)
+        if name in GROUPS[self.name or ""]:
+            command = command_of(str(name), drawn=self.name == "draw")
+        return name, command, rest
+
+
+GROUPS = {
+    "study": [key for key in STUDIES if key not in BENCHMARKS],
+    "bench": BENCHMARKS,
+    "draw": DRAWN,
+}
+"""Group of commands -> the studies in it."""
+
+study, bench, draw = (
+    CommandLine(name=name, help=help, no_args_is_help=True, cls=_Studies)
+    for name, help in (
+        ("study", "Study what formulations deliver and cost."),
+        ("bench", "Measure run times and tolerances."),
+        ("draw", "Draw figures."),
+    )
+)
+
+
+def command_of(key: str, drawn: bool = False) -> Any:
+    """Return the command of a study: the file of its Records, its own options, and those of all.
+
+    Args:
+        key: the study.
+        drawn: whether the command draws the first chart into a file and does nothing else.
+    """
+    one = study_of(key)
+
+    def command(**given: Any) -> None:
+        del given["patience"]
+        (_draw if drawn else _run)(one, **given)
+
+    shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if drawn else {}
+    shared["records"] = (Kept, None) if one.small else (Measured, Parameter.empty)
+    shared |= {"fresh": (Fresh, False), "patience": (Patience, PATIENCE)}
+    if not drawn:
+        shared |= {"json": (Json, None), "figures": (Figures, None)}
+    parameters = {
+        name: Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, (kind, default) in shared.items()
+    }
+    for name, parameter in one.options().items():
+        parameters[name] = parameter.replace(annotation=_option(name, parameter.annotation))
+    command.__signature__ = Signature([*parameters.values()])  # type: ignore[attr-defined]
+    command.__annotations__ = {name: p.annotation for name, p in parameters.items()}
+    alone = CommandLine(rich_markup_mode=None, add_completion=False)
+    alone.command(key, help=STUDIES[key])(command)
+    return typer.main.get_command(alone)
+
+
+COMPLETED = {
+    "scene": completing("scene", more=["all"]),
+    "formulation": completing("formulation"),
+    "engine": completing("engine"),
+}
+"""Name of an option -> what completes its values."""
+SHAPES = {
+    **{"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"},
+    **{"robot": "FILE,FILE", "free": "FILE,FILE"},
+}
+"""Name of an option -> what help writes for its value."""
+
+
+def _option(name: str, annotation: Any) -> Any:
+    """Return what typer reads of an option: its kind and help, a flag without its opposite.
+
+    Lists are read as "1,0.5" and repeated; parameters of a scene have commas of their own.
+    """
+    kind, said = get_args(annotation)
+    read = None
+    lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
+    if lists and name != "set":
+        (of,) = lists
+        kinds = {str: listed, int: lambda texts: _whole(name, texts)}
+        read = kinds.get(of, lambda texts: numbers(name, texts, of) or None)
+        kind = list[str] | None
+    flag = [f"--{name}"] if kind is bool else []
+    listed_as = "KEY,KEY" if str in lists else "X,X" if lists else None
+    shown = SHAPES.get(name, listed_as)
+    how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
+    return Annotated[kind, typer.Option(*flag, help=said, **how)]
+
+
+def _whole(name: str, texts: list[str] | None) -> list[int] | None:
+    """Return whole numbers; those of links may be ranges, as in all commands."""
+    if name != "links":
+        return numbers(name, texts, int) or None
+    return (
+        list(dict.fromkeys(x for text in listed(texts) or [] for x in whole_numbers(text))) or None
+    )
+
+
+def _run(
+    one: Study,
+    records: Path | None,
+    fresh: bool,
+    json: Path | None,
+    figures: Path | None,
+    **options: Any,
+) -> None:
+    check_folder(figures)
+    check_writable(json)
+    from eomcheck.lab.show.document_text import write_json
+    from eomcheck.lab.show.table import print_sheets, say
+
+    found = _found(one, records, fresh, options)
+    # Files first: whatever becomes of the printing, they are there.
+    written, unwritten = [], None
+    try:
+        written += [] if figures is None else one.write(found, figures)
+        if json is not None:
+            write_json(json, one.document(found))
+            written.append(json)
+    except UnwrittenError as error:
+        unwritten = error
+    print_sheets(one.sheets(found))
+    for sentence in one.said(found):
+        say(sentence)
+    if unwritten is not None:
+        raise unwritten  # what it was to hold is printed
+    if written:
+        print(f"written: {', '.join(map(str, written))}")
+    if one.alarm(found):
+        raise typer.Exit(1)
+
+
+def _found(one: Study, records: Path | None, fresh: bool, options: dict[str, Any]) -> list[Record]:
+    """Run a study; where it is interrupted, say where it goes on."""
+    from eomcheck.console import stoppable
+
+    try:
+        with stoppable():
+            return one.run(records, fresh, **options)
+    except KeyboardInterrupt:
+        again = " without --fresh" if fresh else ""
+        print(
+            "interrupted: nothing is kept without a file of records"
+            if records is None
+            else f"interrupted: {str(records)!r} has all cells that were finished; the same command"
+            f"{again} goes on with the others"
+        )
+        raise typer.Exit(130) from None
+
+
+def _draw(one: Study, path: Path, records: Path | None, fresh: bool, **options: Any) -> None:
+    check_figure(path)
+    from eomcheck.lab.show.chart_matplotlib import draw
+
+    chart = next(iter(one.charts(_found(one, records, fresh, options))))
+    draw(chart.files(), path)
+    print(f"written: {path}")
+
+
+# ---- Pictures of scenes and of matrices ----------------------------------------------------------
+
+Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
+
+
+@draw.command("scene")
+def draw_scene(
+    path: Annotated[
+        Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
+    ],
+    scene: One = "snake",
+    links: Links = None,
+    given: Given = None,
+    dark: Dark = False,
+    end: Annotated[
+        float | None, typer.Option(help="A .gif: time at which the motion ends, s. [2]")
+    ] = None,
+    frames: Annotated[int | None, typer.Option(help="A .gif: number of its pictures. [40]")] = None,
+    formulation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEY",
+            help="A .gif: by which it moves. [au]",
+            autocompletion=completing("formulation"),
+        ),
+    ] = None,
+) -> None:
+    """Draw a scene with its coordinates, axes and constraints named, or its motion."""
+    moving = path.suffix == ".gif"
+    if moving:
+        check_writable(path)
+        check_used("in a .gif, which has a light ground", dark=dark)
+    else:
+        check_figure(path)
+        check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
+    known = parameters(given)
+    from eomcheck.lab.mechanisms import posed, scene_to_draw, sketches_of_motion
+    from eomcheck.lab.show.pictures import draw_motion, draw_scene
+
+    if moving:
+        one = scene_asked(scene, links, given)
+        until, count = 2.0 if end is None else end, 40 if frames is None else frames
+        how = "au" if formulation is None else formulation
+        sketches, times, every = sketches_of_motion(one, how, until, count)
+        draw_motion(sketches, times.tolist(), path, every)
+    else:
+        draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
+    print(f"written: {path}")
+
+
+@draw.command("structure")
+def draw_structure(
+    path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
+    formulation: Formulation = "au",
+    scene: One = "snake",
+    links: Links = None,
+    given: Given = None,
+    dark: Dark = False,
+) -> None:
+    """Draw which entries of a formulation's matrices are not zero, with their blocks named."""
+    check_figure(path)
+    known = parameters(given)
+    from eomcheck.formulations import formulation_of
+    from eomcheck.lab.mechanisms import moving_state, scene_to_draw
+    from eomcheck.lab.show import pictures
+    from eomcheck.lab.structures import structure_of
+
+    one = formulation_of(formulation)
+    state = moving_state(*scene_to_draw(scene, no_more_than(links), known), one)
+    pictures.draw_structure(structure_of(*state), path, dark)
+    print(f"written: {path}")

@@ -1,0 +1,131 @@
+"""Formulations as data: facts about each, and one generic function.
+
+A formulation gets its numbers in one of four ways (`uses`), each the function of a scene:
+
+- "terms": `solution(M, F, a, gamma, v, partition) -> (vdot, multipliers or None)`
+- "speeds": `solution(M, F, W, rest) -> udot`
+- "bodies": `solution(*Bodies) -> udot`; a `sparse` one also takes the scene's `support` behind them
+- "chain": `solution(*Chain) -> (xdot, joint forces)`
+
+From "speeds" and "bodies" v̇ = W u̇ + rest, from "chain" it is the scene's `chain_acceleration`.
+F = Q - B. Any of a, gamma, gyroscopic, force may be `None`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from eomcheck.mechanics.scene import Scene
+
+Choice = tuple[tuple[int, ...] | None, ...]
+"""A `Partition` as tuples."""
+
+
+class Partition(NamedTuple):
+    """A choice of r dependent and n - r independent coordinates (El and Em), as column indices.
+
+    Where constraints depend on each other, also of ρ of them that do not, and that imply the rest
+    (UK).
+    """
+
+    dependent: Any
+    """(r,), integers."""
+    independent: Any
+    """(n-r,), integers."""
+    kept: Any = None
+    """(ρ,), integers: the constraints that are independent; None where all are."""
+    redundant: Any = None
+    """(constraints less ρ,), integers: those that the kept ones imply; None where there is none."""
+
+    @property
+    def choice(self) -> Choice:
+        """The same as tuples, which can be compared."""
+        return tuple(None if part is None else tuple(map(int, part)) for part in self)
+
+    @classmethod
+    def chosen(cls, choice: Choice) -> Partition:
+        """Return the partition that has this `choice`."""
+        return cls(*(None if part is None else np.array(part, int) for part in choice))
+
+
+@dataclass(frozen=True)
+class Formulation:
+    """One way to get accelerations, as data.
+
+    Attributes:
+        key: short name, used everywhere.
+        name: name in the paper, if it is there.
+        equations: the paper's equations, "" for a formulation that is not in the paper.
+        order: coefficients of the order of the final system: (i, j) of i n + j r (paper, Table I),
+            or (i, j, k) of i n + j r + k s for a chain of bodies with s quasi-velocities.
+        level: at which constraints enter, "acceleration" or "velocity".
+        multipliers: whether multipliers come out here.
+        multipliers_in_paper: whether Table I says so; None where it says nothing.
+        state: what an integration carries: "q, v, μ" with μ the integrals of the multipliers,
+            "q, v", "q, v2" with the independent velocities, "q, u", or "q, x" with the quasi-
+            velocities of a chain.
+        uses: which numbers `solution` gets, see the module.
+        partitioned: whether it splits the coordinates; then a pivoted split is an option.
+        limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
+        solution: the generic function.
+        redundant: whether constraint rows may depend on each other; its partition tells which.
+        sparse: whether `solution` takes which speeds move which body, see `Scene.support`.
+    """
+
+    key: str
+    name: str
+    equations: str
+    order: tuple[int, int] | tuple[int, int, int]
+    level: Literal["acceleration", "velocity"]
+    multipliers: bool
+    multipliers_in_paper: bool | None
+    state: Literal["q, v, μ", "q, v", "q, v2", "q, u", "q, x"]
+    uses: Literal["terms", "speeds", "bodies", "chain"]
+    partitioned: bool
+    limits: str
+    solution: Callable[..., Any]
+    redundant: bool = False
+    sparse: bool = False
+
+    @property
+    def in_paper(self) -> bool:
+        """Whether it is one of the paper's seven."""
+        return bool(self.equations)
+
+    @property
+    def in_speeds(self) -> bool:
+        """Whether it needs the scene's generalized speeds."""
+        return self.state == "q, u"
+
+    @property
+    def linear(self) -> bool:
+        """Whether it forms no matrix that grows with the number of bodies but a banded one."""
+        return self.uses in ("bodies", "chain")
+
+    def applies_to(self, scene: Scene | type[Scene]) -> bool:
+        """Return whether `scene` has what the formulation uses."""
+        return hasattr(scene, self.uses)
+
+    def unknowns(self, n: int, r: int, s: int = 0) -> int:
+        """Return the number of equations of the final system (Table I).
+
+        Args:
+            n: number of coordinates.
+            r: number of constraints.
+            s: number of quasi-velocities of a chain.
+        """
+        return sum(i * size for i, size in zip(self.order, (n, r, s), strict=False))
+
+    @property
+    def order_text(self) -> str:
+        """The order as Table I prints it, such as "2n + r"."""
+        text = ""
+        for i, size in sorted(zip(self.order, "nrs", strict=False), key=lambda term: -term[0]):
+            if i:
+                sign = (" - " if i < 0 else " + ") if text else ""
+                text += sign + ("" if abs(i) == 1 else str(abs(i))) + size
+        return text

@@ -1,0 +1,149 @@
+"""Charts as interactive plotly figures for an HTML page.
+
+Colors are not in the figures: the page gives each formulation its own, in light and dark mode, and
+dims the others where one is highlighted.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from html import escape
+from itertools import pairwise
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+from eomcheck.errors import EngineError
+from eomcheck.lab.show.chart import STYLES, Axis, Chart, Heat, Line, Panel
+from eomcheck.lab.show.document_text import EXTRA
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+try:
+    import plotly.graph_objects as go
+    from plotly.offline import get_plotlyjs
+except ImportError as error:
+    raise EngineError(f"the library 'plotly' is not installed ({error}); {EXTRA}") from None
+
+
+def json_of(chart: Chart) -> str:
+    """Return the figures as JSON that can stand in a page: the choices, one a line, as keys."""
+    figures = {
+        "\n".join(chosen): json.loads(figure_of(panel).to_json() or "{}")
+        for chosen, panel in chart.panels.items()
+    }
+    return json.dumps(figures, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+
+
+def figure_of(panel: Panel | Heat) -> Figure:
+    """Return one panel as a figure."""
+    figure = go.Figure(
+        layout={
+            "template": go.layout.Template(),
+            "showlegend": False,
+            "hovermode": "closest",
+            "margin": {"l": 50, "r": 12, "t": 12, "b": 45},
+        }
+    )
+    if isinstance(panel, Heat):
+        _add_heat(figure, panel)
+        return figure
+    figure.update_layout(xaxis=_axis(panel.x), yaxis=_axis(panel.y))
+    if panel.equal:
+        figure.update_yaxes(scaleanchor="x")
+    for line in panel.lines:
+        if line.x:
+            _add(figure, line)
+    return figure
+
+
+def _add_heat(figure: Figure, heat: Heat) -> None:
+    edges = heat.edges
+    low, high = heat.colors.range or (None, None)
+    centres = [(a + b) / 2 for a, b in pairwise(edges)]
+    # Rows by number: plotly 7 draws no heat map with fewer rows than its axis has categories.
+    for row, (key, boxes) in enumerate(heat.rows.values()):
+        figure.add_heatmap(
+            x=edges,
+            y=[row - 0.5, row + 0.5],
+            z=[[None if box is None else box.value for box in boxes]],
+            coloraxis="coloraxis",
+            **_told(key, [[() if box is None else box.said for box in boxes]]),
+        )
+        for what, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
+            at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, what)]
+            if at:
+                marker = {"symbol": symbol, "size": 7}
+                figure.add_scatter(
+                    x=at, y=[row] * len(at), mode="markers", marker=marker, **_told(key, ())
+                )
+    ticks = {"tickvals": [k + 0.5 for k in range(len(heat.columns))]}
+    bar = {"thickness": 12, "title": {"text": heat.colors.title, "side": "right"}}
+    figure.update_layout(
+        xaxis={"ticktext": list(heat.columns), "automargin": True, **ticks},
+        yaxis={
+            "tickvals": list(range(len(heat.rows))),
+            "ticktext": list(heat.rows),
+            "autorange": "reversed",
+            "automargin": True,
+        },
+        coloraxis={"colorscale": "YlOrRd", "cmin": low, "cmax": high, "colorbar": bar},
+    )
+
+
+def _axis(axis: Axis) -> dict[str, Any]:
+    made: dict[str, Any] = {"title": {"text": axis.title}, "automargin": True}
+    if axis.categories:
+        made |= {"type": "category", "categoryarray": list(axis.categories)}
+    elif axis.log:
+        made |= {"type": "log", "exponentformat": "power"}
+    elif axis.range:
+        made["range"] = axis.range
+    if axis.unit:
+        made |= {"exponentformat": "SI", "ticksuffix": axis.unit}
+    if axis.ticks:
+        made["tickvals"] = list(axis.ticks)
+    return made
+
+
+def _add(figure: Figure, line: Line) -> None:
+    style = STYLES[line.key]
+    symbols = [f"{style.symbol}-open" if flag else style.symbol for flag in line.hollow]
+    dash = "dot" if line.dashed or style.dashed or line.look == "dotted" else "solid"
+    marks = {"crosses": "x-thin-open", "rings": "circle-open"}.get(line.look)
+    lines = line.joined and not marks
+    whole = "lines+markers" if style.symbol else "lines"
+    mode = {"thin": "lines", "dotted": "lines"}.get(line.look, whole)
+    figure.add_scatter(
+        x=list(line.x),
+        y=list(line.y),
+        mode=mode if lines else "markers",
+        line={"width": style.width + 0.4, "dash": dash},
+        marker={"symbol": marks or symbols or style.symbol or None, "size": 7 if marks else 8},
+        **_told(line.key, line.said),
+    )
+
+
+def _told(key: str, said: Sequence) -> dict[str, Any]:
+    """Return whose a trace is, and what each of its points (rows of points) says on demand."""
+
+    def text(lines: Sequence) -> Any:
+        nested = bool(lines) and not isinstance(lines[0], str)
+        return [*map(text, lines)] if nested else "<br>".join(_wrapped(lines))
+
+    told = {"name": key, "meta": {"formulation": key}}
+    if not said:
+        return told
+    return told | {"hovertext": text(said), "hovertemplate": "%{hovertext}<extra></extra>"}
+
+
+def _wrapped(lines: Sequence[str]) -> list[str]:
+    """Return lines of a width that a telephone has room for, as plotly's markup."""
+    return [escape(part, quote=False) for line in lines for part in wrap(line, 44)]
+
+
+def plotly_js() -> str:
+    """Return the source of plotly.js, for the page to hold."""
+    return get_plotlyjs()

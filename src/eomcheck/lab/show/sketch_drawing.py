@@ -1,0 +1,406 @@
+"""Drawings of mechanisms: a `Sketch` turned into strokes, dots and labels on the page.
+
+A `Sketch` (`eomcheck.mechanics.sketch`) lists the parts of a mechanism in one pose, in m. A `View`
+projects their points: the plane as it is, space without perspective. A `Drawing` turns each part
+into strokes, dots and labels in the colors of a light or a dark ground. `place_labels` puts each
+label where it covers neither another label nor what is drawn: it tries 16 directions and 7
+distances around the named point and takes the position of least cost; a label far from its point
+gets a leader line. Everything but the writing of labels works without matplotlib
+(`eomcheck.lab.show.pictures` paints).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from itertools import pairwise, product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.mechanics import sketch as s
+
+# ---- Colors --------------------------------------------------------------------------------------
+
+
+class Colors(NamedTuple):
+    """Those of Okabe and Ito, or darker ones of the same hue, so that text stands out."""
+
+    ground: str
+    ink: str
+    body: str
+    faint: str
+    coordinate: str
+    constraint: str
+    axis: str
+    spring: str
+
+
+LIGHT = Colors(
+    *("#ffffff", "#1a1a1a", "#333333", "#8a8a8a"), *("#0072B2", "#B34F00"), "#00785A", "#A8527F"
+)
+DARK = Colors(
+    *("#131416", "#f0f0f0", "#d8d8d8", "#8a8a8a"), *("#56B4E9", "#F0A030"), "#3CC9A0", "#E08FBB"
+)
+
+
+# ---- Projection ----------------------------------------------------------------------------------
+
+
+class Stroke(NamedTuple):
+    """A line on the page, in m as seen."""
+
+    points: np.ndarray
+    color: str
+    width: float
+    style: Any = "-"
+    fill: str = ""
+    head: bool = False
+    """Whether it ends in an arrow's head."""
+
+
+class View:
+    """How points of a sketch are seen: in the plane as they are, in space without perspective."""
+
+    def __init__(self, sketch: s.Sketch):
+        up = np.eye(3)[sketch.up]
+        east, north = (np.eye(3)[(sketch.up + k) % 3] for k in (1, 2))
+        ahead = np.cos(sketch.azimuth) * east + np.sin(sketch.azimuth) * north
+        towards = np.cos(sketch.elevation) * ahead + np.sin(sketch.elevation) * up
+        right = np.cross(up, ahead)
+        self.axes = np.array([right, np.cross(towards, right)])
+
+    def __call__(self, points: Any) -> np.ndarray:
+        """Return points (k, d), or one (d,), as seen (k, 2)."""
+        array = np.atleast_2d(np.asarray(points, dtype=float))
+        return array if array.shape[1] == 2 else array @ self.axes.T
+
+
+# ---- Parts as strokes ----------------------------------------------------------------------------
+
+SENSE = 0.7
+"""Arc that tells the sense of an angle too small to be seen, rad."""
+SMALL = 0.15
+"""Angles below this are, rad."""
+
+
+class Drawing:
+    """Strokes and labels of a sketch, in the order in which they are drawn."""
+
+    def __init__(
+        self, sketch: s.Sketch, colors: Colors, coordinates: Collection[str] | None = None
+    ):
+        """Collect the strokes; without the names of `coordinates`, of what moves alone."""
+        self.see, self.colors, self.named = View(sketch), colors, coordinates is not None
+        self.coordinates = coordinates or ()
+        self.strokes: list[Stroke] = []
+        self.dots: list[tuple[np.ndarray, str, float, str]] = []
+        self.labels: list[Label] = []
+        self.kinds: set[str] = set()
+        self.trails: list[np.ndarray] = []
+        points = [p for part in sketch.parts for p in _points_of(part)]
+        seen = np.vstack([self.see(p) for p in points])
+        self.size = float(np.ptp(seen, axis=0).max())
+        ranks = [s.Plane, s.Disk, s.Spring, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
+        ranked = {kind: rank for rank, kind in enumerate(ranks)}
+        for part in sorted(sketch.parts, key=lambda part: ranked.get(type(part), len(ranks))):
+            getattr(self, f"_{type(part).__name__.lower()}")(part)
+
+    def _line(self, points: Any, color: str, width: float, **look: Any) -> np.ndarray:
+        seen = self.see(points)
+        self.strokes.append(Stroke(seen, color, width, **look))
+        return seen
+
+    def _label(self, text: str, at: np.ndarray, color: str, away: np.ndarray | None = None) -> None:
+        if text and self.named:
+            self.labels.append(Label(symbol(text), at, color, away))
+
+    def _plane(self, one: s.Plane) -> None:
+        if not self.named:
+            return
+        corners = [*one.points, one.points[0]]
+        self._line(corners, self.colors.faint, 0.6, fill=self.colors.faint)
+
+    def _body(self, one: s.Body) -> None:
+        points = [*one.points, one.points[0]] if one.closed else [*one.points]
+        fill = self.colors.body if one.closed else ""
+        seen = self._line(points, self.colors.body, 3.0, fill=fill)
+        step = seen[1] - seen[0]
+        self._label(
+            one.name, (seen[0] + 2 * seen[1]) / 3, self.colors.ink, np.array([-step[1], step[0]])
+        )
+
+    def _disk(self, one: s.Disk) -> None:
+        turn = np.linspace(0.0, 2 * np.pi, 73)
+        if one.ball:
+            center = self.see(one.center)[0]
+            rim = center + one.radius * np.column_stack((np.cos(turn), np.sin(turn)))
+            self.strokes.append(Stroke(rim, self.colors.body, 2.0, fill=self.colors.body))
+        else:
+            axis = np.asarray(one.axis) / np.linalg.norm(one.axis)
+            first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+            first /= np.linalg.norm(first)
+            second = np.cross(axis, first)
+            circle = np.outer(np.cos(turn), first) + np.outer(np.sin(turn), second)
+            rim = self._line(
+                one.center + one.radius * circle, self.colors.body, 2.5, fill=self.colors.body
+            )
+        low = rim[int(np.argmin(rim @ np.array([1.0, 0.6])))]
+        self._label(one.name, low, self.colors.ink, low - rim.mean(axis=0))
+
+    def _joint(self, one: s.Joint) -> None:
+        at = self.see(one.at)[0]
+        if one.axis is not None:
+            along = 0.05 * self.size * np.asarray(one.axis)
+            self._line((one.at - along, one.at + along), self.colors.axis, 4.0)
+        if one.ground:
+            self._hatching(at)
+        self.dots.append((at, self.colors.body, 8.0, self.colors.ground))
+        self._label(one.name, at, self.colors.ink)
+
+    def _hatching(self, at: np.ndarray) -> None:
+        """Draw what a pin stands on."""
+        size = 0.022 * self.size
+        foot = at + size * np.array([[-1.0, -1.6], [0.0, 0.0], [1.0, -1.6], [-1.0, -1.6]])
+        self.strokes.append(Stroke(foot, self.colors.body, 1.5))
+        for shift in (-0.9, -0.2, 0.5):
+            tooth = at + size * np.array([[shift + 0.4, -1.6], [shift, -2.3]])
+            self.strokes.append(Stroke(tooth, self.colors.body, 1.2))
+
+    def _wheel(self, one: s.Wheel) -> None:
+        half = one.length / 2 * np.asarray(one.along) / np.linalg.norm(one.along)
+        self._line(
+            (one.at - half, one.at + half), self.colors.constraint, 7.0 if not one.edge else 4.0
+        )
+        if self.named:
+            self._line((one.at + half, one.at + 1.9 * half), self.colors.constraint, 1.2, head=True)
+        self.kinds.add("constraint")
+
+    def _center(self, one: s.Center) -> None:
+        at = self.see(one.at)[0]
+        if self.named:
+            self.dots.append((at, self.colors.ink, 6.0, self.colors.ink))
+            self.kinds.add("center")
+        self._label(one.name, at, self.colors.ink)
+
+    def _spring(self, one: s.Spring) -> None:
+        start, end = (np.asarray(p, dtype=float) for p in (one.start, one.end))
+        seen = self.see((start, end))
+        along = seen[1] - seen[0]
+        across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-300)
+        share = np.array([0.0, 0.2, *np.linspace(0.24, 0.76, 14), 0.8, 1.0])
+        sway = np.array([0.0, 0.0, *np.tile([1.0, -1.0], 7), 0.0, 0.0])
+        points = seen[0] + np.outer(share, along) + 0.018 * self.size * np.outer(sway, across)
+        self.strokes.append(Stroke(points, self.colors.spring, 1.5))
+        self._label(one.name, seen.mean(axis=0), self.colors.spring, across)
+
+    def _measure(self, name: str) -> str:
+        """Return the colour of a coordinate, or of a length or angle that is none."""
+        if name not in self.coordinates:
+            return self.colors.ink
+        self.kinds.add("coordinate")
+        return self.colors.coordinate
+
+    def _angle(self, one: s.Angle) -> None:
+        if not self.named:
+            return
+        color = self._measure(one.name)
+        first, second = np.asarray(one.first, float), np.asarray(one.second, float)
+        small = abs(one.angle) < SMALL
+        turn = np.linspace(0.0, SENSE if small else one.angle, 41)[:, None]
+        arc = one.at + one.radius * (np.cos(turn) * first + np.sin(turn) * second)
+        reference = (one.at, one.at + 1.12 * one.radius * first)
+        self._line(reference, self.colors.faint, 1.0, style=(0, (4, 3)))
+        seen = self._line(arc, color, 1.8, head=True, style=(0, (1, 1.5)) if small else "-")
+        middle = seen[len(seen) // 2]
+        self._label(one.name, middle, color, middle - self.see(one.at)[0])
+
+    def _distance(self, one: s.Distance) -> None:
+        if not self.named:
+            return
+        color = self._measure(one.name) if one.name else self.colors.faint
+        look: dict[str, Any] = {"head": True} if one.name else {"style": (0, (4, 3))}
+        seen = self._line((one.start, one.end), color, 1.5, **look)
+        step = seen[1] - seen[0]
+        self._label(one.name, seen.mean(axis=0), color, np.array([-step[1], step[0]]))
+
+    def _arrow(self, one: s.Arrow) -> None:
+        if not self.named:
+            return
+        end = np.asarray(one.at, float) + np.asarray(one.along, float)
+        if not one.name:
+            self._line((one.at, end), self.colors.faint, 1.0, style=(0, (4, 3)))
+            return
+        color = self.colors.axis if one.frame else self.colors.ink
+        seen = self._line((one.at, end), color, 1.6 if one.frame else 2.4, head=True)
+        self._label(one.name.removesuffix(" axis"), seen[1], color, seen[1] - seen[0])
+        self.kinds.add("axis" if one.frame else "")
+
+    def _constraint(self, one: s.Constraint) -> None:
+        self._label(one.name, self.see(one.at)[0], self.colors.constraint)
+        self.kinds.add("constraint")
+
+    def _trail(self, one: s.Trail) -> None:
+        self.trails.append(self.see(one.at)[0])
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Least and largest of what is drawn (2, 2), m."""
+        points = np.vstack(
+            [*(stroke.points for stroke in self.strokes), *(d[0] for d in self.dots)]
+        )
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _points_of(part: s.Part) -> list[Any]:
+    named = part._asdict()
+    return (
+        [*named["points"]]
+        if "points" in named
+        else [named[x] for x in ("at", "center", "start", "end") if x in named]
+    )
+
+
+# ---- Placement of labels -------------------------------------------------------------------------
+
+SIZE = 15
+"""Of letters, pt."""
+AWAY = (9, 16, 26, 40, 58, 80, 105)
+"""Distances from what a label names at which it is tried, px."""
+DIRECTIONS = 16
+LEADER = 22
+"""From this distance on, px, a thin line leads to what a label names."""
+STEP = 4.0
+"""Distance of the points of lines that labels keep off, px."""
+
+
+class Label(NamedTuple):
+    """What is to be written beside a point, if possible in the direction `away` from it."""
+
+    text: str
+    at: np.ndarray
+    color: str
+    away: np.ndarray | None = None
+
+
+def symbol(name: str) -> str:
+    """Return the name as it is written: what stands behind a _ is an index."""
+    return re.sub(r"(\w+?)_(\w+)", r"$\\mathrm{\1}_{\\mathrm{\2}}$", name)
+
+
+def place_labels(
+    axes: Any, labels: Sequence[Label], strokes: Sequence[np.ndarray], faint: str
+) -> list[Any]:
+    """Write labels into axes whose limits are final; return the texts."""
+    figure = axes.figure
+    renderer = figure.canvas.get_renderer()
+    seen = axes.transData.transform
+    points = np.vstack([_sampled(seen(stroke)) for stroke in strokes])
+    frame = axes.get_window_extent(renderer)
+    taken: list[np.ndarray] = []
+    texts = []
+    # Those that can go least far first: short names of coordinates, then sentences.
+    for label in sorted(labels, key=lambda one: len(one.text)):
+        text = axes.text(
+            *label.at, label.text, color=label.color, fontsize=SIZE, ha="center", va="center"
+        )
+        extent = text.get_window_extent(renderer)
+        size, at = np.array([extent.width, extent.height]) + 4, seen(label.at)
+        away = None if label.away is None else seen(label.at + label.away) - at
+        best = _best(at, size, away, taken, points, frame)
+        taken.append(np.array([best - size / 2, best + size / 2]))
+        text.set_position(axes.transData.inverted().transform(best))
+        leader = _leader(at, best, size)
+        if leader is not None:
+            axes.plot(*axes.transData.inverted().transform(leader).T, color=faint, lw=0.8)
+            points = np.vstack((points, _sampled(leader)))
+        texts.append(text)
+    return texts
+
+
+def _best(
+    at: np.ndarray,
+    size: np.ndarray,
+    away: np.ndarray | None,
+    taken: list[np.ndarray],
+    points: np.ndarray,
+    frame: Any,
+) -> np.ndarray:
+    """Return the centre (2,), px, of a label at its best place."""
+    places = _places(at, size, away)
+    costs = [against + _cost(place, size, taken, points, frame) for place, against in places]
+    best, least = at, np.inf
+    for k in np.argsort(costs, kind="stable"):
+        if costs[k] >= least:
+            break
+        place = places[k][0]
+        cost = costs[k] + _cost_of_leader(_leader(at, place, size), taken, points)
+        if cost < least:
+            best, least = place, cost
+    return best
+
+
+def _places(at: np.ndarray, size: np.ndarray, away: np.ndarray | None) -> list[Any]:
+    """Return (centre of the label, what speaks against it), around a point."""
+    found = []
+    for gap, k in product(AWAY, range(DIRECTIONS)):
+        turn = 2 * np.pi * k / DIRECTIONS
+        unit = np.array([np.cos(turn), np.sin(turn)])
+        against = 0.25 * gap
+        if away is not None and np.hypot(*away) > 0:
+            against += 5 * (1 - unit @ away / np.hypot(*away))
+        found.append((at + unit * (gap + np.abs(unit) @ size / 2), against))
+    return found
+
+
+def _cost(
+    center: np.ndarray, size: np.ndarray, taken: list[np.ndarray], points: np.ndarray, frame: Any
+) -> float:
+    low, high = center - size / 2, center + size / 2
+    cost = 6.0 * np.count_nonzero(((points > low) & (points < high)).all(axis=1))
+    for box in taken:
+        if (np.minimum(high, box[1]) > np.maximum(low, box[0])).all():
+            cost += 1e4
+    outside = np.maximum([frame.x0, frame.y0] - low, 0) + np.maximum(high - [frame.x1, frame.y1], 0)
+    return cost + 1e3 * float(outside.sum())
+
+
+def _leader(at: np.ndarray, center: np.ndarray, size: np.ndarray) -> np.ndarray | None:
+    """Return the line (2, 2) from a point to the edge of its label; None where they are close."""
+    gap = np.maximum(np.abs(center - at) - size / 2, 0)
+    if np.hypot(*gap) <= LEADER:
+        return None
+    reach = 1 - 1 / max(np.abs((center - at) / (size / 2)).max(), 1)
+    return np.array([at, at + reach * (center - at)])
+
+
+def _cost_of_leader(
+    leader: np.ndarray | None, taken: list[np.ndarray], points: np.ndarray
+) -> float:
+    """Return what speaks against a line to a label: labels and lines that it crosses."""
+    if leader is None:
+        return 0.0
+    along = _sampled(leader)
+    along = along[np.hypot(*(along - leader[0]).T) > 8]
+    through = sum(((along > box[0]) & (along < box[1])).all(axis=1).any() for box in taken)
+    near = np.abs(along[:, None] - points).max(axis=2).min(axis=1, initial=np.inf) < STEP / 2
+    return 500.0 * through + 3.0 * np.count_nonzero(near)
+
+
+def _sampled(points: np.ndarray) -> np.ndarray:
+    """Return points along a line (k, 2), px, close to each other."""
+    parts = [points[-1:]]
+    for start, end in pairwise(points):
+        count = max(int(np.hypot(*(end - start)) / STEP), 1)
+        parts.append(start + np.outer(np.arange(count) / count, end - start))
+    return np.vstack(parts)
+
+
+# ---- Joints of a snake ---------------------------------------------------------------------------
+
+
+def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the ends of the links of a snake (N + 1, 2), m, the head first."""
+    theta = q[2:]
+    steps = length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
+    return np.vstack((q[:2], q[:2] + np.cumsum(steps, axis=0)))

@@ -1,0 +1,240 @@
+"""Tables as data, and their text for a terminal, Markdown and CSV.
+
+A `Sheet` is a table: headings and rows of cells, no layout. A `Cell` is a string that also carries
+its kind ("name", or the verdict "passed", "failed", "open", "none"), a link and a tooltip, for
+those outputs that can show them (HTML pages are filled in from the same data). In Markdown no text
+is read as markup that is not meant to be. On a terminal, columns that do not fit wrap; where they
+cannot, each row becomes a list of its cells.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Sequence
+from io import StringIO
+from typing import NamedTuple, Self
+
+from rich.cells import cell_len
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Column, Table
+from rich.text import Text
+
+from eomcheck.console import WIDTH_KNOWN, console
+from eomcheck.safe_output import harmless, printable
+
+# ---- Cells ---------------------------------------------------------------------------------------
+
+
+class Cell(str):
+    """The text of a cell that is more than text.
+
+    Attributes:
+        kind: "name" of something registered, or what a cell says is "passed", "failed", "open" or
+            "none".
+        link: where it leads in a page.
+        said: what a page says on demand.
+    """
+
+    kind: str
+    link: str
+    said: str
+
+    def __new__(cls, text: str, kind: str = "", link: str = "", said: str = "") -> Self:
+        """Make it of its text."""
+        made = super().__new__(cls, text)
+        made.kind, made.link, made.said = kind, link, said
+        return made
+
+
+LOOKS = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
+"""Kind of a cell -> how a terminal shows it."""
+
+
+def styled(cell: str) -> Text:
+    """Return a cell as a terminal shows it."""
+    return Text(harmless(cell), LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")
+
+
+# ---- Tables --------------------------------------------------------------------------------------
+
+_NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
+_NO_NUMBER = {"", "-", "·", "?", "FAIL"}
+"""What stands in a column of numbers where there is none."""
+MANY = 4
+"""Short cells of more columns than this are listed side by side, not one a line."""
+
+
+class Sheet(NamedTuple):
+    """A table.
+
+    Attributes:
+        name: that of its file and its anchor.
+        title: what it shows.
+        columns: headings.
+        rows: cells of text, one a column.
+        widths: of the columns to each other, where they hold sentences.
+        note: a sentence below it.
+        detail: whether only a terminal shows it, beside a table that says the same in short.
+    """
+
+    name: str
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    widths: Sequence[int] = ()
+    note: str = ""
+    detail: bool = False
+
+    def without(self, *columns: str) -> Sheet:
+        """Return the table without some of its columns."""
+        kept = [i for i, head in enumerate(self.columns) if head not in columns]
+        rows = [[row[i] for i in kept] for row in self.rows]
+        return self._replace(columns=[self.columns[i] for i in kept], rows=rows)
+
+    def of_numbers(self, column: int) -> bool:
+        """Return whether all that stands in a column are numbers, which end at the right."""
+        cells = [row[column] for row in self.rows if row[column] not in _NO_NUMBER]
+        return bool(cells) and all(_NUMBER.match(cell) for cell in cells)
+
+    def markdown(self) -> str:
+        """Return the table in Markdown, nothing in it read as markup; names are code."""
+        rows = (map(escaped, row) for row in self.rows)
+        numbers = map(self.of_numbers, range(len(self.columns)))
+        return markdown_table(map(escaped, self.columns), rows, numbers)
+
+    def csv(self) -> str:
+        """Return the table as comma-separated values (RFC 4180, but lines end as in Unix)."""
+        text = StringIO(newline="")
+        csv.writer(text, lineterminator="\n").writerows([self.columns, *self.rows])
+        return text.getvalue()
+
+    def text(self, width: int) -> RenderableType:
+        """Return the table for a terminal of so many columns.
+
+        Where it does not fit, words wrap, then headings break at hyphens, and where they do not fit
+        either, each row becomes a list of its cells.
+        """
+        columns = self._columns(width)
+        if columns is None:
+            return self._listed(width - 2)
+        table = Table(*columns, header_style="bold", show_lines=bool(self.widths))
+        for row in self.rows:
+            table.add_row(*map(styled, row))
+        return table
+
+    def _columns(self, width: int) -> list[Column] | None:
+        """Return the columns if they fit."""
+        if self.widths:
+            made = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
+            if made is None:
+                return None
+            heads = zip(self.columns, made, strict=True)
+            return [Column(escape(head), width=room) for head, room in heads]
+        numbers = [self.of_numbers(i) for i in range(len(self.columns))]
+        for heads in (self.columns, [head.replace("-", "-\n") for head in self.columns]):
+            widths = self._fitted(heads, width - 3 * len(heads) - 1)
+            if widths is not None:
+                whole = zip(heads, numbers, widths, strict=True)
+                return [
+                    Column(escape(head), justify="right" if last else "left", width=room)
+                    for head, last, room in whole
+                ]
+        return None
+
+    def _fitted(self, heads: Sequence[str], room: int) -> list[int] | None:
+        """Return the widths of the columns in so much room, the widest ones narrowed; or None."""
+        least = [self._least(i, head) for i, head in enumerate(heads)]
+        texts = ("\n".join(column).split("\n") for column in zip(heads, *self.rows, strict=True))
+        return _narrowed([max(map(cell_len, lines)) for lines in texts], least, room)
+
+    def _shared(self, room: int) -> list[int] | None:
+        """Return so much room in the shares of the columns, none less than it needs; or None."""
+        least = [self._least(i, head) for i, head in enumerate(self.columns)]
+        shares = [room * share // sum(self.widths) for share in self.widths]
+        return _narrowed(list(map(max, least, shares)), least, room)
+
+    def _least(self, column: int, head: str) -> int:
+        """Return the width that a column needs: that of its longest word, or its longest number."""
+        cells = [row[column] for row in self.rows]
+        whole, words = (cells, []) if self.of_numbers(column) else ([], cells)
+        apart = [word for text in (head, *words) for word in text.split()]
+        return max(map(cell_len, (*whole, *apart)), default=0)
+
+    def _listed(self, room: int) -> Group:
+        first, *heads = self.columns
+        lines: list[RenderableType] = []
+        for name, *cells in self.rows:
+            lines.append(Text(harmless(f"{first} {name}").strip(), style="bold"))
+            told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
+            texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in told]
+            if len(self.columns) > MANY and not self.widths:
+                texts = _filled(texts, room)
+            lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
+        return Group(*lines)
+
+
+def _narrowed(widths: list[int], least: list[int], room: int) -> list[int] | None:
+    """Return widths of columns of which the widest are narrowed until all fit; or None."""
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        wide = max((i for i, w in enumerate(widths) if w > least[i]), key=widths.__getitem__)
+        widths[wide] -= 1
+    return widths
+
+
+def _filled(texts: Iterable[Text], room: int) -> list[Text]:
+    """Return texts joined into lines of so much room, none of them broken that fits."""
+    lines: list[Text] = []
+    for text in texts:
+        if lines and lines[-1].cell_len + 2 + text.cell_len <= room:
+            lines[-1] = Text("; ").join((lines[-1], text))
+        else:
+            lines.append(text)
+    return lines
+
+
+# ---- Markdown ------------------------------------------------------------------------------------
+
+
+def escaped(text: str) -> str:
+    """Return `text` for a Markdown table, nothing in it read as markup; a name is code."""
+    if isinstance(text, Cell) and text.kind == "name":
+        name = printable(text)
+        return f"`{name}`" if not set(name) & set("`|") else escaped(str(name))
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>|$~" else c for c in printable(text))
+
+
+def markdown_table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], numbers: Iterable[bool] = ()
+) -> str:
+    """Return a table in Markdown, whose cells are Markdown already; numbers end at the right."""
+    heading = list(columns)
+    ends = ["---:" if at_right else "---" for at_right in numbers] or ["---"] * len(heading)
+    lines = [heading, ends, *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+# ---- Terminal ------------------------------------------------------------------------------------
+
+
+def print_sheets(sheets: Iterable[Sheet]) -> None:
+    """Print tables below each other, with their titles and notes."""
+    for sheet in sheets:
+        if sheet.title:
+            console.print(f"\n[bold]{escape(harmless(sheet.title))}[/]")
+        if sheet.rows:
+            console.print(sheet.text(console.width))
+        if sheet.note:
+            say(sheet.note)
+
+
+def say(text: str, style: str = "") -> None:
+    """Print a sentence in lines that fit where somebody said how wide they may be.
+
+    Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
+    """
+    console.print(Text(harmless(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text)

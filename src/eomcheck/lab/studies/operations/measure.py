@@ -1,0 +1,411 @@
+"""Operation counts of one right-hand side, and what leaving out absent terms saves.
+
+The functions that `eomcheck.motion.right_hand_side` traces are run on numbers that count
+(`eomcheck.numbers.counting` defines what counts). What depends on the parameters alone is computed
+once per scene and not counted. Linear systems are listed, and the operations of their elimination
+are kept apart: they are computed from the orders.
+
+Savings are measured by comparing a scene with `with_zeros(scene)`, the same scene whose functions
+return arrays in the place of every `None`: zeros for forces, b, offset and the gyroscopic part;
+without constraints a Jacobian of no rows and the identity for W. Both are counted, and timed in
+machine code, which leaves literal zeros out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from eomcheck import strategies
+from eomcheck.errors import InputError
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities, net_force
+from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among, kane
+from eomcheck.lab.draws import draw
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.studies.rhs import rate_call, time_calls
+from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.counting import Counted, Counting, System, Tally
+from eomcheck.numbers.generic import generic
+from eomcheck.scenes import Snake
+from eomcheck.scenes.snake_chain import torques_on, wheel_forces
+from eomcheck.scenes.snake_speeds import active_forces
+from eomcheck.scenes.snake_terms import joint_forces
+
+
+@dataclass(frozen=True)
+class Operations:
+    """One right-hand side of a formulation, for a snake of `links` links.
+
+    `solves` are the linear systems in the order in which they are solved. What their elimination
+    takes is in `elimination` and nowhere else.
+    """
+
+    formulation: str
+    links: int
+    n: int
+    r: int
+    s: int
+    additions: int
+    multiplications: int
+    divisions: int
+    trigonometric_pairs: int
+    solves: tuple[System, ...]
+
+    @property
+    def outside_solves(self) -> int:
+        """Additions, multiplications and divisions outside of linear systems."""
+        return self.additions + self.multiplications + self.divisions
+
+    @property
+    def elimination(self) -> int:
+        """What the linear systems take by LU."""
+        return sum(lu_operations(system) for system in self.solves)
+
+
+STUDY = "operations"
+"""Key of the study."""
+
+
+def record_of(counted: Operations) -> Record:
+    """Return the Record of one count."""
+    counts = {
+        field.name: getattr(counted, field.name)
+        for field in fields(Operations)
+        if field.name not in ("formulation", "solves")
+    }
+    settings = {"formulation": counted.formulation, "links": counted.links}
+    solves = [list(system) for system in counted.solves]
+    return Record(STUDY, settings, counts=counts, series={"solves": solves})
+
+
+def operations_of(record: Record) -> Operations:
+    """Return the count that a Record holds."""
+    solves = tuple(System(*system) for system in record.series["solves"])
+    return Operations(record.settings["formulation"], **record.counts, solves=solves)
+
+
+def lu_operations(system: System) -> int:
+    """Return the additions, multiplications and divisions of LU for a matrix of order m.
+
+    A full one: m (m-1) (4m+1) / 6 for the factors and m (2m-1) for each right-hand side. A banded
+    one: see `banded_operations`. Neither the comparisons of pivoting nor an estimate of the
+    condition are in it.
+    """
+    m = system.order
+    if system.half is not None:
+        return banded_operations(m, system.half)
+    return m * (m - 1) * (4 * m + 1) // 6 + system.columns * m * (2 * m - 1)
+
+
+def banded_operations(m: int, half: int) -> int:
+    """Return the operations of `solve_banded`: LU of m rows and one solution, refined once.
+
+    Below a pivot are at most `half` rows and, as rows are exchanged, beside it at most 2 `half`
+    columns. The refinement takes the residual, a second solution and their sum; what tells whether
+    another step is needed is not in it.
+    """
+    rows = [min(half, m - 1 - k) for k in range(m)]
+    columns = [min(2 * half, m - 1 - k) for k in range(m)]
+    factors = sum(b + 2 * b * c for b, c in zip(rows, columns, strict=True))
+    solution = sum(2 * b + 2 * c + 1 for b, c in zip(rows, columns, strict=True))
+    residual = 2 * (m + 2 * sum(rows))
+    return factors + 2 * solution + residual + m
+
+
+def count(scene: Snake, formulation: Formulation) -> Operations:
+    """Count one right-hand side of a snake."""
+    found = tally(scene, formulation, Counting())
+    return Operations(
+        formulation.key,
+        scene.links,
+        scene.n,
+        scene.r,
+        scene.s,
+        found.additions,
+        found.multiplications,
+        found.divisions,
+        found.trigonometric_pairs,
+        tuple(found.systems),
+    )
+
+
+def outline(scene: Scene, counting: Counting) -> Quantities:
+    """Return what the scene says in numbers that only count: which terms it has."""
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at.u = counting.vector(scene.p)
+    return at
+
+
+def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
+    """Count one right-hand side, composed as in `eomcheck.motion.right_hand_side`."""
+    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at.parameters  # noqa: B018  (prepared once, so before counting starts)
+    counting.tally.clear()
+    if formulation.uses == "terms":
+        at.v = counting.vector(scene.n)
+        M, _, _, a, gamma, _ = at.terms
+        formulation.solution(M, at.F, a, gamma, at.v, at.partition)
+    elif formulation.uses == "chain":
+        at.x = counting.vector(scene.s)
+        at.call(scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
+        formulation.solution(*at.chain)
+    else:
+        at.u = counting.vector(scene.p)
+        if formulation.uses == "speeds":
+            formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
+        else:
+            at.qdot  # noqa: B018  (a part of the right-hand side)
+            at.rates(formulation)
+    return counting.tally
+
+
+# ---- What absent springs cost --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Springs:
+    """One right-hand side with springs and without: (additions, multiplications, divisions) each.
+
+    `alone` is what the functions that only springs need cost when they are run by themselves.
+    """
+
+    formulation: str
+    links: int
+    present: tuple[int, int, int]
+    absent: tuple[int, int, int]
+    alone: tuple[int, int, int]
+
+    @property
+    def difference(self) -> tuple[int, ...]:
+        """What the springs add to the right-hand side."""
+        return tuple(x - y for x, y in zip(self.present, self.absent, strict=True))
+
+
+def compare_springs(scene: Snake, formulation: Formulation) -> Springs:
+    """Count a right-hand side of a snake that has springs, and of one that has none."""
+    present, absent = (count(x, formulation) for x in (scene, replace(scene, stiffness=None)))
+    counts = _counts(present), _counts(absent), _springs(scene, formulation)
+    return Springs(formulation.key, scene.links, *counts)
+
+
+def _counts(record) -> tuple[int, int, int]:
+    return record.additions, record.multiplications, record.divisions
+
+
+def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
+    counting = Counting()
+    stiffness, theta = counting.vector(scene.links - 1), counting.vector(scene.links)
+    omega = counting.vector(scene.links)
+    if formulation.uses == "chain":
+        wheel_forces(torques_on(stiffness, None, theta, omega), theta)
+    elif formulation.uses == "bodies":
+        partial = counting.vector(2 * scene.links).reshape(scene.links, 1, 2)
+        force = active_forces(stiffness, None, theta, omega, partial)
+        kane.right_hand_side(force, counting.vector(scene.p))
+    else:
+        n = counting.vector(scene.n)
+        net_force(n, joint_forces(stiffness, None, theta, omega), n)
+    return _counts(counting.tally)
+
+
+# ---- Absent terms --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Saving:
+    """One right-hand side with a scene's absent terms absent, and with zeros in their place.
+
+    Attributes:
+        structure: of the scene.
+        absent: names of the terms that are absent.
+        formulation: key.
+        operations: additions, multiplications and divisions outside of solves: (absent, zeros).
+        seconds: median times of one call: (absent, zeros), or None where they were not measured.
+    """
+
+    structure: str
+    absent: tuple[str, ...]
+    formulation: str
+    operations: tuple[int, int]
+    seconds: tuple[float, float] | None
+
+
+class CountingLiterals(Counting):
+    """Counts operations on two literals too: explicit zeros are numbers like any other."""
+
+    def literal(self, x: int) -> Counted:
+        """Return the one number there is."""
+        return self._number
+
+
+# ---- The same scene with zeros -------------------------------------------------------------------
+
+
+@generic
+def zeros_for(x, size, dtype):
+    """Return x (size,), zeros where it is None."""
+    if x is None:
+        return np.zeros(size, dtype)
+    return x
+
+
+@generic
+def table_for(x, rows, columns, dtype):
+    """Return x (rows, columns), zeros where it is None."""
+    if x is None:
+        return np.zeros((rows, columns), dtype)
+    return x
+
+
+@generic
+def identity_for(W, kinematics, dtype):
+    """Return W, the identity (n, n) where it is None."""
+    if W is None:
+        size = kinematics.q.size
+        one = np.zeros((size, size), dtype)
+        for i in range(size):
+            one[i, i] = 1
+        return one
+    return W
+
+
+def _terms(kind: type[Scene]) -> Callable:
+    own = kind.terms
+
+    def terms(parameters, prepared, q, v):
+        M, Q, B, a, gamma, b = own(parameters, prepared, q, v)
+        n, number = q.size, M.dtype
+        a = table_for(a, 0, n, number)
+        r = a.shape[0]
+        return Terms(
+            M,
+            zeros_for(Q, n, number),
+            zeros_for(B, n, number),
+            a,
+            zeros_for(gamma, r, number),
+            zeros_for(b, r, number),
+        )
+
+    return terms
+
+
+def _speeds(kind: type[Scene]) -> Callable:
+    own = kind.speeds
+
+    def speeds(parameters, prepared, kinematics):
+        W, rest, offset = own(parameters, prepared, kinematics)
+        number = parameters.mass.dtype
+        W = identity_for(W, kinematics, number)
+        n = W.shape[0]
+        return Speeds(W, zeros_for(rest, n, number), zeros_for(offset, n, number))
+
+    return speeds
+
+
+def _bodies(kind: type[Scene]) -> Callable:
+    own = kind.bodies
+
+    def bodies(parameters, prepared, kinematics):
+        V_u, omega_u, rest, turning, mass, inertia, gyroscopic, force = own(
+            parameters, prepared, kinematics
+        )
+        count, e, p = omega_u.shape
+        gyroscopic = table_for(gyroscopic, count, e, V_u.dtype)
+        force = zeros_for(force, p, V_u.dtype)
+        return Bodies(V_u, omega_u, rest, turning, mass, inertia, gyroscopic, force)
+
+    return bodies
+
+
+@cache
+def _kind_with_zeros(kind: type[Scene]) -> type[Scene]:
+    functions = {}
+    for name, compose in (("terms", _terms), ("speeds", _speeds), ("bodies", _bodies)):
+        function = compose(kind)
+        function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}_0"
+        functions[name] = staticmethod(generic(function))
+    return type(kind.__name__, (kind,), functions)
+
+
+def with_zeros(scene: Scene) -> Scene:
+    """Return `scene` with arrays in the place of all that it has not."""
+    made = copy(scene)
+    object.__setattr__(made, "__class__", _kind_with_zeros(type(scene)))
+    return made
+
+
+def absent_terms(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the terms that `scene` has not."""
+    at = outline(scene, CountingLiterals())
+    records = at.terms, at.speeds, at.bodies
+    return tuple(name for record in records for name, x in record._asdict().items() if x is None)
+
+
+def _moving(scene: Scene) -> State:
+    """Return an ordinary state."""
+    ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+    return state
+
+
+# ---- Counts and times ----------------------------------------------------------------------------
+
+
+def cells(
+    kinds: Iterable[type[Scene]], links: int, keys: Sequence[str] | None, repeats: int
+) -> Iterator[Settings]:
+    """Yield a cell for each structure of `kinds` and formulation that applies.
+
+    Args:
+        kinds: kinds of scenes.
+        links: number of links, for kinds that have one.
+        keys: formulations, by default all that apply.
+        repeats: timed batches per median; 0 for counts alone.
+
+    Raises:
+        InputError: a formulation applies to none of `kinds`, or `repeats` is negative.
+        UnknownNameError: no such formulation.
+    """
+    if repeats < 0:
+        raise InputError(f"repeats = {repeats}, expected at least 0")
+    kinds = tuple(kinds)
+    for kind, formulation in product(kinds, formulations_among(kinds, keys)):
+        # A chain has nothing that is absent but the springs, which its bodies have as well.
+        if not formulation.applies_to(kind) or formulation.uses == "chain":
+            continue
+        size = links if kind.has_links else None
+        of = {"scene": kind.key, "links": size, "formulation": formulation.key, "repeats": repeats}
+        for scene in kind.structures(size):
+            yield of | {"structure": scene.structure}
+
+
+def saving(kind: type[Scene], settings: Settings) -> Saving:
+    """Return what leaving out saves in a cell."""
+    formulation, repeats = FORMULATIONS[settings["formulation"]], settings["repeats"]
+    scenes = kind.structures(settings["links"])
+    scene = next(scene for scene in scenes if scene.structure == settings["structure"])
+    both = scene, with_zeros(scene)
+    seconds = _times(both, formulation, repeats) if repeats else None
+    counts = _count(both[0], formulation), _count(both[1], formulation)
+    return Saving(scene.structure, absent_terms(scene), formulation.key, counts, seconds)
+
+
+def _count(scene: Scene, formulation: Formulation) -> int:
+    found = tally(scene, formulation, CountingLiterals())
+    return found.additions + found.multiplications + found.divisions
+
+
+def _times(
+    both: tuple[Scene, Scene], formulation: Formulation, repeats: int
+) -> tuple[float, float]:
+    state = _moving(both[0])
+    jobs = ((scene.name, 0, rate_call(Evaluation(scene, *state), formulation)) for scene in both)
+    absent, zeros = time_calls(both[0].key, jobs, repeats)
+    return absent.seconds, zeros.seconds

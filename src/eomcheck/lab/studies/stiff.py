@@ -1,0 +1,570 @@
+"""Stiff joints: the work of explicit and implicit integrators to the same error.
+
+Two families of the paper's robot, released from rest, k from 5e3 to 1e10 N m/rad:
+
+- "undamped": springs alone. k only sets the unit of time: q(t) at k is q(t √(k/5000)) at k = 5000,
+  so that the stored reference solution, read on another clock, is the true motion at every k.
+- "damped": dampers d = τ k with the retardation time τ = 10 ms (Kelvin and Voigt). Joints creep
+  with τ at any k, while what they do not agree with dies away at rates that grow with k. Here the
+  truth is integrated twice, by the banded formulation and Radau IIA, and by Kane's and an explicit
+  method, above k = 1e9, where that would take 10 million steps, by Radau IIA with other steps; the
+  difference is its uncertainty.
+
+Errors are relative: the largest error of (q, v T) at the end over its largest entry, T the unit of
+time of the family.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from eomcheck.errors import EomcheckError, InputError
+from eomcheck.formulations import formulation_of, formulations_for
+from eomcheck.lab.references import stored
+from eomcheck.lab.run_time import disturbed, ready, run_time
+from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.store.groups import group, select, values
+from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.study import REFERENCES, Quick, References, Study, Work
+from eomcheck.motion.integrators import INTEGRATORS
+from eomcheck.motion.right_hand_side import exact_jacobian
+from eomcheck.motion.simulate import Motion
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.safe_output import counted
+from eomcheck.scenes import Snake
+
+# ---- Cells and measurements ----------------------------------------------------------------------
+
+KEY, TRUTH = "stiff", "stiff-truth"
+REFERENCE = "paper-rest"
+SOFTEST = 5e3
+"""Stiffness of the paper's robot, N m/rad."""
+RETARDATION = 0.01
+"""τ of the damped family, s."""
+DAMPED_END = 0.02
+"""End of the damped motions, s."""
+PROBLEMS = ("undamped", "damped")
+COMPILED = ("DOP853", "Tsit5", "Radau", "BDF", "LSODA")
+EXPLICIT = tuple(key for key in COMPILED if not INTEGRATORS[key].implicit)
+IMPLICIT = ("Radau", "BDF")
+"""LSODA is neither one nor the other: where nothing is stiff it uses Adams' methods."""
+IN_SCIPY = IMPLICIT
+JACOBIANS = ("differences", "exact")
+MOST_STEPS = 200_000
+EXPLICIT_UP_TO = 1e9
+"""Largest stiffness at which a true motion is integrated by an explicit method, N m/rad."""
+RUNS = 5
+
+
+DECADES = (SOFTEST, *(10.0**e for e in range(5, 11)))
+TOLERANCES, IN_SCIPY_AT = (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7)
+QUICK = ((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,))
+"""Stiffnesses, tolerances of CyRK's integrators and of SciPy's."""
+
+Stiffnesses = Annotated[list[float] | None, "Joint stiffness, N m/rad, or several: 1e4,1e5."]
+
+
+def stiffnesses_of(quick: bool, stiffness: Sequence[float] | None) -> tuple[float, ...]:
+    """Return the stiffnesses to look at, N m/rad.
+
+    Raises:
+        InputError: one is not positive.
+    """
+    for k in stiffness or ():
+        if not (k > 0 and math.isfinite(k)):
+            raise InputError(f"stiffness = {k!r}, expected a positive number, N m/rad")
+    return tuple(stiffness or (QUICK[0] if quick else DECADES))
+
+
+def truth_cells(*, quick: Quick = False, stiffness: Stiffnesses = None) -> Iterator[Settings]:
+    """Yield a cell for each stiffness whose damped motion is to be known."""
+    yield from ({"stiffness": k} for k in stiffnesses_of(quick, stiffness))
+
+
+def cells(
+    *,
+    quick: Quick = False,
+    stiffness: Stiffnesses = None,
+    formulation: Annotated[list[str] | None, "Formulation, or several: a,b. [kane]"] = None,
+    references: References = REFERENCES,
+) -> Iterator[Settings]:
+    """Yield a cell for each integrator, tolerance, stiffness, formulation and problem.
+
+    Raises:
+        InputError: a stiffness that is not positive, or the true undamped motion is not stored.
+        UnknownNameError: no such formulation.
+    """
+    stored(REFERENCE, references)  # before hours are spent on what needs it
+    keys = [f.key for f in formulations_for(Snake, formulation or ["kane"])]
+    _, tolerances, in_scipy = QUICK if quick else (DECADES, TOLERANCES, IN_SCIPY_AT)
+    for problem, key, k in product(PROBLEMS, keys, stiffnesses_of(quick, stiffness)):
+        shared = {"problem": problem, "formulation": key, "stiffness": k}
+        for integrator, tolerance in product(COMPILED, tolerances):
+            yield shared | {"integrator": integrator, "jacobian": None, "tolerance": tolerance}
+        if problem == "damped" and key == "kane":
+            for integrator, jacobian, tolerance in product(IN_SCIPY, JACOBIANS, in_scipy):
+                how = {"integrator": integrator, "jacobian": jacobian, "tolerance": tolerance}
+                yield shared | how
+
+
+def scene_of(problem: str, stiffness: float) -> Snake:
+    """Return the paper's robot with joints of this stiffness, damped or not."""
+    joints = np.full(6, stiffness)
+    damping = RETARDATION * joints if problem == "damped" else None
+    return replace(Snake.paper(), stiffness=joints, damping=damping)
+
+
+def unit_of_time(problem: str, stiffness: float) -> float:
+    """Return T, s: √(5000/k) of the undamped family, otherwise 1."""
+    return math.sqrt(SOFTEST / stiffness) if problem == "undamped" else 1.0
+
+
+def end_of(problem: str, stiffness: float) -> float:
+    """Return the end of the motion, s."""
+    return unit_of_time(problem, stiffness) if problem == "undamped" else DAMPED_END
+
+
+# ---- The truth -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The state at the end.
+
+    Attributes:
+        state: (q, v T) (2n,).
+        uncertainty: relative.
+    """
+
+    state: Array
+    uncertainty: float
+
+
+def damped_truth(settings: dict[str, Any]) -> Record:
+    """Return the end of a damped motion, integrated twice."""
+    scene = scene_of("damped", settings["stiffness"])
+    first = _end_state(scene, "banded", "Radau", 1e-12)
+    explicit = settings["stiffness"] <= EXPLICIT_UP_TO
+    second = _end_state(scene, "kane", *(("DOP853", 1e-13) if explicit else ("Radau", 1e-11)))
+    apart = float(np.abs(first - second).max() / np.abs(first).max())
+    return Record(
+        TRUTH,
+        settings,
+        errors={"uncertainty": apart + 2 * EPS},
+        series={"state": (second if explicit else first).tolist()},
+    )
+
+
+def _end_state(scene: Snake, key: str, integrator: str, tolerance: float) -> Array:
+    motion = Motion(scene, formulation_of(key), *scene.initial_state())
+    end = np.array([DAMPED_END])
+    options = {"rtol": tolerance, "atol": tolerance, "output_times": end, "max_steps": 0}
+    found = motion.solve(DAMPED_END, integrator=integrator, **options)
+    if not found.success:
+        raise EomcheckError(f"{key} with {integrator} fails: {found.message}")
+    return np.concatenate(motion.split(found.y[-1]))
+
+
+def scaled_truth(folder: Path) -> Truth:
+    """Return the true end of every undamped motion, in units of its own time."""
+    reference = stored(REFERENCE, folder)
+    q, v = reference.q[-1], reference.v[-1]
+    state = np.concatenate((q, v))
+    # √(5000/k) is rounded twice, and with it the end.
+    moved = 2 * EPS * float(np.abs(v).max())
+    known = reference.uncertainty + reference.rounding + moved
+    return Truth(state, known / float(np.abs(state).max()))
+
+
+# ---- One cell ------------------------------------------------------------------------------------
+
+
+def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> Work:
+    """Return what integrates a motion and compares its end with the truth; `truths` are damped."""
+    damped = {r.settings["stiffness"]: r for r in truths}
+    prepared = cache(lambda problem, k, key: ready(scene_of(problem, k), key))
+    scaled = cache(scaled_truth)
+
+    def truth_of(problem: str, stiffness: float) -> Truth:
+        if problem == "undamped":
+            return scaled(references)
+        record = damped[stiffness]
+        if record.status != "done":
+            raise EomcheckError(f"the true motion is not known: {record.reason}")
+        return Truth(np.array(record.series["state"]), record.errors["uncertainty"])
+
+    def work(settings: Settings) -> Record:
+        problem, k = settings["problem"], settings["stiffness"]
+        motion, compile_seconds = prepared(problem, k, settings["formulation"])
+        truth = truth_of(problem, k)
+        solve = _by_cyrk if settings["jacobian"] is None else _in_scipy
+        found = solve(motion, end_of(problem, k), settings)
+        counts = {"right-hand sides": motion.rates.calls, **found.counts}
+        if found.state is None:
+            return Record(KEY, settings, "failed", found.reason, counts=counts)
+        q, v = motion.split(found.state)
+        state = np.concatenate((q, v * unit_of_time(problem, k)))
+        error = float(np.abs(state - truth.state).max() / np.abs(truth.state).max())
+        taken = run_time(lambda: solve(motion, end_of(problem, k), settings), runs=RUNS)
+        return Record(
+            KEY,
+            settings,
+            **taken.recorded(),
+            compile_seconds=compile_seconds,
+            counts=counts,
+            errors={"final": error, "floor": truth.uncertainty},
+        )
+
+    return work
+
+
+@dataclass(frozen=True)
+class _Found:
+    state: Array | None
+    reason: str
+    counts: dict[str, int]
+
+
+def _by_cyrk(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
+    tolerance = settings["tolerance"]
+    found = motion.solve(
+        end,
+        integrator=settings["integrator"],
+        rtol=tolerance,
+        atol=tolerance,
+        output_times=np.array([end]),
+        max_steps=MOST_STEPS,
+    )
+    state = found.y[-1] if found.success and np.isfinite(found.y).all() else None
+    return _Found(state, found.message, {"steps": found.steps})
+
+
+def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
+    """Integrate by SciPy, whose right-hand side is the same."""
+    motion.rates.reset()
+    exact = settings["jacobian"] == "exact"
+    # Its differences for the Jacobian try larger and larger changes of what does not matter.
+    with np.errstate(over="ignore"):
+        found = solve_ivp(
+            motion.rates,
+            (0.0, end),
+            motion.y0,
+            settings["integrator"],
+            t_eval=[end],
+            rtol=settings["tolerance"],
+            atol=settings["tolerance"],
+            jac=_jacobian_of(motion.scene, motion.formulation) if exact else None,
+        )
+    counts = {"jacobians": found.njev, "factorizations": found.nlu}
+    return _Found(found.y[:, -1] if found.success else None, found.message, counts)
+
+
+_jacobian_of = cache(exact_jacobian)
+"""Of one scene and formulation, made once."""
+
+
+# ---- Tables and charts: costs, crossovers, savings by exact Jacobians ----------------------------
+
+TARGETS = (1e-3, 1e-6)
+"""Relative errors whose costs are compared."""
+RATES = "right-hand sides"
+COSTS = {"seconds": "CPU time / s", RATES: RATES}
+STIFFNESS = Axis("joint stiffness k / (N m/rad)", log=True)
+
+
+def cheapest(
+    records: Iterable[Record], target: float, integrators: Sequence[str], what: str = "seconds"
+) -> Record | None:
+    """Return the run whose error is at most `target` that is cheapest; None if there is none.
+
+    Args:
+        records: runs.
+        target: largest relative error.
+        integrators: keys that are looked at.
+        what: "seconds" or "right-hand sides".
+    """
+    good = [
+        r
+        for r in select(records, KEY, jacobian=None)
+        if r.settings["integrator"] in integrators and r.errors["final"] <= target
+    ]
+    return min(good, key=lambda r: cost(r, what), default=None)
+
+
+def cost(record: Record, what: str = "seconds") -> float:
+    """Return what a run took: CPU time of the best run, s, or a count.
+
+    CPU time is compared, not run time, for it does not tell what else ran on the machine.
+    """
+    return (record.cpu_seconds or 0.0) if what == "seconds" else float(record.counts[what])
+
+
+def crossover(
+    records: Iterable[Record], target: float, problem: str, key: str, what: str = "seconds"
+) -> float | None:
+    """Return the stiffness from which on implicit integrators are the cheaper ones, N m/rad.
+
+    Interpolated in logarithms between the two stiffnesses where the ratio of the best of both kinds
+    passes 1; None where explicit ones remain cheaper up to the largest. Where none of the explicit
+    ones gets there, the implicit ones count as cheaper.
+    """
+    mine = select(records, KEY, problem=problem, formulation=key)
+    ratios: list[tuple[float, float]] = []
+    for k in sorted({r.settings["stiffness"] for r in mine}):
+        here = [r for r in mine if r.settings["stiffness"] == k]
+        explicit, implicit = (cheapest(here, target, kind, what) for kind in (EXPLICIT, IMPLICIT))
+        if implicit is None:
+            continue
+        ratio = math.inf if explicit is None else cost(explicit, what) / cost(implicit, what)
+        ratios.append((k, ratio))
+    for place, (k, ratio) in enumerate(ratios):
+        if ratio > 1 and all(later > 1 for _, later in ratios[place:]):
+            if place == 0 or math.isinf(ratio):
+                return k
+            before_k, before = ratios[place - 1]
+            share = math.log(1 / before) / math.log(ratio / before)
+            return before_k * (k / before_k) ** share
+    return None
+
+
+# ---- Tables --------------------------------------------------------------------------------------
+
+
+def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+    """Yield how well the truth is known, costs, crossovers, and what Jacobians save."""
+    yield _truths(found)
+    for problem, key, target in product(PROBLEMS, values(found, "formulation"), TARGETS):
+        yield _costs(found, problem, key, target)
+    yield _crossovers(found)
+    yield _jacobians(found)
+    yield _failures(found)
+
+
+def said(found: Sequence[Record]) -> Iterator[str]:
+    """Yield how many runs were disturbed."""
+    shared = sum(map(disturbed, found))
+    yield f"{shared} of {counted(len(select(found, KEY)), 'best run')} had to share a core."
+
+
+def _truths(found: Sequence[Record]) -> Sheet:
+    rows = [
+        (
+            f"{r.settings['stiffness']:.0e}",
+            f"{r.errors['uncertainty']:.1e}" if r.status == "done" else r.reason,
+        )
+        for r in found
+        if r.study == TRUTH
+    ]
+    title = "How well the damped motions are known, relative"
+    return Sheet("stiff-truth", title, ("k / (N m/rad)", "uncertainty"), rows)
+
+
+def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Sheet:
+    stiffnesses = values(found, "stiffness")
+    rows = []
+    for integrator in COMPILED:
+        best = (
+            cheapest(
+                select(found, KEY, problem=problem, formulation=key, stiffness=k),
+                target,
+                (integrator,),
+            )
+            for k in stiffnesses
+        )
+        cells = ("" if b is None else f"{1e3 * cost(b):.3g}  {cost(b, RATES):.0f}" for b in best)
+        rows.append((integrator, *cells))
+    return Sheet(
+        f"stiff-cost-{problem}-{key}-{target:.0e}",
+        f"{problem}, {key}: CPU time in ms, and right-hand sides, to an error of {target:.0e}",
+        ("integrator", *(f"{k:.0e}" for k in stiffnesses)),
+        rows,
+    )
+
+
+def _crossovers(found: Sequence[Record]) -> Sheet:
+    rows = []
+    for problem, target, key in product(PROBLEMS, TARGETS, values(found, "formulation")):
+        places = (crossover(found, target, problem, key, what) for what in ("seconds", RATES))
+        cells = ("never" if k is None else f"{k:.1e}" for k in places)
+        rows.append((problem, f"{target:.0e}", key, *cells))
+    return Sheet(
+        "stiff-crossover",
+        "Implicit integrators are the cheaper ones from this k on, N m/rad",
+        ("joints", "error", "formulation", "by CPU time", "by right-hand sides"),
+        rows,
+    )
+
+
+def _jacobians(found: Sequence[Record]) -> Sheet:
+    rows = []
+    for integrator, tolerance, k, pair in _pairs(found):
+        cells = []
+        for what, factor in ((RATES, 1.0), ("seconds", 1e3)):
+            plain, exact = (factor * cost(r, what) for r in pair)
+            cells += [f"{plain:.4g}", f"{exact:.4g}", f"{1 - exact / plain:.0%}"]
+        errors = (f"{r.errors['final']:.0e}" for r in pair)
+        rows.append((integrator, f"{tolerance:.0e}", f"{k:.0e}", *cells, *errors))
+    return Sheet(
+        "stiff-jacobians",
+        "SciPy, kane, damped: exact Jacobian beside finite differences",
+        (
+            *("integrator", "rtol", "k / (N m/rad)", "right-hand sides", "exact", "saved"),
+            *("CPU ms", "exact", "saved", "error", "exact"),
+        ),
+        rows,
+    )
+
+
+def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Record]]]:
+    """Yield integrator, tolerance, stiffness, and the runs by differences and by exact Jacobian."""
+    for integrator in IN_SCIPY:
+        for tolerance, k in product(values(found, "tolerance"), values(found, "stiffness")):
+            how = {"integrator": integrator, "tolerance": tolerance, "stiffness": k}
+            pair = [run for way in JACOBIANS for run in select(found, KEY, jacobian=way, **how)]
+            if len(pair) == 2:
+                yield integrator, tolerance, k, pair
+
+
+def _failures(found: Sequence[Record]) -> Sheet:
+    what = "problem", "formulation", "integrator"
+    failed = (r for r in found if r.study == KEY and r.status != "done")
+    alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
+    where = "{stiffness:.0e} at {tolerance:.0e}"
+    rows = [
+        (*told, "; ".join(where.format(**r.settings) for r in mine)) for told, mine in alike.items()
+    ]
+    columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
+    title = "Runs that failed" if rows else "No run failed."
+    return Sheet("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
+
+
+# ---- Charts --------------------------------------------------------------------------------------
+
+
+def charts(found: Sequence[Record]) -> Iterator[Chart]:
+    """Yield work-precision, cost over stiffness, and what exact Jacobians save."""
+    yield _work_precision(found)
+    yield _cost_over_stiffness(found)
+    yield _saved(found)
+
+
+def _work_precision(found: Sequence[Record]) -> Chart:
+    """Error against CPU time of Kane's formulation; in the grey the truth is not known."""
+    panels = {}
+    stiffnesses = values(found, "stiffness")
+    for problem, k in product(PROBLEMS, stiffnesses):
+        mine = select(found, KEY, problem=problem, stiffness=k, formulation="kane", jacobian=None)
+        if not mine:
+            continue
+        mine.sort(key=lambda r: -r.settings["tolerance"])
+        lines = [
+            Line(
+                integrator,
+                [cost(r) for r in line],
+                [max(r.errors["final"], r.errors["floor"]) for r in line],
+                [_told(r) for r in line],
+            )
+            for integrator in COMPILED
+            if (line := [r for r in mine if r.settings["integrator"] == integrator])
+        ]
+        x = Axis("CPU time / s", log=True)
+        y = Axis(f"{problem}\nrelative error", log=True, range=(1e-13, 3.0))
+        title = f"k = {k:.0e} N m/rad"
+        panels[problem, f"{k:.0e}"] = Panel(x, y, lines, title, mine[0].errors["floor"])
+    shown = stiffnesses[:: max(1, (len(stiffnesses) - 1) // 3)][:4]
+    return Chart(
+        "stiff-work-precision",
+        "Error against CPU time, Kane's formulation",
+        ["joints", "k / (N m/rad)"],
+        panels,
+        [[(problem, f"{k:.0e}") for k in shown] for problem in PROBLEMS],
+        size=(2.9, 3.1),
+    )
+
+
+def _told(record: Record) -> list[str]:
+    how = "{integrator}, tolerance {tolerance:.0e}".format(**record.settings)
+    return [how, f"{1e3 * cost(record):.3g} ms, {counted(record.counts[RATES], 'right-hand side')}"]
+
+
+def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
+    target = TARGETS[0]
+    panels = {}
+    for (what, label), problem in product(COSTS.items(), PROBLEMS):
+        lines = []
+        for integrator in COMPILED:
+            points = [
+                (k, cost(best, what))
+                for k in values(found, "stiffness")
+                if (best := _cheapest_at(found, problem, k, target, integrator, what))
+            ]
+            if points:
+                lines.append(Line(integrator, [k for k, _ in points], [y for _, y in points]))
+        place = crossover(found, target, problem, "kane", what)
+        panels[label, problem] = Panel(
+            STIFFNESS,
+            Axis(label, log=True),
+            lines,
+            f"{problem}: to a relative error of {target:.0e}",
+            marks=[] if place is None else [place],
+        )
+    title = "Cost over stiffness, Kane's formulation; dotted: implicit integrators are cheaper on"
+    return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
+
+
+def _cheapest_at(
+    found: Sequence[Record], problem: str, k: float, target: float, integrator: str, what: str
+) -> Record | None:
+    mine = select(found, KEY, problem=problem, stiffness=k, formulation="kane")
+    return cheapest(mine, target, (integrator,), what)
+
+
+def _saved(found: Sequence[Record]) -> Chart:
+    """The shares of right-hand sides and time that exact Jacobians leave."""
+    panels, pairs = {}, group(_pairs(found), lambda one: one[:2])
+    for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
+        lines = [
+            Line(
+                integrator,
+                [k for _, _, k, _ in line],
+                [cost(exact, what) / cost(plain, what) for *_, (plain, exact) in line],
+                label=f"{integrator}, rtol {tolerance:.0e}",
+                dashed=tolerance == max(t for _, t in pairs),
+            )
+            for (integrator, tolerance), line in pairs.items()
+        ]
+        y = Axis("exact Jacobian over differences", range=(0, None))
+        panels[(label,)] = Panel(STIFFNESS, y, lines, label, level=1.0)
+    title = "What exact Jacobians leave of the cost of finite differences (SciPy, damped)"
+    return Chart("stiff-jacobians", title, ["cost"], panels, size=(4.1, 3.4))
+
+
+TRUTHS = Study(
+    key=TRUTH,
+    cells=truth_cells,
+    worker=lambda known: damped_truth,
+    sheets=lambda found: (),
+    label="integrating {true motion}",
+)
+STUDY = Study(
+    key=KEY,
+    before=(TRUTHS,),
+    cells=cells,
+    worker=worker,
+    sheets=sheets,
+    charts=charts,
+    said=said,
+    label="integrating {motion}",
+)

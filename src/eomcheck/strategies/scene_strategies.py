@@ -1,0 +1,285 @@
+"""Strategies for scenes: parameters drawn from their ranges, random mechanisms and URDFs.
+
+A scene class gives the range of each parameter, and, where its scenes differ in structure, the
+topologies to choose from. Hypothesis makes all choices, so that it can shrink them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+from hypothesis import reject
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from eomcheck.errors import InputError, RefusedError, distinct, whole_number
+from eomcheck.mechanics.records import Range
+from eomcheck.mechanics.scene import Scene, finite_array
+from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree, checked_links
+from eomcheck.random_mechanisms.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
+from eomcheck.scenes import Snake
+
+# ---- Scenes of a class ---------------------------------------------------------------------------
+
+S = TypeVar("S", bound=Scene)
+T = TypeVar("T")
+
+
+def snakes(
+    min_links: int = 1,
+    max_links: int = 8,
+    *,
+    mass: tuple[float, float] = (0.1, 10.0),
+    length: tuple[float, float] = (0.1, 10.0),
+    inertia: tuple[float, float] = (0.01, 10.0),
+    stiffness: tuple[float, float] = (0.0, 1e4),
+    damping: tuple[float, float] = (0.0, 100.0),
+    wheel_angle: float = 1.0,
+) -> SearchStrategy[Snake]:
+    """Return a strategy for snakes whose links differ, with springs and dampers or without.
+
+    Args:
+        min_links: smallest N.
+        max_links: largest N.
+        mass: bounds, kg.
+        length: bounds, m.
+        inertia: bounds, kg m².
+        stiffness: bounds, N m/rad.
+        damping: bounds, N m s/rad.
+        wheel_angle: largest |α|, rad.
+
+    Raises:
+        InputError: bounds that no snake can have.
+    """
+    links = links_between(min_links, max_links)
+    smallest = np.nextafter(0.0, 1.0)
+    interval("mass", mass, smallest)
+    interval("length", length, smallest)
+    interval("inertia", inertia, 0.0)
+    interval("stiffness", stiffness, 0.0)
+    interval("damping", damping, 0.0)
+    interval("wheel_angle", (0.0, wheel_angle), 0.0)
+    bounds = {
+        "mass": mass,
+        "length": length,
+        "inertia": inertia,
+        "stiffness": stiffness,
+        "damping": damping,
+        "wheel_angle": (-wheel_angle, wheel_angle),
+    }
+
+    def build(n: int) -> SearchStrategy[Snake]:
+        ranges = Snake.ranges(n)
+        for name, (low, high) in bounds.items():
+            ranges[name] = ranges[name]._replace(low=low, high=high)
+        return from_ranges(Snake, ranges)
+
+    return links.flatmap(build)
+
+
+def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrategy[S]:
+    """Return a strategy for scenes of a kind, drawn from its `ranges`.
+
+    Args:
+        kind: the kind of scene.
+        min_links: smallest number of links, for a kind that has one.
+        max_links: largest number of links.
+
+    Raises:
+        InputError: numbers of links that no such scene can have.
+    """
+    links = links_between(min_links, max_links) if kind.has_links else st.none()
+    return links.flatmap(lambda n: _topologies(kind, n).flatmap(lambda one: _of_kind(one, n)))
+
+
+def _of_kind(kind: type[S], links: int | None) -> SearchStrategy[S]:
+    return from_ranges(kind, kind.ranges(links))
+
+
+@cache
+def _number(low: float, high: float) -> SearchStrategy[float]:
+    return entry_of(Range(low, high))
+
+
+class Choices:
+    """Choices by hypothesis, which shrinks them."""
+
+    def __init__(self, draw: Any):
+        self._draw = draw
+
+    def one_of(self, among: Sequence[T]) -> T:
+        """Return one of several."""
+        return self._draw(st.sampled_from(among))
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number, both bounds included."""
+        return self._draw(st.integers(low, high))
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number between bounds."""
+        return self._draw(_number(low, high))
+
+
+@st.composite
+def _topologies(draw: Any, kind: type[Scene], links: int | None) -> Any:
+    """Return a strategy for kinds whose scenes hang together in one way each."""
+    choices = Choices(draw)
+    entry = choices.one_of(kind.topologies(links))
+    ways = {name: choices.one_of(of) for name, of in entry.items()}
+    try:
+        return kind.of_topology(links, ways, choices)
+    except RefusedError:
+        reject()
+
+
+# ---- Random trees, mechanisms and URDFs ----------------------------------------------------------
+
+
+def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomTree]:
+    """Return a strategy for trees of rigid bodies, each of which hangs together in another way.
+
+    In the plane or in space, with joints of all kinds, axes, placements and inertias of any
+    direction, massless carriers, springs, dampers, rotors, joints that follow others, and gravity,
+    or without; closed by nothing. The scene's `made.description` is what it was made of.
+
+    Args:
+        min_bodies: smallest number of links, the ground not counted.
+        max_bodies: largest number of links.
+
+    Raises:
+        InputError: numbers that no such tree has.
+    """
+    _bodies(min_bodies, max_bodies)
+    return scenes(RandomTree, min_bodies, max_bodies)
+
+
+def random_mechanisms(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomMechanism]:
+    """Return a strategy for such trees with constraints whose rows are independent.
+
+    Pins, welds, hinges, rods and points on planes, which make loops; couplings; knife edges; and
+    joints that a clock drives. For arguments and errors see `random_trees`.
+    """
+    _bodies(min_bodies, max_bodies)
+    return scenes(RandomMechanism, min_bodies, max_bodies)
+
+
+def urdfs(
+    min_bodies: int = 1,
+    max_bodies: int = 8,
+    *,
+    joints: Iterable[str] = EVERYWHERE,
+    mimic: bool = True,
+    massless: bool = True,
+    dampers: bool = True,
+) -> SearchStrategy[str]:
+    """Return a strategy for texts of URDFs: random trees in space, joints in any order.
+
+    Each is read by `eomcheck.scenes.from_urdf`, and should be by any other parser.
+
+    Args:
+        min_bodies: smallest number of links, the root not counted.
+        max_bodies: largest number of links.
+        joints: kinds that there may be: "revolute", and any of "prismatic", "fixed", "planar",
+            "floating". Where revolute joints have no limits they are written as continuous ones.
+        mimic: whether some joints may follow others.
+        massless: whether some links may have no inertia: carriers of others, and fixed frames.
+        dampers: whether some joints may have dampers.
+
+    Raises:
+        InputError: numbers that no such tree has, or kinds of joints that a URDF has not.
+    """
+    kinds = distinct("joints", joints)
+    if "revolute" not in kinds or not URDF_JOINTS.issuperset(kinds):
+        known = ", ".join(sorted(URDF_JOINTS))
+        raise InputError(f"joints = {kinds!r}, expected 'revolute' and any of: {known}")
+    return _bodies(min_bodies, max_bodies).flatmap(
+        lambda links: _urdf(links, kinds, mimic, massless, dampers)
+    )
+
+
+@st.composite
+def _urdf(draw: Any, links: int, *options: Any) -> str:
+    return urdf_text(urdf_tree(links, Choices(draw), *options))
+
+
+def _bodies(min_bodies: int, max_bodies: int) -> SearchStrategy[int]:
+    low, high = (
+        checked_links(value, name)
+        for name, value in (("min_bodies", min_bodies), ("max_bodies", max_bodies))
+    )
+    if low > high:
+        said = f"min_bodies, max_bodies = {low}, {high}"
+        raise InputError(f"{said}, expected min_bodies <= max_bodies")
+    return st.integers(low, high)
+
+
+# ---- Numbers and arrays --------------------------------------------------------------------------
+
+
+NEGLIGIBLE = 1e-6
+"""Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""
+
+
+def interval(name: str, bounds: tuple[float, float], lowest: float) -> SearchStrategy[float]:
+    """Return a strategy for numbers between bounds.
+
+    Raises:
+        InputError: bounds that are not finite, in no order, or below `lowest`.
+    """
+    try:
+        low, high = finite_array(name, bounds, (2,)).tolist()
+    except InputError:
+        low = high = math.nan
+    if not lowest <= low <= high:
+        raise InputError(f"{name} = {bounds!r}, expected {lowest:g} <= low <= high, both finite")
+    return st.floats(low, high)
+
+
+def without_tiny(x: float) -> float:
+    """Return x, or 0 for what is negligible."""
+    return x if abs(x) >= NEGLIGIBLE else 0.0
+
+
+def vector(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[float]]:
+    """Return a strategy for lists of `size` entries."""
+    return st.lists(entries, min_size=size, max_size=size)
+
+
+def links_between(min_links: int, max_links: int) -> SearchStrategy[int]:
+    """Return a strategy for numbers of links.
+
+    Raises:
+        InputError: no such number, or none between them.
+    """
+    low, high = whole_number("min_links", min_links), whole_number("max_links", max_links)
+    if low > high:
+        raise InputError(f"min_links, max_links = {low}, {high}, expected min_links <= max_links")
+    return st.integers(low, high)
+
+
+def magnitudes(low: float, high: float) -> SearchStrategy[float]:
+    """Return a strategy for sizes from 10^low to 10^high, each decade as often as another."""
+    return st.floats(low, high).map(lambda exponent: 10.0**exponent)
+
+
+def from_ranges(kind: type[S], ranges: dict[str, Range]) -> SearchStrategy[S]:
+    """Return a strategy for scenes whose parameters are drawn from `ranges`."""
+    return st.builds(kind, **{name: parameter_of(one) for name, one in ranges.items()})
+
+
+def parameter_of(one: Range) -> SearchStrategy:
+    """Return a strategy for a number or nested lists of numbers; for None as well if optional."""
+    values: SearchStrategy = entry_of(one)
+    for size in reversed(one.shape):
+        values = vector(values, size)
+    return st.none() | values | values if one.optional else values
+
+
+def entry_of(one: Range) -> SearchStrategy[float]:
+    """Return a strategy for one number of a range, nothing negligible among them."""
+    numbers = st.floats(one.low, one.high)
+    return numbers.map(without_tiny) if one.low < 0.0 < one.high else numbers
