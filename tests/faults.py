@@ -37,20 +37,16 @@ class Fault:
         return f"{Path(self.file).stem}: {self.old} => {self.new}"
 
 
-SNAKE_TERMS, SNAKE_SPEEDS = "scenes/snake_terms.py", "scenes/snake_speeds.py"
-SNAKE_ENERGIES, SNAKE_CHAIN = "scenes/snake_energies.py", "scenes/snake_chain.py"
-DESCRIBED = "mechanics/described/"
-MOTION, ENERGIES = DESCRIBED + "motion.py", DESCRIBED + "energies.py"
-WEIGHTS, TERMS = DESCRIBED + "forces.py", DESCRIBED + "terms.py"
+SNAKE = "scenes/snake.py"
+DESCRIBED = "descriptions/"
+MOTION, ENERGIES = DESCRIBED + "first_derivation.py", DESCRIBED + "second_derivation.py"
+CLOSURES, FORCES = DESCRIBED + "constraint_rows.py", DESCRIBED + "forces.py"
 WEIGHED = "generalized-forces", "row θ_"
 SLEIGH = "scenes/sleigh.py"
 DISK = "scenes/rolling_disk.py"
 BALL = "scenes/turntable_ball.py"
 BICYCLE = "scenes/bicycle.py"
-COMPOSED = "mechanics/composed.py"
-ROWS, CONSTRAINTS = DESCRIBED + "rows.py", DESCRIBED + "constraints.py"
-CLOSURES, SPRINGS = DESCRIBED + "closures.py", DESCRIBED + "springs.py"
-ROLLING = DESCRIBED + "rolling.py"
+COMPOSED = "mechanics/derived_functions.py"
 SLIPS, WANDERS = ("constraint-jacobian", " wheel "), ("constraint-drift", " wheel ")
 WINDOW, PULLED = ("constraint-jacobian", "window"), ("generalized-forces", "row β", Andrews)
 RING, MIXED = ("constraint-jacobian", "", Bricard), ("mass-matrix", "entry", Bricard)
@@ -60,21 +56,12 @@ TURNED = "mass-matrix", "", FlyballGovernor
 CLOSING, DRIFTING = ("constraint-jacobian", "K2 at K"), ("constraint-drift", "K2 at K")
 SHARED = {
     COMPOSED: ChainPendulum,
-    ROWS: FourBarChain,
-    CONSTRAINTS: Andrews,
     CLOSURES: Andrews,
-    SPRINGS: Andrews,
+    FORCES: ChainPendulum,
     MOTION: ChainPendulum,
-    WEIGHTS: ChainPendulum,
-    TERMS: ChainPendulum,
     ENERGIES: ChainPendulum,
-    ROLLING: Bicycle,
 }
 """File of functions that many scenes call -> one of the scenes."""
-PARTS = {
-    **dict.fromkeys((SNAKE_TERMS, SNAKE_SPEEDS, SNAKE_ENERGIES, SNAKE_CHAIN), Snake),
-}
-"""File of functions -> the scene that takes them from there."""
 BANDED, UK = "formulations/banded.py", "formulations/uk.py"
 COUPLING = "chain-coupling", "coupling of a chain, entry (joint "
 REMAINDER = "chain-remainder", "remainder of a chain, entry (joint "
@@ -83,144 +70,134 @@ KANE = "kane-ml-force", "F_Kane - N q̇ - G"
 RATE = "position-rate", "rate of closed positions, "
 FAULTS = [
     # M
-    Fault(SNAKE_TERMS, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
-    Fault(SNAKE_TERMS, "mass[i] / 4 + tail", "mass[i] / 2 + tail", "mass-matrix", "(θ_"),
-    Fault(SNAKE_TERMS, " + inertia[i]\n", "\n", "mass-matrix", "(θ_"),
-    Fault(SNAKE_TERMS, "length[j] * mu[i] *", "length[i] * mu[j] *", "mass-matrix", "(θ_"),
+    Fault(SNAKE, "-mu[i] * sin[i]", "mu[i] * sin[i]", "mass-matrix", "sign"),
+    Fault(SNAKE, "mass[i] / 4 + tail", "mass[i] / 2 + tail", "mass-matrix", "(θ_"),
+    Fault(SNAKE, " + inertia[i]\n", "\n", "mass-matrix", "(θ_"),
+    Fault(SNAKE, "length[j] * mu[i] *", "length[i] * mu[j] *", "mass-matrix", "(θ_"),
+    Fault(SNAKE, "cos[j] + sin[i] * sin[j]", "cos[j] - sin[i] * sin[j]", "mass-matrix", "(θ_"),
+    Fault(SNAKE, "tail[i] + mass[i]\n", "tail[i] + mass[i - 1]\n", "mass-matrix", "entry"),
+    Fault(SNAKE, "length * (mass / 2 + tail)", "length * (mass + tail)", "mass-matrix", "entry"),
     Fault(
-        SNAKE_TERMS, "cos[j] + sin[i] * sin[j]", "cos[j] - sin[i] * sin[j]", "mass-matrix", "(θ_"
-    ),
-    Fault(SNAKE_TERMS, "tail[i] + mass[i]\n", "tail[i] + mass[i - 1]\n", "mass-matrix", "entry"),
-    Fault(
-        SNAKE_TERMS, "length * (mass / 2 + tail)", "length * (mass + tail)", "mass-matrix", "entry"
-    ),
-    Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "M[i + 2, j + 2] = M[j + 2, i + 2] = c",
         "M[i + 2, j + 2] = c",
         "mass-matrix",
         "missing",
     ),
     # B
-    Fault(SNAKE_TERMS, "B[0] -= mu", "B[0] += mu", "bias", "row x: sign"),
-    Fault(SNAKE_TERMS, "    return B\n", "    return 0 * B\n", "bias", "missing"),
-    Fault(SNAKE_TERMS, "mu[i] * (sin[i] * along -", "mu[i] * (sin[i] * along +", "bias", "row θ_"),
-    Fault(SNAKE_TERMS, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
-    Fault(SNAKE_TERMS, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
+    Fault(SNAKE, "B[0] -= mu", "B[0] += mu", "bias", "row x: sign"),
+    Fault(SNAKE, "    return B\n", "    return 0 * B\n", "bias", "missing"),
+    Fault(SNAKE, "mu[i] * (sin[i] * along -", "mu[i] * (sin[i] * along +", "bias", "row θ_"),
+    Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] -= length[i]", "bias", "row θ_"),
+    Fault(SNAKE, "B[i + 2] += length[i]", "B[i + 2] += 2 * length[i]", "bias", "row θ_"),
     # Q
-    Fault(SNAKE_TERMS, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
-    Fault(
-        SNAKE_TERMS, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"
-    ),
-    Fault(SNAKE_TERMS, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "Q[k + 2] -= torque", "Q[k + 2] += torque", "generalized-forces", "row θ_"),
+    Fault(SNAKE, "(theta[joint] - theta", "(-theta[joint] + theta", "generalized-forces", "sign"),
+    Fault(SNAKE, "Q[k + 3] += torque", "pass", "generalized-forces", "row θ_"),
     # a and gamma
-    Fault(SNAKE_TERMS, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
+    Fault(SNAKE, "= -cos_phi[i]\n", "= cos_phi[i]\n", "constraint-jacobian", ", y): sign"),
     Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "-length[i] / 2 * cos_alpha[i]",
         "-length[i] * cos_alpha[i]",
         "constraint-jacobian",
         "2 times too large",
     ),
+    Fault(SNAKE, "-length[j] * (cos_phi", "-length[i] * (cos_phi", "constraint-jacobian", "θ_"),
     Fault(
-        SNAKE_TERMS, "-length[j] * (cos_phi", "-length[i] * (cos_phi", "constraint-jacobian", "θ_"
-    ),
-    Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "return cos_alpha * cos - sin",
         "return cos_alpha * cos + sin",
         "constraint-jacobian",
         "wheel",
     ),
-    Fault(SNAKE_TERMS, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
+    Fault(SNAKE, "    return gamma\n", "    return -gamma\n", "constraint-drift", "sign"),
     Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "cos_phi[i] + omega * (Vx",
         "cos_phi[i] - omega * (Vx",
         "constraint-drift",
         "wheel",
     ),
     Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "        half = length[i] / 2\n",
         "        half = length[i]\n",
         "constraint-drift",
         "wheel",
     ),
     # w′ and its remainder
-    Fault(SNAKE_SPEEDS, "ww_w = -before", "ww_w = before", "null-space-speeds", "w′"),
+    Fault(SNAKE, "ww_w = -before", "ww_w = before", "null-space-speeds", "w′"),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "sin_psi + offset * ww_w",
         "sin_psi - offset * ww_w",
         "null-space-speeds",
         "w′",
     ),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "= sin_phi, -half * cos[0]",
         "= sin_phi, half * cos[0]",
         "null-space-speeds",
         "w′",
     ),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "sin_alpha[0] * v[2]",
         "-sin_alpha[0] * v[2]",
         "speeds-velocity",
         "generalized speeds",
     ),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "- offset * omega * omega",
         "+ offset * omega * omega",
         "speeds-remainder",
         "remainder",
     ),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "            turning * sin_delta",
         "            -turning * sin_delta",
         "speeds-remainder",
         "remainder",
     ),
-    Fault(SNAKE_SPEEDS, "- lever * omega * omega", "", "speeds-remainder", "remainder"),
+    Fault(SNAKE, "- lever * omega * omega", "", "speeds-remainder", "remainder"),
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "spin * cos[0] - turning",
         "spin * cos[0] + turning",
         "speeds-remainder",
         "remainder",
     ),
-    Fault(SNAKE_SPEEDS, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
+    Fault(SNAKE, "v[k + 2] = omega", "v[k + 2] = -omega", "speeds-velocity", "q̇"),
     # Kane's bodies
     Fault(
-        SNAKE_SPEEDS,
+        SNAKE,
         "omega_u[k + 1, 0, i] - omega_u[k, 0, i]",
         "omega_u[k, 0, i] - omega_u[k + 1, 0, i]",
         "active-forces",
         "sign",
     ),
-    Fault(SNAKE_SPEEDS, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
-    Fault(SNAKE_SPEEDS, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
+    Fault(SNAKE, "inertia[:, np.new", "inertia[::-1, np.new", "kane-ml-mass", "M_Kane"),
+    Fault(SNAKE, "rolling.s_rest,", "-rolling.s_rest,", "kane-ml-force", "N q̇"),
     # the second derivation
-    Fault(SNAKE_ENERGIES, "v[0], v[1], v[2:]", "v[1], v[0], v[2:]", "mass-matrix", "[casadi]"),
+    Fault(SNAKE, "v[0], v[1], v[2:]", "v[1], v[0], v[2:]", "mass-matrix", "[casadi]"),
     Fault(
-        SNAKE_ENERGIES,
+        SNAKE,
         "(x[k + 1] - x[k]) / 2",
         "(x[k + 1] - x[k])",
         "generalized-forces",
         "half of it",
     ),
     # not a number, and nothing at all
-    Fault(SNAKE_TERMS, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
-    Fault(SNAKE_TERMS, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
-    Fault(SNAKE_TERMS, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
+    Fault(SNAKE, "    return B\n", "    return B * np.nan\n", "finite-terms", "[B]"),
+    Fault(SNAKE, "    return M\n", "    return M * np.nan\n", "finite-terms", "[M]"),
+    Fault(SNAKE, "    return Q\n", "    return Q * np.nan\n", "finite-terms", "[Q]"),
+    Fault(SNAKE, "    return a, None\n", "    return a * np.nan, None\n", "finite-terms", "[a]"),
     Fault(
-        SNAKE_TERMS, "    return a, None\n", "    return a * np.nan, None\n", "finite-terms", "[a]"
-    ),
-    Fault(
-        SNAKE_TERMS,
+        SNAKE,
         "    return a, None\n",
         "    return 0 * a, None\n",
         "constraint-jacobian",
@@ -307,31 +284,27 @@ FAULTS = [
     ),
     # a chain
     Fault(
-        SNAKE_CHAIN,
+        SNAKE,
         "+ Vy * sin_phi[k]",
         "- Vy * sin_phi[k]",
         "chain-velocity",
         "velocity of a chain",
     ),
-    Fault(
-        SNAKE_CHAIN, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"
-    ),
-    Fault(SNAKE_CHAIN, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
-    Fault(
-        SNAKE_CHAIN, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"
-    ),
-    Fault(SNAKE_CHAIN, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
-    Fault(SNAKE_CHAIN, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
-    Fault(SNAKE_CHAIN, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
-    Fault(SNAKE_CHAIN, "sin_delta, -before", "sin_delta, before", *COUPLING),
-    Fault(SNAKE_CHAIN, "= -1, half", "= -1, -half", *COUPLING),
-    Fault(SNAKE_CHAIN, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
-    Fault(SNAKE_CHAIN, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
-    Fault(SNAKE_CHAIN, "s * omega - turning", "-s * omega - turning", *REMAINDER),
-    Fault(SNAKE_CHAIN, " - spin * sin_alpha[k]", "", *REMAINDER),
-    Fault(SNAKE_CHAIN, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
-    Fault(SNAKE_CHAIN, "[j + 1] += across", "[j + 1] -= across", *RESULT),
-    Fault(SNAKE_CHAIN, "-mass[k] * x", "mass[k] * x", *RESULT),
+    Fault(SNAKE, "x[0] * cos_phi + across", "x[0] * cos_phi - across", "chain-velocity", "row x"),
+    Fault(SNAKE, "D[1::2] = inertia", "D[1::2] = mass", "chain-energy", "mass of a chain"),
+    Fault(SNAKE, "torque[k] - torque[k - 1]", "torque[k] + torque[k - 1]", "chain-forces", "θ_"),
+    Fault(SNAKE, "f[-1] = -torque[-1]", "f[-1] = torque[-1]", "chain-forces", "row θ_4"),
+    Fault(SNAKE, "sin[j]\n        sin_psi", "cos[j]\n        sin_psi", *COUPLING),
+    Fault(SNAKE, "cos_delta, before * sin_psi", "cos_delta, -before * sin_psi", *COUPLING),
+    Fault(SNAKE, "sin_delta, -before", "sin_delta, before", *COUPLING),
+    Fault(SNAKE, "= -1, half", "= -1, -half", *COUPLING),
+    Fault(SNAKE, "= -half * cos_alpha[k]", "= -length[k] * cos_alpha[k]", *COUPLING),
+    Fault(SNAKE, "turning * sin_delta - spin", "turning * sin_delta + spin", *REMAINDER),
+    Fault(SNAKE, "d[j, 1] = s * omega - turning", "d[j, 1] = -s * omega - turning", *REMAINDER),
+    Fault(SNAKE, " - spin * sin_alpha[k]", "", *REMAINDER),
+    Fault(SNAKE, "* sin + spin * cos", "* sin - spin * cos", "chain-acceleration", "row x"),
+    Fault(SNAKE, "[j + 1] += across", "[j + 1] -= across", *RESULT),
+    Fault(SNAKE, "-mass[k] * x", "mass[k] * x", *RESULT),
     Fault(BANDED, "right[i + 2] = rest", "right[i + 2] = -rest", *RESULT),
     Fault(BANDED, "bands[i + 3, 0] = -before", "_ = -before", *RESULT),
     Fault(BANDED, "bands[i, 6] = bands", "bands", *RESULT),
@@ -389,9 +362,9 @@ FAULTS = [
         "kane-ml-force",
         "F_Kane",
     ),
-    Fault(SNAKE_ENERGIES, "y + length[i] / 2", "y - length[i] / 2", "mass-matrix", "[casadi]"),
+    Fault(SNAKE, "y + length[i] / 2", "y - length[i] / 2", "mass-matrix", "[casadi]"),
     Fault(
-        SNAKE_ENERGIES,
+        SNAKE,
         "2 * omega[i] * angles.cos",
         "2 * omega[i] * angles.sin",
         "mass-matrix",
@@ -401,35 +374,55 @@ FAULTS = [
     Fault(MOTION, "arm if run.arm else", "at if run.arm else", "kane-ml-mass", "M_Kane"),
     Fault(MOTION, "else cross(axis, reach)", "else cross(reach, axis)", *KANE),
     Fault(MOTION, "centripetal(rates.omega, arm))", "rates.rest)", "bias", "row θ_"),
-    Fault(TERMS, "NOTHING if slot.absolute else L", "L", "mass-matrix", "θ_"),
-    Fault(TERMS, "weightless_turn(own) if slot.absolute else own", "own", "mass-matrix", "θ_"),
-    Fault(TERMS, "M[slot.coordinate, i] += share", "pass", "mass-matrix", "missing"),
-    Fault(TERMS, "NOTHING if slot.absolute else moment[k]", "moment[k]", "bias", "row θ_"),
-    Fault(TERMS, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", "bias", "row θ_"),
-    Fault(TERMS, "added(rates[k].rest, swung(", "added(NOTHING, swung(", "bias", "row θ_"),
-    Fault(WEIGHTS, "Q[slot.coordinate] += work", "Q[slot.coordinate] -= work", *WEIGHED),
-    Fault(WEIGHTS, "NOTHING if slot.absolute else moment[k]", "moment[k]", *WEIGHED),
-    Fault(WEIGHTS, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", *WEIGHED),
+    Fault(MOTION, "NOTHING if slot.absolute else L", "L", "mass-matrix", "θ_"),
+    Fault(MOTION, "weightless_turn(own) if slot.absolute else own", "own", "mass-matrix", "θ_"),
+    Fault(MOTION, "M[slot.coordinate, i] += share", "pass", "mass-matrix", "missing"),
+    Fault(MOTION, "NOTHING if slot.absolute else moment[k]", "moment[k]", "bias", "row θ_"),
+    Fault(MOTION, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", "bias", "row θ_"),
+    Fault(
+        MOTION,
+        "scaled(mass, added(rates[k].rest, swung(",
+        "scaled(mass, added(NOTHING, swung(",
+        "bias",
+        "row θ_",
+    ),
+    Fault(FORCES, "Q[slot.coordinate] += work", "Q[slot.coordinate] -= work", *WEIGHED),
+    Fault(FORCES, "NOTHING if slot.absolute else moment[k]", "moment[k]", *WEIGHED),
+    Fault(FORCES, "cross(frame.arm, force[k])", "cross(force[k], frame.arm)", *WEIGHED),
     Fault(ENERGIES, "U, times(parameters.mass", "U, times(-parameters.mass", *WEIGHED),
     Fault(ENERGIES, "parent, seat), a)", "parent, a), seat)", *WEIGHED),
     Fault(ENERGIES, "turned_back(V, axis", "turned(V, axis", "mass-matrix", "[casadi]"),
     Fault(ENERGIES, "V), NOTHING\n", "V), omega\n", "mass-matrix", "[casadi]"),
     Fault(ENERGIES, "cross(omega, a))", "cross(a, omega))", "mass-matrix", "θ_"),
     # What closes loops, springs between points, constant torques.
-    Fault(ROWS, "subtracted(a.value, b.value)", "subtracted(b.value, a.value)", *RATE),
-    Fault(ROWS, "subtracted(a.rate, b.rate)", "subtracted(b.rate, a.rate)", *WINDOW),
-    Fault(ROWS, "subtracted(a.columns.get", "subtracted(b.columns.get", *WINDOW),
-    Fault(ROWS, "subtracted(a.rest, b.rest)", "subtracted(b.rest, a.rest)", *DRIFTING, Andrews),
-    Fault(CONSTRAINTS, "put(gamma, i, row.rest)", "put(gamma, i, row.rate)", *DRIFTING),
-    Fault(CONSTRAINTS, "put(a, (i, j), x)", "put(a, (i, j), -x)", *CLOSING),
-    Fault(CONSTRAINTS, "put(c, i, row.rate)", "put(c, i, row.position)", *CLOSING),
-    Fault(CONSTRAINTS, "put(residual, i, found[k]", "put(residual, 0, found[k]", *RATE),
+    Fault(
+        CLOSURES,
+        "subtracted(a.value, b.value)",
+        "subtracted(b.value, a.value)",
+        *RATE,
+        FourBarChain,
+    ),
+    Fault(
+        CLOSURES, "subtracted(a.rate, b.rate)", "subtracted(b.rate, a.rate)", *WINDOW, FourBarChain
+    ),
+    Fault(CLOSURES, "subtracted(a.columns.get", "subtracted(b.columns.get", *WINDOW, FourBarChain),
+    Fault(
+        CLOSURES,
+        "subtracted(a.rest, b.rest)",
+        "subtracted(b.rest, a.rest)",
+        *DRIFTING,
+        Andrews,
+    ),
+    Fault(CLOSURES, "put(gamma, i, row.rest)", "put(gamma, i, row.rate)", *DRIFTING),
+    Fault(CLOSURES, "put(a, (i, j), x)", "put(a, (i, j), -x)", *CLOSING),
+    Fault(CLOSURES, "put(c, i, row.rate)", "put(c, i, row.position)", *CLOSING),
+    Fault(CLOSURES, "put(residual, i, found[k]", "put(residual, 0, found[k]", *RATE),
     Fault(CLOSURES, "x[i] for j, x in", "x[0] for j, x in", *CLOSING),
     Fault(CLOSURES, "a.columns.items()}, a.rest[i]", "a.columns.items()}, a.rest[0]", *DRIFTING),
-    Fault(SPRINGS, "Q[j] -= share", "Q[j] += share", "generalized-forces", "row γ"),
-    Fault(SPRINGS, "longer * longer / 2", "longer * longer", "generalized-forces", "row γ"),
-    Fault(SPRINGS, "force / length", "force", "generalized-forces", "row γ"),
-    Fault(WEIGHTS, "Q[i] += times(grows, t", "Q[i] -= times(grows, t", *PULLED),
+    Fault(FORCES, "Q[j] -= share", "Q[j] += share", "generalized-forces", "row γ", Andrews),
+    Fault(FORCES, "longer * longer / 2", "longer * longer", "generalized-forces", "row γ", Andrews),
+    Fault(FORCES, "force / length", "force", "generalized-forces", "row γ", Andrews),
+    Fault(FORCES, "Q[i] += times(grows, t", "Q[i] -= times(grows, t", *PULLED),
     Fault(ENERGIES, "U, parameters.torque", "U, -parameters.torque", *PULLED),
     # The sleigh.
     Fault(SLEIGH, "= -moment * sin,", "= moment * sin,", "mass-matrix", "sign"),
@@ -487,42 +480,54 @@ FAULTS = [
     Fault(BALL, "= table.reshape", "= -table.reshape", *KANE),
     Fault(BALL, "left * cos[0]\n    return np", "left\n    return np", "mass-matrix", "casadi"),
     Fault(BALL, "+ rate * q[1]", "- rate * q[1]", "constraint-velocity", "row along x"),
-    Fault(SPRINGS, "force + spring.damping", "force - spring.damping", *DAMPED),
-    Fault(SPRINGS, "spring.damping * rate * rate / 2", "spring.damping * rate * rate", *DAMPED),
-    Fault(SPRINGS, "dot(apart.value, apart.rate)", "dot(apart.value, apart.value)", *DAMPED),
+    Fault(FORCES, "force + spring.damping", "force - spring.damping", *DAMPED),
+    Fault(FORCES, "spring.damping * rate * rate / 2", "spring.damping * rate * rate", *DAMPED),
+    Fault(FORCES, "dot(apart.value, apart.rate)", "dot(apart.value, apart.value)", *DAMPED),
     Fault(ENERGIES, "along(seat, V), along(seat", "V, along(seat", *TURNED),
     # The bicycle, and what rolls.
     Fault(BICYCLE, "holonomic = slice(2, 5, 2)", "holonomic = slice(2, 4, 1)", *RATE),
-    Fault(ROLLING, "added(scaled(share, moved)", "added(scaled(-share, moved)", *WANDERS),
-    Fault(ROLLING, "share, moved), scaled(shorter, arm)", "share, moved), NOTHING", *WANDERS),
+    Fault(CLOSURES, "added(scaled(share, moved)", "added(scaled(-share, moved)", *WANDERS, Bicycle),
     Fault(
-        ROLLING, "center.rate, cross(spin.rate, arm)", "center.rate, cross(arm, spin.rate)", *SLIPS
+        CLOSURES, "share, moved), scaled(shorter, arm)", "share, moved), NOTHING", *WANDERS, Bicycle
     ),
-    Fault(ROLLING, "subtracted(apart, cross(arm", "subtracted(apart, cross(reach", *SLIPS),
-    Fault(ROLLING, "cross(spin.rest, arm), cross(spin", "NOTHING, cross(spin", *WANDERS),
-    Fault(ROLLING, "times(R, rise)", "rise", *RATE),
-    Fault(ROLLING, "else dot(told[0].value, normal", "else dot(told[0].value, told[0]", *RATE),
     Fault(
-        CONSTRAINTS,
+        CLOSURES,
+        "center.rate, cross(spin.rate, arm)",
+        "center.rate, cross(arm, spin.rate)",
+        *SLIPS,
+        Bicycle,
+    ),
+    Fault(
+        CLOSURES, "subtracted(apart, cross(arm", "subtracted(apart, cross(reach", *SLIPS, Bicycle
+    ),
+    Fault(CLOSURES, "cross(spin.rest, arm), cross(spin", "NOTHING, cross(spin", *WANDERS, Bicycle),
+    Fault(CLOSURES, "times(R, rise)", "rise", *RATE, Bicycle),
+    Fault(
+        CLOSURES,
+        "else dot(told[0].value, normal",
+        "else dot(told[0].value, told[0]",
+        *RATE,
+        Bicycle,
+    ),
+    Fault(
+        CLOSURES,
         "cross(normal.value, axis.value)), N",
         "cross(axis.value, normal.value)), N",
         *SLIPS,
         Bicycle,
     ),
-    Fault(CONSTRAINTS, "omega, found, rates.alpha", "omega, found, rates.omega", *WANDERS, Bicycle),
+    Fault(CLOSURES, "omega, found, rates.alpha", "omega, found, rates.omega", *WANDERS, Bicycle),
     # In space
-    Fault(ROWS, "dot(a.value, b.value),", "dot(a.value, a.value),", *RATE, Bricard),
+    Fault(CLOSURES, "dot(a.value, b.value),", "dot(a.value, a.value),", *RATE, Bricard),
     Fault(MOTION, "turned_back(one, axis", "turned_back(one, 0", "kane-ml-mass", "M_Kane", Bricard),
     Fault(MOTION, "cross(omega, momentum", "cross(rates[k].omega, momentum", *KANE, Bricard),
     Fault(MOTION, "added(alpha, carried)", "alpha", "bias", "row ", Bricard),
-    Fault(TERMS, "cross(rates.omega, applied", "cross(rates.alpha, applied", *WHIRLED),
-    Fault(TERMS, "halves[k][i], axes[k][j]", "halves[k][i], axes[j][k]", *MIXED),
-    Fault(TERMS, "times(2, square)", "square", *MIXED),
-    Fault(CONSTRAINTS, "cross(x, along) for", "cross(along, x) for", *RING),
-    Fault(
-        CONSTRAINTS, "cross(rates.alpha, along), ", "along, ", "constraint-drift", "hinge", Bricard
-    ),
-    Fault(CONSTRAINTS, "(a, cross(omega, a)))", "(a, cross(a, omega)))", *RING),
+    Fault(MOTION, "cross(rates.omega, applied", "cross(rates.alpha, applied", *WHIRLED),
+    Fault(MOTION, "halves[k][i], axes[k][j]", "halves[k][i], axes[j][k]", *MIXED),
+    Fault(MOTION, "times(2, square)", "square", *MIXED),
+    Fault(CLOSURES, "cross(x, along) for", "cross(along, x) for", *RING),
+    Fault(CLOSURES, "cross(rates.alpha, along), ", "along, ", "constraint-drift", "hinge", Bricard),
+    Fault(CLOSURES, "(a, cross(omega, a)))", "(a, cross(a, omega)))", *RING),
     Fault(ENERGIES, "turned_back(omega, axis", "turned_back(V, axis", *MIXED),
     # What is composed for every scene that gives Jacobians.
     Fault(COMPOSED, "= inertia[k, c, f]", "= -inertia[k, c, f]", "mass-matrix", "entry", Bicycle),
@@ -568,9 +573,8 @@ def changed(fault: Fault, package: Path = PACKAGE) -> str:
 
 def scene_of(fault: Fault) -> type[Scene]:
     """Return the kind of scene that shows a fault; one of a formulation shows in a snake."""
-    shared = SHARED | PARTS
     files = {
         Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind
         for kind in SCENES.values()
     }
-    return fault.scene or shared.get(fault.file) or files.get(fault.file, Snake)
+    return fault.scene or SHARED.get(fault.file) or files.get(fault.file, Snake)

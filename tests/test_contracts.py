@@ -163,7 +163,7 @@ LAYERS = (
     "atomic_write class_lookup supervisor",
     "numbers",
     "kernels mechanics",
-    "robots random_mechanisms",
+    "descriptions",
     "scenes",
     "scene_lookup formulations",
     "evaluation",
@@ -237,7 +237,7 @@ def test_no_import_goes_in_a_circle():
 
 @pytest.mark.parametrize("layer", ["scenes", "formulations"])
 def test_scenes_and_formulations_know_nothing_of_each_other(layer: str):
-    known = {"errors", "class_lookup", "numbers", "mechanics", "robots", layer}
+    known = {"errors", "class_lookup", "numbers", "mechanics", "descriptions", layer}
     for path in (PACKAGE / layer).glob("*.py"):
         assert {module.split(".")[1] for module in imports_of(path)} <= known, path
 

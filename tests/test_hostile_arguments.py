@@ -9,7 +9,7 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.errors import LONGEST, InputError
 from eomcheck.scenes import FourBarChain, Sleigh, Snake
-from eomcheck.strategies import state_strategies
+from eomcheck.strategies import states
 from eomcheck.testing import check_functions, from_scene
 
 HUGE = 10**70
@@ -30,7 +30,7 @@ def identity(q):
         (lambda: FourBarChain.rods(HUGE), "windows = 1"),
         (lambda: eomcheck.enclose(Sleigh(), "au", [0, 0, 0], [1, 1], digits=10**9), "digits = 1"),
         (lambda: from_scene("sleigh"), "scene = 'sleigh'"),
-        (lambda: state_strategies("x"), "scene = 'x'"),
+        (lambda: states("x"), "scene = 'x'"),
         (lambda: check_functions(1, M=identity, ranges=(0, 10**400)), "ranges = "),
         (lambda: check_functions(1, M=identity, ranges=np.ma.array([0, 1.0], mask=1)), "ranges = "),
         (lambda: check_functions(1, M=identity, states=[([10**400], [0])]), "states = "),

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.random_mechanisms import RANDOM
 from eomcheck.scene_lookup import ROBOTS, kind_of, kinds_of, left_out, scene_of
 from eomcheck.scenes import SCENES, Sleigh, Snake
 

@@ -1,7 +1,7 @@
 """A four-bar mechanism by description: three links in a row, and a pin that closes them."""
 
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, pin
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, pin
 
 
 def rod(name, length):

@@ -1,7 +1,7 @@
 """A marble on a turntable: the table follows a clock, and the marble rolls on it."""
 
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, drive, rolling_ball
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, drive, rolling_ball
 
 RADIUS = 0.01
 MOMENT = 0.4 * 0.02 * RADIUS**2  # of a homogeneous ball of 20 g

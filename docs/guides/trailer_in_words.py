@@ -4,18 +4,18 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 
 
 def description(parameters):  # behind the hitch is -x; the axle's velocity along itself is along y
     back, axle = parameters.back[0], parameters.axle[0]
     return Description(
-        links=[words.Link("trailer", parameters.mass[0], center=(-back, 0, 0))],
-        joints=[words.Joint("hitch", "planar", GROUND, "trailer")],
+        links=[elements.Link("trailer", parameters.mass[0], center=(-back, 0, 0))],
+        joints=[elements.Joint("hitch", "planar", GROUND, "trailer")],
         coordinates=("hitch_turn", "hitch_x", "hitch_y"),
-        constraints=[words.knife_edge("axle", "trailer", across=(0, 1, 0), at=(-axle, 0, 0))],
+        constraints=[elements.knife_edge("axle", "trailer", across=(0, 1, 0), at=(-axle, 0, 0))],
         planar=True,
     )
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from eomcheck.class_lookup import Kind, looked_up
+from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.descriptions.robot_files import is_robot, robot_named
+from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
-from eomcheck.random_mechanisms import RANDOM
-from eomcheck.robots.files import is_robot, robot_named
-from eomcheck.robots.urdf import FLOATING
 from eomcheck.scenes import SCENES
 from eomcheck.scenes.snake import Snake
 

@@ -15,13 +15,13 @@ from eomcheck.claims import CLAIMS, Case
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judge, judged
 from eomcheck.claims.lanes import ABSENT, lane_cases, liftable
 from eomcheck.claims.strata import scene_cases
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, distance
 from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.draws import draw
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, distance
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
@@ -168,10 +168,10 @@ def test_on_hostile_snakes_lanes_differ_only_where_nothing_can_be_told(sized):
 
 
 def test_a_wrong_bias_fails_in_lanes(monkeypatch):
-    from eomcheck.scenes import snake_terms
+    from eomcheck.scenes import snake
 
     class Wrong(Snake, functions=()):
-        terms = staticmethod(_with_wrong_bias(snake_terms.terms))
+        terms = staticmethod(_with_wrong_bias(snake.terms))
 
     cases = list(scene_cases(Snake, (3, 3), 8, seed=1))
     wrong = [

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.faults import COMPOSED, DESCRIBED, FAULTS, PACKAGE, PARTS, SHARED, Fault, changed
+from tests.faults import COMPOSED, DESCRIBED, FAULTS, PACKAGE, SHARED, Fault, changed
 from tests.samples import random_scene, random_state
 
 from eomcheck.claims import CLAIMS, Finding, speeds
@@ -26,7 +26,7 @@ KINDS = {
     Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind for kind in SCENES.values()
 }
 """File of each scene."""
-HOME = "eomcheck.mechanics.described"
+HOME = "eomcheck.descriptions"
 _numbers = count()
 
 
@@ -97,11 +97,6 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
     kind = KINDS.get(file)
     if kind is not None:
         scene = getattr(module, kind.__name__)
-    elif file in PARTS:
-        kind = PARTS[file]
-        functions = {name: x for name, x in vars(module).items() if inspect.isfunction(x)}
-        own = {name: staticmethod(x) for name, x in functions.items() if hasattr(kind, name)}
-        scene = type(kind.__name__, (kind,), own)
     elif file.startswith(DESCRIBED):
         kind = other or SHARED[file]
         path = Path(inspect.getfile(kind))
@@ -112,9 +107,6 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
         path = Path(inspect.getfile(kind))
         with planted(str(path), path.read_text(encoding="utf-8")) as caller:
             scene = with_shared(caller, module, kind)
-        for part in [part for part, of in PARTS.items() if of is kind]:
-            with planted(part, (PACKAGE / part).read_text(encoding="utf-8")) as caller:
-                scene = with_shared(caller, module, scene)
         if file == COMPOSED:
             if other is not None:  # of its Jacobians, as of who writes no terms
                 scene.composed = scene.composed | {"terms"}
@@ -137,7 +129,7 @@ def formulation_in(module: ModuleType, key: str) -> dict:
 
 
 @pytest.mark.sampled(24)
-@pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
+@pytest.mark.parametrize("file", (*KINDS, *SHARED))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:
@@ -148,7 +140,7 @@ def test_the_source_as_it_is_shows_no_fault(file: str):
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file.startswith(("scenes/", "mechanics/")):
+        if fault.file.startswith(("scenes/", "mechanics/", "descriptions/")):
             failure = first_failure(kind_in(module, fault.file, fault.scene), FORMULATIONS)
         else:
             key = Path(fault.file).stem

@@ -42,7 +42,7 @@ from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake
-from eomcheck.scenes.snake_speeds import qdot
+from eomcheck.scenes.snake import qdot
 
 EXAMPLES = inspect.signature(validate).parameters["examples"].default
 LEAST, MOST = 1, 12

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 
 from eomcheck import strategies
+from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
 from eomcheck.mechanics.records import Range
-from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree
 from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
 from eomcheck.strategies import scene_strategies, state_strategies
 from eomcheck.strategies.state_strategies import (

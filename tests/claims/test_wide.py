@@ -12,10 +12,10 @@ from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.strata import scene_cases, state_cases
 from eomcheck.claims.wide import FAST, SLOW, TURNS, turning, with_wide
+from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.engines import CasadiEngine
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.random_mechanisms import RANDOM
 from eomcheck.scenes import SCENES, Bricard, ChainPendulum, FlyballGovernor, Sleigh, Snake
 from eomcheck.testing.trials import SceneTrial
 

@@ -43,11 +43,11 @@ def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatc
 def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path):
     scene = tmp_path / "wrong.py"
     scene.write_text(
-        "from eomcheck.scenes import Snake, snake_terms\n"
+        "from eomcheck.scenes import Snake, snake\n"
         "class Wrong(Snake, functions=()):\n"
         "    @staticmethod\n"
         "    def terms(*here):\n"
-        "        found = snake_terms.terms(*here)\n"
+        "        found = snake.terms(*here)\n"
         "        return found._replace(B=-found.B)\n"
     )
     kept, records = tmp_path / "found.json", tmp_path / "r.db"

@@ -11,12 +11,12 @@ import eomcheck
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.strata import scene_cases
 from eomcheck.claims.trial import inertia_size, mass_size
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
 from eomcheck.engines import ENGINES, Answers, Engine, represents
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, knife_edge, rolling_ball
 from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake
 
 ENGINES_ALL = {**ENGINES, "planar": planar()}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.robots import arm, body, joint
 
+from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers
 from eomcheck.engines.files import BY_FORMAT, DEFAULT, READERS, MjcfFile, default_reader
 from eomcheck.engines.files.base import FileEngine
@@ -23,7 +24,6 @@ from eomcheck.engines.files.pybullet import PybulletFile
 from eomcheck.engines.files.said import listening
 from eomcheck.errors import EngineError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.robots import from_mjcf
 from eomcheck.scenes import ChainPendulum, from_urdf
 
 # ---- What is in a file ---------------------------------------------------------------------------

@@ -12,11 +12,11 @@ import eomcheck
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, distance
+from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.engines import Engine
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, distance
 from eomcheck.mechanics.scene import Scene
-from eomcheck.random_mechanisms import RANDOM
 from eomcheck.scenes import Sleigh
 
 ASKING = [one.id for one in CLAIMS.values() if one.asks]

@@ -8,6 +8,9 @@ from tests.engines.twisted import twisted
 from tests.samples import ordinary
 
 from eomcheck.claims import CLAIMS, Case
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, distance
 from eomcheck.engines import ENGINES, Answers, Engine
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
@@ -15,9 +18,6 @@ from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, distance
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.tree import Tree
@@ -273,7 +273,7 @@ def linked(place: float, closed: bool, axis=(1, 0, 1)):
         Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), follows=("p", -1.5, place), axis=axis),
     ]
     ends = [distance("rod", "c", "ground", 1.1, (0.3, 0, 0), (0.2, 1.2, 0))] if closed else []
-    links = [words.Link("ground"), *(words.Link(name, **rod) for name in names)]
+    links = [elements.Link("ground"), *(elements.Link(name, **rod) for name in names)]
     return mechanism("Linked", links, joints, ends)()
 
 

@@ -12,6 +12,8 @@ from tests.exact import ExactFloats, RandomFractions
 
 from eomcheck import acceleration, check, enclose, simulate, speeds_of, strategies, velocity
 from eomcheck.claims.point import Point
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, coupling
 from eomcheck.errors import (
     InconsistentVelocityError,
     InputError,
@@ -24,8 +26,6 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, coupling
 from eomcheck.mechanics.records import State
 from eomcheck.numbers import banded_solve, linear
 from eomcheck.scenes import Bicycle, FourBarChain, Snake

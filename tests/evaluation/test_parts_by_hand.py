@@ -14,13 +14,13 @@ import pytest
 from tests.mechanics.descriptions import GROUND, Driven, Lifted, rod
 
 from eomcheck import with_constraints
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import net_force, rate_of_velocity, with_literals
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics import composed
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint
+from eomcheck.mechanics import derived_functions
 from eomcheck.mechanics.scene import MOST, checked_scene, finite_array
 from eomcheck.motion import integrators, right_hand_side
 from eomcheck.motion.reference_io import Run, decimals, difference
@@ -33,27 +33,31 @@ from eomcheck.scenes import Bricard, ChainPendulum, Snake
 
 def test_speeds_by_a_partition_are_these_numbers():
     a, b = np.array([[2.0, 1.0, 4.0]]), np.array([6.0])
-    W, offset = composed.embedding(a, b)
+    W, offset = derived_functions.embedding(a, b)
     assert W.tolist() == [[-0.5, -2.0], [1.0, 0.0], [0.0, 1.0]]
     assert offset.tolist() == [-3.0, 0.0, 0.0]
-    assert composed.embedding(a, None)[1] is None and composed.embedding(None, None) == (None, None)
-    assert composed.embedded_rest(a, np.array([8.0])).tolist() == [-4.0, 0.0, 0.0]
-    assert composed.embedded_rest(None, None) is None
+    assert derived_functions.embedding(a, None)[1] is None and derived_functions.embedding(
+        None, None
+    ) == (None, None)
+    assert derived_functions.embedded_rest(a, np.array([8.0])).tolist() == [-4.0, 0.0, 0.0]
+    assert derived_functions.embedded_rest(None, None) is None
     v = np.array([5.0, 6.0, 7.0])
     for known, kept in ((a, [6.0, 7.0]), (None, [5.0, 6.0, 7.0])):
-        u = composed.independent(known, v)
+        u = derived_functions.independent(known, v)
         assert u.tolist() == kept
         u[0] = 9.0
         assert v.tolist() == [5.0, 6.0, 7.0]
     J, J_rest = np.arange(6.0).reshape(1, 2, 3), np.array([[10.0, 20.0]])
-    assert composed.partials(J, W).tolist() == [[[1.0, 2.0], [2.5, -1.0]]]
-    assert composed.partials(J, None) is J
+    assert derived_functions.partials(J, W).tolist() == [[[1.0, 2.0], [2.5, -1.0]]]
+    assert derived_functions.partials(J, None) is J
     rest = np.array([-4.0, 1.0, 0.5])
-    assert composed.remainders(J, J_rest, rest).tolist() == [[12.0, 14.5]]
-    assert composed.remainders(J, J_rest, None) is J_rest
+    assert derived_functions.remainders(J, J_rest, rest).tolist() == [[12.0, 14.5]]
+    assert derived_functions.remainders(J, J_rest, None) is J_rest
     Q = np.array([2.0, 3.0, 5.0])
-    assert composed.projected(W, Q).tolist() == [2.0, 1.0]
-    assert composed.projected(None, Q) is Q and composed.projected(W, None) is None
+    assert derived_functions.projected(W, Q).tolist() == [2.0, 1.0]
+    assert (
+        derived_functions.projected(None, Q) is Q and derived_functions.projected(W, None) is None
+    )
 
 
 def test_bodies_have_these_inertia_forces_and_this_energy():
@@ -62,30 +66,30 @@ def test_bodies_have_these_inertia_forces_and_this_energy():
     angular = np.array([[[1.0, 0.0], [2.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]])
     rests = np.array([[5.0], [7.0]]), np.array([[1.0, -1.0], [2.0, 0.5]])
     gyroscopic = np.array([[0.25, 0.5], [1.0, -2.0]])
-    M, B = composed.inertia_terms(mass, inertia, linear, angular, *rests, None)
+    M, B = derived_functions.inertia_terms(mass, inertia, linear, angular, *rests, None)
     expected, force = np.zeros((2, 2)), np.zeros(2)
     for k in range(2):
         expected += mass[k] * linear[k].T @ linear[k] + angular[k].T @ inertia[k] @ angular[k]
         force += mass[k] * linear[k].T @ rests[0][k] + angular[k].T @ inertia[k] @ rests[1][k]
     np.testing.assert_allclose(M, expected)
     np.testing.assert_allclose(B, force)
-    _, more = composed.inertia_terms(mass, inertia, linear, angular, *rests, gyroscopic)
+    _, more = derived_functions.inertia_terms(mass, inertia, linear, angular, *rests, gyroscopic)
     # 0.25 + 2 0.5 of the first body and -2 of the second; 0.5 of the first and 1 of the second.
     np.testing.assert_allclose(more - B, [-0.75, 1.5])
     V, omega = np.array([[1.0], [2.0]]), np.array([[1.0, 2.0], [0.5, 1.0]])
     # (2 + 12)/2 of what moves; (1 + 2 + 16)/2 and (0.5 + 6)/2 of what turns.
-    assert composed.kinetic_energy(mass, inertia, V, omega) == 7.0 + 9.5 + 3.25
+    assert derived_functions.kinetic_energy(mass, inertia, V, omega) == 7.0 + 9.5 + 3.25
 
 
 def test_a_body_is_moved_by_all_speeds_where_a_dependent_velocity_moves_it():
     moved = np.array([[True, False, False, True], [False, False, True, False], [False] * 4])
     scene = SimpleNamespace(r=1, composed={"kinematics", "bodies", "terms"})
     expected = [[True] * 3, [False, True, False], [False] * 3]
-    assert composed.support_of(scene, moved).tolist() == expected
+    assert derived_functions.support_of(scene, moved).tolist() == expected
     scene.r = 0
-    assert (composed.support_of(scene, moved) == moved).all()
+    assert (derived_functions.support_of(scene, moved) == moved).all()
     scene.composed = {"bodies"}
-    assert composed.support_of(scene, moved) is None
+    assert derived_functions.support_of(scene, moved) is None
 
 
 # ---- Scenes --------------------------------------------------------------------------------------

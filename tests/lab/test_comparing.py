@@ -16,6 +16,8 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run
 from eomcheck.claims.trial import weight_size
 from eomcheck.cli import app
+from eomcheck.descriptions.quaternions import rotation
+from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.files.description import described
@@ -30,9 +32,7 @@ from eomcheck.lab.parting import Parting, Why
 from eomcheck.lab.quantities import QUANTITIES, apart
 from eomcheck.lab.reasons import reasons
 from eomcheck.lab.report.comparison import print_comparison, write_comparison
-from eomcheck.mechanics.described.quaternions import rotation
 from eomcheck.mechanics.records import State
-from eomcheck.robots import from_mjcf
 from eomcheck.scenes import ChainPendulum, Snake, from_urdf
 
 FINGERS = (

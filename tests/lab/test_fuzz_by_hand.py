@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
@@ -31,7 +32,6 @@ from eomcheck.lab.fuzzing.parameters import (
 from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.lanes import LaneArray
-from eomcheck.random_mechanisms import RANDOM
 from eomcheck.scenes import Sleigh, Snake
 from eomcheck.testing import Functions
 

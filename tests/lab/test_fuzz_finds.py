@@ -41,7 +41,7 @@ from eomcheck.lab.fuzzing.structures import varied
 from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.lab.fuzzing.work import Candidate, Round
 from eomcheck.mechanics.records import Range, State
-from eomcheck.scenes import SCENES, Sleigh, Snake, snake_terms
+from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import Functions
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.2137, offset=-0.37)
@@ -231,7 +231,7 @@ def test_cases_that_cannot_be_kept_leave_velocities_and_places_to_the_others():
 
         @staticmethod
         def terms(parameters, prepared, q, v):
-            found = snake_terms.terms(parameters, prepared, q, v)
+            found = snake.terms(parameters, prepared, q, v)
             huge = q[0] * 2.0**1000 * 2.0**1000
             return found._replace(a=found.a + (huge - huge))
 

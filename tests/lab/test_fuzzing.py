@@ -39,7 +39,7 @@ from eomcheck.lab.fuzzing.velocities import consistent
 from eomcheck.lab.fuzzing.work import Candidate, Result, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake_terms
+from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake
 
 ALL = tuple(one for one in CLAIMS if one != "coverage")
 KEYS = tuple(FORMULATIONS)
@@ -58,7 +58,7 @@ class Wrong(Snake, functions=()):
 
     @staticmethod
     def terms(parameters, prepared, q, v):
-        found = snake_terms.terms(parameters, prepared, q, v)
+        found = snake.terms(parameters, prepared, q, v)
         return found._replace(B=-found.B)
 
 
@@ -162,7 +162,7 @@ class Hole(Snake, functions=()):
 
     @staticmethod
     def terms(parameters, prepared, q, v):
-        found = snake_terms.terms(parameters, prepared, q, v)
+        found = snake.terms(parameters, prepared, q, v)
         share = parameters.mass[0] / parameters.mass[1] / 2**40
         return found._replace(B=found.B + found.B * share)
 

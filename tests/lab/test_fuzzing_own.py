@@ -33,7 +33,7 @@ from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.lab.fuzzing.work import Candidate, Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import Snake, snake_terms
+from eomcheck.scenes import Snake, snake
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
@@ -433,7 +433,7 @@ class Rough(Snake, functions=()):
 
     @staticmethod
     def terms(parameters, prepared, q, v):
-        found = snake_terms.terms(parameters, prepared, q, v)
+        found = snake.terms(parameters, prepared, q, v)
         return found._replace(B=found.B * float(np.cos(0.0 * np.float64(q[0]))))
 
 
@@ -451,7 +451,7 @@ class NoNumbers(Snake, functions=()):
 
     @staticmethod
     def terms(*here):
-        found = snake_terms.terms(*here)
+        found = snake.terms(*here)
         return found._replace(a=found.a * np.nan)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import CLAIMS
+from eomcheck.descriptions.random_mechanisms import MOTION, NOTHING, RANDOM
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -30,9 +31,7 @@ from eomcheck.lab.fuzzing.structures import Topology, strata_of_any, structure_d
 from eomcheck.lab.fuzzing.work import Round
 from eomcheck.lab.store.records import Records
 from eomcheck.mechanics.records import State
-from eomcheck.random_mechanisms import RANDOM
-from eomcheck.random_mechanisms.kinds import MOTION, NOTHING
-from eomcheck.strategies import scene_states, scene_strategies
+from eomcheck.strategies import scene_states, scenes
 
 TREES, MECHANISMS = RANDOM["random-trees"], RANDOM["random-mechanisms"]
 ALL = tuple(one for one in CLAIMS if one != "coverage")
@@ -101,9 +100,9 @@ def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind
 
 @pytest.mark.night
 def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
-    from eomcheck.mechanics.described import mechanism
+    from eomcheck.descriptions import mechanism_class
 
-    right = mechanism.terms_of
+    right = mechanism_class.terms_of
 
     def wrong(*given):
         terms = right(*given)
@@ -114,8 +113,8 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
 
         return leaning
 
-    monkeypatch.setattr(mechanism, "terms_of", wrong)
-    caches = mechanism.planned, mechanism.kind_of
+    monkeypatch.setattr(mechanism_class, "terms_of", wrong)
+    caches = mechanism_class.planned, mechanism_class.kind_of
     for one in caches:
         one.cache_clear()
     try:
@@ -202,7 +201,7 @@ def test_random_scenes_are_moved_too(kind):
 def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
     random, strata = np.random.default_rng(0), strata_of_any(kind, (3,))
     fuzzed = [structure_drawn(kind, strata[i % len(strata)], random)() for i in range(60)]
-    by_hypothesis = [scene for scene, _ in draw(scene_states(scene_strategies(kind, 3, 3)), 30, 0)]
+    by_hypothesis = [scene for scene, _ in draw(scene_states(scenes(kind, 3, 3)), 30, 0)]
     ways: dict[str, set[str]] = {}
     for entry in kind.topologies(3):
         for name, of in entry.items():

@@ -25,7 +25,7 @@ from eomcheck.lab.fuzzing.rounds import run_round
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, TRUTH, Ration, Screened, screened
 from eomcheck.lab.fuzzing.work import Result, Round
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import SCENES, Snake, snake_terms
+from eomcheck.scenes import SCENES, Snake, snake
 
 FORMULAE = tuple(FORMULATIONS.values())
 
@@ -72,7 +72,7 @@ def test_what_is_wrong_only_when_the_scene_is_moved_is_suspect_for_that():
 
         @staticmethod
         def terms(parameters, prepared, q, v):
-            found = snake_terms.terms(parameters, prepared, q, v)
+            found = snake.terms(parameters, prepared, q, v)
             pull = np.zeros(len(q), dtype=np.asarray(q).dtype) + 0 * q[0]
             pull[0] = pull[0] + parameters.mass[0]
             return found._replace(Q=pull if found.Q is None else found.Q + pull)
@@ -315,7 +315,7 @@ class Overdamped(Snake, functions=()):
 
     @staticmethod
     def terms(parameters, prepared, q, v):
-        found = snake_terms.terms(parameters, prepared, q, v)
+        found = snake.terms(parameters, prepared, q, v)
         return found if parameters.damping is None else found._replace(Q=2 * found.Q)
 
 

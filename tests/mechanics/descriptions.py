@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.words import (
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import (
     Joint,
     Link,
     coupling,
@@ -24,6 +23,7 @@ from eomcheck.mechanics.described.words import (
     square,
     weld,
 )
+from eomcheck.descriptions.mechanism_class import Mechanism
 
 
 def rod(name: str, center=(0.5, 0.0, 0.0)) -> Link:

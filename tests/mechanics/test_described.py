@@ -24,30 +24,22 @@ from eomcheck.claims.proof import prove
 from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.descriptions import (
+    constraint_rows,
+    elements,
+    first_derivation,
+    forces,
+    second_derivation,
+)
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.described_scene import Described, Description
+from eomcheck.descriptions.elements import Link, coupling, on_quadric, pin, square
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.optional_algebra import NOTHING, cross, scaled
+from eomcheck.descriptions.quaternions import roll_pitch_yaw, roll_pitch_yaw_of, rotation
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import check_consistent, closed_position
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.mechanics.described import (
-    closures,
-    constraints,
-    energies,
-    forces,
-    motion,
-    pose,
-    rolling,
-    terms,
-    words,
-)
-from eomcheck.mechanics.described.absent import NOTHING, cross, scaled
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.description import Described, Description
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.quaternions import (
-    roll_pitch_yaw,
-    roll_pitch_yaw_of,
-    rotation,
-)
-from eomcheck.mechanics.described.words import Link, coupling, on_quadric, pin, square
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
@@ -123,7 +115,7 @@ def carried_only(rates, arm):
 
 
 def no_moment(inertia, rates):
-    return terms.applied(inertia, rates.alpha)
+    return first_derivation.applied(inertia, rates.alpha)
 
 
 def not_shifted(one, away):
@@ -169,12 +161,12 @@ def fixed_contact(read):
 
 
 RIGHT = {
-    "arm_of": rolling.arm_of,
-    "rim": constraints.First.rim,
-    "product": closures.product,
-    "hinged": pose.hinged,
+    "arm_of": constraint_rows.arm_of,
+    "rim": constraint_rows.First.rim,
+    "product": constraint_rows.product,
+    "hinged": first_derivation.hinged,
     "weigh": forces.weigh,
-    "turning_columns": motion.turning_columns,
+    "turning_columns": first_derivation.turning_columns,
 }
 
 
@@ -182,22 +174,21 @@ RIGHT = {
 @pytest.mark.parametrize(
     ("places", "wrong", "kind", "claim"),
     [
-        ([(terms, "swung")], without_rest, "Arm", "bias"),
-        ([(terms, "swung")], carried_only, "Arm", "bias"),
-        ([(motion, "swung")], carried_only, "Arm", "kane-ml-force"),
-        ([(terms, "whirl")], no_moment, "Arm", "bias"),
-        ([(terms, "shifted")], not_shifted, "Branched", "mass-matrix"),
-        ([(motion, "momentum")], still, "Free", "kane-ml-force"),
-        ([(constraints, "swung")], carried_only, "Welded", "constraint-drift"),
-        ([(pose, "hinged")], other_way, "Arm", "mass-matrix"),
+        ([(first_derivation, "swung")], without_rest, "Arm", "bias"),
+        ([(first_derivation, "swung")], carried_only, "Arm", "bias"),
+        ([(first_derivation, "whirl")], no_moment, "Arm", "bias"),
+        ([(first_derivation, "shifted")], not_shifted, "Branched", "mass-matrix"),
+        ([(first_derivation, "momentum")], still, "Free", "kane-ml-force"),
+        ([(constraint_rows, "swung")], carried_only, "Welded", "constraint-drift"),
+        ([(first_derivation, "hinged")], other_way, "Arm", "mass-matrix"),
         ([(forces, "weigh")], upwards, "Arm", "generalized-forces"),
-        ([(energies, "moved_point")], standing, "Arm", "mass-matrix"),
-        ([(closures, "product")], halved, "Hinged", "constraint-drift"),
-        ([(constraints, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
-        ([(constraints.First, "rim")], upwards_rim, "Coin", "constraint-jacobian"),
-        ([(constraints.First, "rim")], still_rim, "Coin", "constraint-drift"),
-        ([(rolling, "arm_of")], fixed_contact, "Coin", "constraint-drift"),
-        ([(rolling, "arm_of")], fixed_contact, "Marble", "constraint-drift"),
+        ([(second_derivation, "moved_point")], standing, "Arm", "mass-matrix"),
+        ([(constraint_rows, "product")], halved, "Hinged", "constraint-drift"),
+        ([(constraint_rows, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
+        ([(constraint_rows.First, "rim")], upwards_rim, "Coin", "constraint-jacobian"),
+        ([(constraint_rows.First, "rim")], still_rim, "Coin", "constraint-drift"),
+        ([(constraint_rows, "arm_of")], fixed_contact, "Coin", "constraint-drift"),
+        ([(constraint_rows, "arm_of")], fixed_contact, "Marble", "constraint-drift"),
     ],
 )
 def test_a_mistake_in_one_derivation_is_disproved_and_named(
@@ -264,15 +255,17 @@ def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
         assert all((one.offset == kind().offset).all() for one in drawn)
 
 
-def on(name: str, constraint: words.Constraint) -> Mechanism:
+def on(name: str, constraint: elements.Constraint) -> Mechanism:
     """Return a small ball that hangs in space but for a constraint."""
     links = [GROUND, Link("ball", 2.0, moments=(0.1, 0.1, 0.1))]
-    return mechanism(name, links, [words.Joint("b", "floating", "ground", "ball")], [constraint])()
+    return mechanism(
+        name, links, [elements.Joint("b", "floating", "ground", "ball")], [constraint]
+    )()
 
 
 def test_a_ball_on_a_sphere_is_one_on_a_rod():
-    rod = on("OnRod", words.distance("held", "ball", "ground", 2.0))
-    sphere = on("OnSphere", words.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
+    rod = on("OnRod", elements.distance("held", "ball", "ground", 2.0))
+    sphere = on("OnSphere", elements.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
     q, v = np.zeros(6), np.zeros(6)
     q[:3], v[:3] = (1.2, 0.0, -1.6), (0.8, 0.3, 0.6)
     both = [eomcheck.acceleration(scene, "au", q, v).vdot for scene in (rod, sphere)]
@@ -280,13 +273,13 @@ def test_a_ball_on_a_sphere_is_one_on_a_rod():
 
 
 def test_a_ball_closes_on_the_surface_that_is_meant():
-    sphere = on("OnSphere", words.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
+    sphere = on("OnSphere", elements.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
     q = closed_position(sphere, [1.0, 0.4, -1.5, 0.0, 0.0, 0.0])
     assert np.linalg.norm(q[:3]) == pytest.approx(2.0, rel=1e-14)
 
 
 def test_a_ball_in_a_parabolic_bowl_runs_on_a_level_circle_at_one_rate():
-    bowl = words.on_quadric("bowl", "ball", "ground", (4.0, 4.0, 0.0), 0.0, (0.0, 0.0, -1.0))
+    bowl = elements.on_quadric("bowl", "ball", "ground", (4.0, 4.0, 0.0), 0.0, (0.0, 0.0, -1.0))
     q, v = np.zeros(6), np.zeros(6)
     q[:3], v[1] = (0.3, 0.0, 2 * 0.3**2), 0.3 * np.sqrt(4.0 * 9.81)  # ω² = g k, at any radius
     vdot = eomcheck.acceleration(on("InBowl", bowl), "kane", q, v).vdot
@@ -294,26 +287,26 @@ def test_a_ball_in_a_parabolic_bowl_runs_on_a_level_circle_at_one_rate():
 
 
 SLIDES = [
-    words.Joint("x", "prismatic", "ground", "carriage", axis=(1.0, 0.0, 0.0)),
-    words.Joint("y", "prismatic", "carriage", "b", axis=(0.0, 1.0, 0.0)),
+    elements.Joint("x", "prismatic", "ground", "carriage", axis=(1.0, 0.0, 0.0)),
+    elements.Joint("y", "prismatic", "carriage", "b", axis=(0.0, 1.0, 0.0)),
 ]
 
 
-def sliding(constraint: words.Constraint) -> Mechanism:
+def sliding(constraint: elements.Constraint) -> Mechanism:
     """Return a body that slides along x and y but for a constraint."""
     return mechanism("Sliding", [GROUND, Link("carriage"), rod("b")], SLIDES, [constraint])()
 
 
 def test_a_rod_from_a_point_off_the_plane_of_all_joints_keeps_its_length():
-    scene = sliding(words.distance("held", "b", "ground", 1.0, at_other=(0.0, 0.0, 0.6)))
+    scene = sliding(elements.distance("held", "b", "ground", 1.0, at_other=(0.0, 0.0, 0.6)))
     assert closed_position(scene, [1.0, 0.0]) == pytest.approx([0.8, 0.0], abs=1e-14)
 
 
 def edge_and_rod(parameters: Any) -> Description:
-    body = words.Link("body", parameters.mass[0])
-    edge = words.knife_edge("edge", "body", (0, 1, 0))
-    held = words.distance("held", "body", "ground", parameters.length[0], (0, 0, 0), (0, 0, 0))
-    joint = words.Joint("at", "planar", "ground", "body")
+    body = elements.Link("body", parameters.mass[0])
+    edge = elements.knife_edge("edge", "body", (0, 1, 0))
+    held = elements.distance("held", "body", "ground", parameters.length[0], (0, 0, 0), (0, 0, 0))
+    joint = elements.Joint("at", "planar", "ground", "body")
     return Description([body], [joint], constraints=[edge, held], planar=True)
 
 
@@ -350,7 +343,8 @@ def test_coordinates_are_in_the_order_given_and_numbers_in_that_of_a_walk(order:
     parents = {"a": "ground", "b": "a", "c": "a", "d": "b"}
     stiffness = {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0}
     joints = [
-        words.Joint(one, "revolute", parents[one], one, stiffness=stiffness[one]) for one in order
+        elements.Joint(one, "revolute", parents[one], one, stiffness=stiffness[one])
+        for one in order
     ]
     scene: Any = mechanism("Branching", [GROUND, *map(rod, "abcd")], joints)()
     assert "".join(scene.coordinate_names) == order
@@ -369,8 +363,10 @@ def test_a_spring_rests_where_its_joint_says_along_any_axis(kind, axis):
     """By hand, and of a joint that follows: -k (q - rest), times the ratio."""
     along = {"axis": axis, "stiffness": 3.0, "relaxed": 0.4, "damping": 0.2}
     joints = [
-        words.Joint("leader", kind, "ground", "a", **along),
-        words.Joint("f", kind, "a", "b", (1.0, 0.3, 0.2), follows=("leader", -1.5, 0.7), **along),
+        elements.Joint("leader", kind, "ground", "a", **along),
+        elements.Joint(
+            "f", kind, "a", "b", (1.0, 0.3, 0.2), follows=("leader", -1.5, 0.7), **along
+        ),
     ]
     scene = mechanism("Sprung", [GROUND, rod("a"), rod("b")], joints, gravity=None)()
     at = Evaluation(scene, np.array([0.9]), np.array([0.5]))
@@ -397,7 +393,7 @@ class Motor(Described, description=lambda parameters: _motor(parameters), closed
 
 
 def _motor(parameters) -> Description:
-    joint = words.Joint("turn", "revolute", "ground", "lever", axis=(0.0, 0.0, -1.0),
+    joint = elements.Joint("turn", "revolute", "ground", "lever", axis=(0.0, 0.0, -1.0),
                         torque=parameters.torque[0])  # fmt: skip
     return Description([Link("lever", parameters.mass[0])], [joint], planar=True)
 
@@ -419,7 +415,7 @@ def test_a_link_without_mass_has_the_moments_of_inertia_that_it_is_given(moments
 
     def inertia(*links: Link) -> float:
         first = turning("α", "ground", links[0].name)
-        fixed = [words.Joint("fixed", "fixed", "a", one.name) for one in links[1:]]
+        fixed = [elements.Joint("fixed", "fixed", "a", one.name) for one in links[1:]]
         scene = mechanism("Rotor", [GROUND, *links], [first, *fixed])()
         return Evaluation(scene, [0.3], [0.0]).terms.M[0, 0]
 
@@ -487,7 +483,9 @@ def test_a_description_that_contradicts_itself_is_refused(change, said):
 def test_energy_is_kept_unless_a_damper_takes_it():
     links = [Link("ground"), Link("rod", 1.0, (0.5, 0.0, 0.0), (0.1, 0.1, 0.1))]
     kept, damped, still = (
-        mechanism("Rod", links, [words.Joint("j", "revolute", "ground", "rod", damping=damping)])()
+        mechanism(
+            "Rod", links, [elements.Joint("j", "revolute", "ground", "rod", damping=damping)]
+        )()
         for damping in (None, 0.2, 0.0)
     )
     assert kept.conserves_energy and still.conserves_energy

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from eomcheck import acceleration
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, rolling_ball, rolling_disk
+from eomcheck.descriptions.first_derivation import Prepared
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.pose import Prepared
-from eomcheck.mechanics.described.words import Joint, Link, rolling_ball, rolling_disk
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.counting import Counting, Tally
 from eomcheck.numbers.finite_field import FiniteField, random_prime

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from tests.mechanics.descriptions import GROUND, PLANE, rod, turning
 
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link, distance
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link, distance
 from eomcheck.mechanics.sketch import Arrow, Body, Center, Constraint, Trail, fixed_axes
 from eomcheck.mechanics.sketch import Joint as Pivot
 

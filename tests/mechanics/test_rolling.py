@@ -12,17 +12,16 @@ from tests.scenes.by_hand import Residues
 
 import eomcheck
 from eomcheck import acceleration
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.described_scene import Described, Description
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.quaternions import rotation
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.description import Described, Description
-from eomcheck.mechanics.described.quaternions import rotation
-from eomcheck.mechanics.described.words import Joint, Link
-from eomcheck.mechanics.parameters import parameter
-from eomcheck.mechanics.space import diagonal
+from eomcheck.mechanics.parameters import diagonal, parameter
 from eomcheck.scenes import RollingDisk, TurntableBall
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
@@ -48,8 +47,8 @@ def free(**last: Any) -> list[Joint]:
 
 
 def disk_in_words(parameters: Any) -> Description:
-    floor, spoke = ("ground", words.ORIGIN), (("leaning", Z),)
-    contact = words.Contact(("body", words.ORIGIN), floor, parameters.radius[0], spoke)
+    floor, spoke = ("ground", elements.ORIGIN), (("leaning", Z),)
+    contact = elements.Contact(("body", elements.ORIGIN), floor, parameters.radius[0], spoke)
     closing = [
         contact.rolling("along", ("heading", X)),
         contact.rolling("across", ("heading", Y)),
@@ -136,7 +135,7 @@ def leaning(disk: RollingDisk) -> Any:
     body = Link("body", float(disk.mass), moments=(across, axial, across))
     tilted = [free()[0]._replace(turn=half), *free()[1:]]
     up = rotation(half) @ (0.0, 0.0, 1.0)
-    closing = words.rolling_disk("rim", "body", "ground", R, axis=(0, 2, 0), across=up.tolist())
+    closing = elements.rolling_disk("rim", "body", "ground", R, axis=(0, 2, 0), across=up.tolist())
     return mechanism(
         *("Leaning", [GROUND, *(Link(x.child) for x in tilted[:-1]), body], tilted, closing),
         gravity=tuple((-float(disk.gravity) * up).tolist()),
@@ -181,9 +180,11 @@ def on_table(ball: TurntableBall, turning: bool, R: float, rates: tuple[float, f
     links = [GROUND, Link("table", 1.0, moments=(1.0, 1.0, 1.0))]
     links += [Link(x.child) for x in joints[1:-1]] + [body]
     normal = (("table" if turning else "ground", Z),)
-    contact = words.Contact(("body", words.ORIGIN), (normal[0][0], words.ORIGIN), R, normal)
+    contact = elements.Contact(
+        ("body", elements.ORIGIN), (normal[0][0], elements.ORIGIN), R, normal
+    )
     rolls = [contact.rolling(f"along {x}", ("ground", along)) for x, along in (("x", X), ("y", Y))]
-    clock = words.drive("clock", "α", 0.4, *rates)
+    clock = elements.drive("clock", "α", 0.4, *rates)
     first = ("α", "x", "y")
     return mechanism("OnTable", links, joints, [*rolls, clock], gravity=None, first=first)()
 
@@ -217,17 +218,23 @@ def test_a_ball_on_a_driven_table_rolls_as_the_ball_by_hand(seed: int):
     ("closing", "said"),
     [
         (
-            words.rolling_ball("b", "a", "ground", 0.0),
+            elements.rolling_ball("b", "a", "ground", 0.0),
             "'b, touching': radius = 0.0 m, expect",
         ),
         (
-            words.rolling_ball("b", "a", "ground", -1.0),
+            elements.rolling_ball("b", "a", "ground", -1.0),
             "radius = -1.0 m, expected a positive",
         ),
-        (words.rolling_ball("b", "a", "ground", np.nan), "its numbers = nan, expected a finite"),
-        (words.rolling_ball("b", "a", "a", 1.0), "'b, touching' is between 'a' and itself"),
-        (words.rolling_ball("b", "a", "c", 1.0), "'b, touching' is on the link 'c', no such link"),
-        (words.rolling_ball("b", "a", "ground", 1.0), "direction .*, and all stays in the plane"),
+        (elements.rolling_ball("b", "a", "ground", np.nan), "its numbers = nan, expected a finite"),
+        (elements.rolling_ball("b", "a", "a", 1.0), "'b, touching' is between 'a' and itself"),
+        (
+            elements.rolling_ball("b", "a", "c", 1.0),
+            "'b, touching' is on the link 'c', no such link",
+        ),
+        (
+            elements.rolling_ball("b", "a", "ground", 1.0),
+            "direction .*, and all stays in the plane",
+        ),
     ],
 )
 def test_what_cannot_roll_is_refused(closing: Any, said: str):
@@ -239,12 +246,12 @@ def test_what_cannot_roll_is_refused(closing: Any, said: str):
 @pytest.mark.parametrize("wrong", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
 def test_directions_of_what_rolls_are_some(wrong: Any):
     for say in (
-        lambda: words.rolling_ball("b", "a", "ground", 1.0, across=wrong),
-        lambda: words.rolling_disk("b", "a", "ground", 1.0, axis=wrong),
-        lambda: words.rolling_circle("b", "a", "ground", 1.0, wrong),
-        lambda: words.on_line("b", "a", "ground", wrong),
+        lambda: elements.rolling_ball("b", "a", "ground", 1.0, across=wrong),
+        lambda: elements.rolling_disk("b", "a", "ground", 1.0, axis=wrong),
+        lambda: elements.rolling_circle("b", "a", "ground", 1.0, wrong),
+        lambda: elements.on_line("b", "a", "ground", wrong),
     ):
         with pytest.raises(InputError, match="'b' is made of the direction"):
             say()
     with pytest.raises(InputError, match=r"'b' is along .*, expected nothing along z"):
-        words.rolling_circle("b", "a", "ground", 1.0, (1.0, 0.0, 0.5))
+        elements.rolling_circle("b", "a", "ground", 1.0, (1.0, 0.0, 0.5))

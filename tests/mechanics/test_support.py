@@ -8,11 +8,11 @@ from tests.mechanics.descriptions import ALL, GROUND, TREES, rod, turning
 from tests.samples import random_state
 
 import eomcheck
+from eomcheck.descriptions.build import mechanism
 from eomcheck.evaluation import batched_evaluation, evaluation, perturbed
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels.perturbed_trace import MOST, Moves
-from eomcheck.mechanics.described.build import mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code, rates_on
 from eomcheck.scenes import SCENES

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from tests.mechanics.descriptions import GROUND, rod, turning
 
-from eomcheck.errors import InputError
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.mechanics.described.bodies import doubtful
-from eomcheck.mechanics.described.build import described, mechanism
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.words import (
+from eomcheck.descriptions.build import described, mechanism
+from eomcheck.descriptions.elements import (
     Constraint,
     Joint,
     Link,
@@ -28,8 +24,12 @@ from eomcheck.mechanics.described.words import (
     rolling_circle,
     weld,
 )
+from eomcheck.descriptions.joint_tree import doubtful
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.random_elements import Description, poses
+from eomcheck.errors import InputError
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.parameters import with_parameters
-from eomcheck.random_mechanisms.description import Description, poses
 
 # ---- In the plane or in space --------------------------------------------------------------------
 

@@ -12,6 +12,8 @@ import flint
 import numpy as np
 import pytest
 
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -22,8 +24,6 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import reference_cases, reference_runs
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.motion import observables, reference, trajectory_errors
 from eomcheck.motion import simulate as trajectory
 from eomcheck.motion.batch import OUTPUTS, simulate_many

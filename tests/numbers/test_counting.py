@@ -10,7 +10,7 @@ from eomcheck.formulations import kane
 from eomcheck.numbers.banded_solve import HALF, WIDTH, solve_banded
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.linear import solve
-from eomcheck.scenes import SCENES, Snake, snake_terms
+from eomcheck.scenes import SCENES, Snake, snake
 
 
 def counts(counting: Counting) -> tuple[int, int, int]:
@@ -172,7 +172,7 @@ LINKS = pytest.mark.parametrize("links", [1, 2, 3, 7, 20])
 def test_forces_take_one_multiplication_and_three_additions_per_joint(links: int):
     counting = Counting()
     theta, omega = counting.vector(links), counting.vector(links)
-    snake_terms.joint_forces(counting.vector(links - 1), None, theta, omega)
+    snake.joint_forces(counting.vector(links - 1), None, theta, omega)
     # A sum that begins with 0 is not counted: the first and the last link carry one torque only.
     assert counts(counting) == (3 * (links - 1), links - 1, 0)
 

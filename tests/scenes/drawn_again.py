@@ -9,8 +9,8 @@ from typing import Any
 from unittest.mock import patch
 
 from eomcheck.claims import strata
+from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.errors import RefusedError
-from eomcheck.random_mechanisms import RANDOM
 
 
 def drawn_again(examples: int, seed: int = 0) -> tuple[Counter, Counter]:

@@ -12,12 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics.choices import FromGenerator
-from eomcheck.random_mechanisms import RANDOM
-from eomcheck.random_mechanisms.closing import closed, posed
-from eomcheck.random_mechanisms.description import Description
-from eomcheck.random_mechanisms.trees import SPACE, measured, rooms, tree, tree_ways
-from eomcheck.random_mechanisms.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
+from eomcheck.descriptions.random_constraints import closed, posed
+from eomcheck.descriptions.random_elements import Description
+from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.descriptions.random_trees import (
+    EVERYWHERE,
+    SPACE,
+    URDF_JOINTS,
+    measured,
+    rooms,
+    tree,
+    tree_ways,
+    urdf_text,
+    urdf_tree,
+)
+from eomcheck.mechanics.random_source import FromGenerator
 
 STORED = Path(__file__).with_suffix(".json")
 

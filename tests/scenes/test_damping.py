@@ -13,8 +13,7 @@ from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake_energies import of_joints
-from eomcheck.scenes.snake_terms import terms
+from eomcheck.scenes.snake import half_squares, terms
 
 LINKS = 4
 DAMPED = replace(Snake.coil(LINKS), damping=[1.0, 20.0, 300.0])
@@ -41,7 +40,7 @@ def test_every_identity_is_proved_of_a_damped_snake(scene: Snake):
 @generic
 def reversed_dissipation(parameters, angles, q, v):
     """Return -R."""
-    R = of_joints(parameters.damping, v[2:])
+    R = half_squares(parameters.damping, v[2:])
     return None if R is None else -R
 
 

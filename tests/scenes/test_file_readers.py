@@ -16,11 +16,11 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
 from eomcheck.cli import app
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree
+from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines.files import MjcfFile, PinocchioFile
-from eomcheck.mechanics.choices import FromGenerator
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.random_mechanisms.urdf import EVERYWHERE, urdf_text, urdf_tree
-from eomcheck.robots import from_mjcf
+from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.scenes import Snake, from_urdf
 
 TERMS = ("mass-matrix", "bias", "generalized-forces")

@@ -10,9 +10,9 @@ import pytest
 from tests.scenes.by_hand import given_by
 
 import eomcheck
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import kinds_of
@@ -23,9 +23,9 @@ MASS, INERTIA = (0.7,), (0.3,)
 
 
 def in_words(parameters: Any) -> Description:
-    body = words.Link("sleigh", parameters.mass[0], (parameters.offset[0], 0, 0))
-    joint = words.Joint("edge", "planar", GROUND, "sleigh")
-    edge = words.knife_edge("edge", "sleigh", (0, -1, 0))
+    body = elements.Link("sleigh", parameters.mass[0], (parameters.offset[0], 0, 0))
+    joint = elements.Joint("edge", "planar", GROUND, "sleigh")
+    edge = elements.knife_edge("edge", "sleigh", (0, -1, 0))
     return Description([body], [joint], constraints=[edge], planar=True)
 
 
@@ -78,8 +78,8 @@ def test_what_is_described_in_words_is_proved(kind: type[Scene]):
 
 
 def hanging(parameters: Any) -> Description:
-    bob = words.Link("bob", parameters.mass[0], (parameters.length[0], 0, 0))
-    joint = words.Joint("hinge", "revolute", GROUND, "bob")
+    bob = elements.Link("bob", parameters.mass[0], (parameters.length[0], 0, 0))
+    joint = elements.Joint("hinge", "revolute", GROUND, "bob")
     return Description([bob], [joint], gravity=(0, -9.81, 0), planar=True)
 
 

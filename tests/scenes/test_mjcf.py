@@ -13,12 +13,13 @@ from eomcheck.claims.proof import prove
 from eomcheck.claims.run import Run, validate
 from eomcheck.claims.selection import Selection
 from eomcheck.cli import app
+from eomcheck.descriptions import mjcf_reader
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.comparing import compare
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.robots import from_mjcf, mjcf_file
 from eomcheck.scene_lookup import scene_of
 
 mujoco = pytest.importorskip("mujoco")
@@ -82,7 +83,7 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
 def test_it_starts_where_the_file_draws_it(tmp_path: Path):
     scene = from_mjcf(limb(tmp_path / "limb.xml"))
     q, v = scene.initial_state()
-    model = mjcf_file.compiled(tmp_path / "limb.xml")[0]
+    model = mjcf_reader.compiled(tmp_path / "limb.xml")[0]
     assert MjcfFile(scene).velocity_map(q, v).x == pytest.approx(model.qpos0, abs=1e-15)
     assert not v.any()
 
@@ -185,7 +186,7 @@ def test_an_equality_is_held_where_mujoco_s_is_and_frees_the_same_velocities(tmp
     q, _ = scene.initial_state()
     a = Evaluation(scene, q, np.zeros(scene.n)).terms.a
     x, S, _ = MjcfFile(scene).velocity_map(q, np.zeros(scene.n))
-    model = mjcf_file.compiled(tmp_path / "loop.xml")[0]
+    model = mjcf_reader.compiled(tmp_path / "loop.xml")[0]
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data = mujoco.MjData(model)
     data.qpos[:] = x
@@ -375,9 +376,9 @@ def test_coordinates_are_counted_before_anything_slow(
     path, seen = tmp_path / "many.xml", []
     body = f'<body>{joint}<geom size="0.1"/></body>'
     path.write_text(f"<mujoco><worldbody>{body * bodies}</worldbody></mujoco>", encoding="utf-8")
-    reading = mjcf_file._read
-    monkeypatch.setattr(mjcf_file, "_read", lambda *given: seen.append(1) or reading(*given))
-    monkeypatch.setattr(mjcf_file, "_strip", lambda *_: pytest.fail("stripped"))
+    reading = mjcf_reader._read
+    monkeypatch.setattr(mjcf_reader, "_read", lambda *given: seen.append(1) or reading(*given))
+    monkeypatch.setattr(mjcf_reader, "_strip", lambda *_: pytest.fail("stripped"))
     with pytest.raises(InputError, match=f"many.xml': {found} coordinates, expected at most 200"):
         from_mjcf(path)
     assert bool(seen) == read
@@ -388,7 +389,7 @@ def test_200_coordinates_are_not_too_many(tmp_path: Path, monkeypatch):
     path = tmp_path / "many.xml"
     body = '<body><joint/><geom size="0.1"/></body>'
     path.write_text(f"<mujoco><worldbody>{body * 200}</worldbody></mujoco>", encoding="utf-8")
-    assert mjcf_file.compiled(path)[0].nv == 200
+    assert mjcf_reader.compiled(path)[0].nv == 200
 
 
 def test_files_that_are_included_are_looked_through_as_well(tmp_path: Path):

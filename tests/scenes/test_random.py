@@ -30,25 +30,29 @@ from eomcheck.claims.strata import (
     strata,
     strata_of,
 )
+from eomcheck.descriptions import first_derivation, random_constraints
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.constraint_rows import KINDS
+from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, coupling, weld
+from eomcheck.descriptions.quaternions import multiplied, roll_pitch_yaw_of, rotation
+from eomcheck.descriptions.random_constraints import INDEPENDENT, UPRIGHT
+from eomcheck.descriptions.random_elements import Description, body, poses
+from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RANDOM
+from eomcheck.descriptions.random_trees import (
+    BRANCHED,
+    ROOT,
+    SHAPE,
+    URDF_JOINTS,
+    urdf_text,
+    urdf_tree,
+)
+from eomcheck.descriptions.topology import ROLLING
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.draws import draw
-from eomcheck.mechanics.choices import FromGenerator
-from eomcheck.mechanics.described import motion
-from eomcheck.mechanics.described.build import mechanism
-from eomcheck.mechanics.described.closures import KINDS
-from eomcheck.mechanics.described.quaternions import multiplied, roll_pitch_yaw_of, rotation
-from eomcheck.mechanics.described.topology import ROLLING
-from eomcheck.mechanics.described.words import COORDINATES, Constraint, Joint, Link, coupling, weld
+from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.mechanics.records import State
-from eomcheck.random_mechanisms import RANDOM, closing
-from eomcheck.random_mechanisms.closing import INDEPENDENT, UPRIGHT
-from eomcheck.random_mechanisms.description import Description, poses
-from eomcheck.random_mechanisms.kinds import CONSTRAINTS
-from eomcheck.random_mechanisms.parts import body
-from eomcheck.random_mechanisms.trees import BRANCHED, ROOT, SHAPE
-from eomcheck.random_mechanisms.urdf import URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.scene_lookup import kinds_of
 from eomcheck.scenes import from_urdf
 
@@ -282,16 +286,16 @@ def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(mo
         return turned(f"at {angle}", angle)
 
     tree = tree._replace(constraints=turned("before", 0.0))
-    monkeypatch.setattr(closing, "_constraint", next_one)
+    monkeypatch.setattr(random_constraints, "_constraint", next_one)
     here = "coupling", True, FromGenerator(np.random.default_rng(0))
     angle = np.arccos(1.0 - INDEPENDENT**2)
     tried[:] = 0.0, 0.9 * angle, 1.1 * angle, 0.5
-    found = closing.closed(tree, *here)
+    found = random_constraints.closed(tree, *here)
     assert [one.name for one in found.constraints] == ["before", f"at {1.1 * angle}"]
     assert tried == [0.5]
-    tried[:] = [*closing.ATTEMPTS * (0.9 * angle,), 0.5]
+    tried[:] = [*random_constraints.ATTEMPTS * (0.9 * angle,), 0.5]
     with pytest.raises(RefusedError, match="no independent coupling") as refused:
-        closing.closed(tree, *here)
+        random_constraints.closed(tree, *here)
     assert tried == [0.5]
     assert refused.value.rcond == pytest.approx(np.sqrt(1.0 - np.cos(0.9 * angle)))
 
@@ -328,13 +332,13 @@ def test_formulations_and_engines_agree_on_random_scenes(kind, sized):
 
 
 def test_a_derivation_that_is_wrong_in_one_component_is_found(monkeypatch):
-    right, kind = motion.swung, RANDOM["random-trees"]
+    right, kind = first_derivation.swung, RANDOM["random-trees"]
 
     def wrong(rates, arm):
         x, _, z = right(rates, arm)
         return x, None, z
 
-    monkeypatch.setattr(motion, "swung", wrong)
+    monkeypatch.setattr(first_derivation, "swung", wrong)
     run, selection = Run(), Selection.of(engines=[], claims=["power-balance"], scenes=[kind])
     run.explore(scene_cases(kind, (2, 4), 40, 0), selection)
     assert run.minimal is not None

@@ -10,13 +10,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from eomcheck.errors import InputError
-from eomcheck.mechanics.described.words import Joint, Link, coupling, drive, pin, weld
-from eomcheck.robots import from_mjcf, mjcf_file, mjcf_model, urdf_xml
-from eomcheck.robots.files import robot_named
-from eomcheck.robots.mjcf_equalities import Read, equality
-from eomcheck.robots.mjcf_model import read_mjcf
-from eomcheck.robots.urdf_xml import (
+from eomcheck.descriptions import mjcf_reader, urdf_reader
+from eomcheck.descriptions.elements import Joint, Link, coupling, drive, pin, weld
+from eomcheck.descriptions.mjcf_reader import Read, equality, read_mjcf
+from eomcheck.descriptions.robot_files import from_mjcf, robot_named
+from eomcheck.descriptions.urdf_reader import (
     URDF,
     Unreadable,
     decimal,
@@ -27,6 +25,7 @@ from eomcheck.robots.urdf_xml import (
     text,
     triple,
 )
+from eomcheck.errors import InputError
 from eomcheck.scenes import from_urdf
 
 # ---- XML -----------------------------------------------------------------------------------------
@@ -89,11 +88,11 @@ def test_a_file_is_read_up_to_its_limits_and_refused_behind_them(tmp_path: Path,
     assert refusal(root, deep) == limits
     assert root(deep, URDF._replace(deepest=61)).tag == "robot"
     assert len(root(f"<robot>{'<a></a>' * 61}</robot>")) == 61, "beside each other"
-    monkeypatch.setattr(urdf_xml, "MOST_ELEMENTS", 3)
+    monkeypatch.setattr(urdf_reader, "MOST_ELEMENTS", 3)
     assert len(root("<robot><a/><a/></robot>")) == 2
     few = f"{name} has more than 3 elements, or more than 60 inside each other"
     assert refusal(root, "<robot><a/><a/><a/></robot>") == few
-    monkeypatch.setattr(urdf_xml, "LARGEST", 10)
+    monkeypatch.setattr(urdf_reader, "LARGEST", 10)
     assert root("<robot/>  ").tag == "robot"
     assert refusal(root, "<robot/>   ") == f"{name} has more than 0 million bytes"
     monkeypatch.undo()
@@ -109,7 +108,7 @@ def test_a_file_is_read_up_to_its_limits_and_refused_behind_them(tmp_path: Path,
         assert refusal(root, source) == said
     assert refusal(root, "<robot>").startswith(f"{name} is no XML: no element found")
     assert root("<robot a='{x}$'/>").tag == "robot"
-    assert urdf_xml.MOST_ELEMENTS == 200_000 and urdf_xml.LARGEST == 20_000_000
+    assert urdf_reader.MOST_ELEMENTS == 200_000 and urdf_reader.LARGEST == 20_000_000
 
 
 # ---- Equalities of MuJoCo ------------------------------------------------------------------------
@@ -184,7 +183,7 @@ def test_equalities_are_pins_welds_drives_and_couplings_between_these_points():
 
 
 def checked(source: str) -> None:
-    mjcf_file._check(element(source), Path("m.xml"))
+    mjcf_reader._check(element(source), Path("m.xml"))
 
 
 def test_sizes_of_a_file_are_checked_at_their_limits(monkeypatch):
@@ -203,14 +202,14 @@ def test_sizes_of_a_file_are_checked_at_their_limits(monkeypatch):
         ('<size nuser_cam="2001"/>', f"nuser_cam of <size> is 2001, {most} 2000"),
     ):
         assert refusal(checked, f"<mujoco>{bad}</mujoco>") == f"'m.xml': {said}"
-    monkeypatch.setattr(mjcf_file, "MOST", 2)
+    monkeypatch.setattr(mjcf_reader, "MOST", 2)
     for tag in ("body", "joint"):
         checked(f"<mujoco>{f'<{tag}/>' * 2}</mujoco>")
         said = f"'m.xml' has 3 elements <{tag}>, expected at most 2"
         assert refusal(checked, f"<mujoco>{f'<{tag}/>' * 3}</mujoco>") == said
     strange = {"attach", "composite", "extension", "flex", "flexcomp", "model", "plugin"}
-    assert strange | {"replicate"} == mjcf_file.NOT_UNDERSTOOD
-    for tag in mjcf_file.NOT_UNDERSTOOD:
+    assert strange | {"replicate"} == mjcf_reader.NOT_UNDERSTOOD
+    for tag in mjcf_reader.NOT_UNDERSTOOD:
         said = f"'m.xml' holds <{tag}>, which is not understood here"
         assert refusal(checked, f"<mujoco><{tag}/></mujoco>") == said
 
@@ -239,7 +238,7 @@ def test_all_that_no_equation_needs_is_taken_out_and_what_a_motion_would_notice_
     pytest.importorskip("mujoco")
     path = tmp_path / "loaded.xml"
     path.write_text(LOADED, encoding="utf-8")
-    model, out = mjcf_file.compiled(path)
+    model, out = mjcf_reader.compiled(path)
     assert {name: count for name, count in out.items() if count} == {
         "drag of a fluid": 1, "sensors": 3, "actuators": 2, "tendons": 1, "keyframes": 1,
         "compensation of gravity": 2, "shapes to collide": 3,
@@ -306,8 +305,8 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
 def test_what_an_option_switches_off_is_off_alone(tmp_path: Path, name: str):
     pytest.importorskip("mujoco")
     path = limb(tmp_path / "limb.xml", f'{name}="disable"')
-    model, out = mjcf_file.compiled(path)
-    off = mjcf_model._Reading(path, model, out).off
+    model, out = mjcf_reader.compiled(path)
+    off = mjcf_reader._Reading(path, model, out).off
     assert {key for key, value in off.items() if value} == {name}
     found = read_mjcf(path)
     roll = found.joints[0]
@@ -316,9 +315,9 @@ def test_what_an_option_switches_off_is_off_alone(tmp_path: Path, name: str):
 
 
 def test_names_that_a_file_lacks_are_numbers_that_no_other_has():
-    assert mjcf_model._names(["", "a", "", ""], "body") == ["body0", "a", "body2", "body3"]
-    assert mjcf_model._names(["body1", ""], "body") == ["body1", "body1_"]
-    assert mjcf_model._names(["", "", "joint1"], "joint") == ["joint0", "joint1_", "joint1"]
+    assert mjcf_reader._names(["", "a", "", ""], "body") == ["body0", "a", "body2", "body3"]
+    assert mjcf_reader._names(["body1", ""], "body") == ["body1", "body1_"]
+    assert mjcf_reader._names(["", "", "joint1"], "joint") == ["joint0", "joint1_", "joint1"]
 
 
 def test_a_robot_knows_the_file_that_it_is_of_and_the_code_that_makes_it(tmp_path: Path):

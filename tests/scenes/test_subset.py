@@ -48,7 +48,7 @@ def test_without_its_redundant_row_a_scene_is_one_that_never_had_it():
     bare = eomcheck.simulate(Bricard(), "kane", 0.5, output_times=[0.5])
     left = eomcheck.simulate(LEFT, "kane", 0.5, output_times=[0.5])
     assert np.array_equal(bare.q, left.q)
-    states = eomcheck.strategies.state_strategies(LEFT)
+    states = eomcheck.strategies.states(LEFT)
     assert states is not None
     assert len(eomcheck.validate(LEFT, examples=3)) > 0
 

@@ -15,12 +15,12 @@ from eomcheck.claims.proof import prove
 from eomcheck.claims.repeat import python_of
 from eomcheck.claims.run import Run
 from eomcheck.claims.selection import Selection
+from eomcheck.descriptions.urdf_reader import urdf_kind
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
-from eomcheck.robots.urdf import urdf_kind
 from eomcheck.scene_lookup import kinds_of, left_out, scene_of
 from eomcheck.scenes import from_urdf
 

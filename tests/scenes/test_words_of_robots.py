@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.mjcf_reader import read_mjcf
+from eomcheck.descriptions.robot_files import is_robot, robot_named
+from eomcheck.descriptions.urdf_reader import identifier, left_out, read_urdf
 from eomcheck.errors import InputError
-from eomcheck.mechanics.described.words import Joint, Link
-from eomcheck.robots.files import is_robot, robot_named
-from eomcheck.robots.mjcf_model import read_mjcf
-from eomcheck.robots.urdf_robot import identifier, left_out, read_urdf
 
 # ---- Names ---------------------------------------------------------------------------------------
 

@@ -34,13 +34,13 @@ import numpy as np
 import eomcheck
 from eomcheck import cli
 from eomcheck.console import progress
+from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.records import Records
-from eomcheck.robots import from_mjcf, from_urdf
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
 

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 from tests.testing.trees import functions_of_model, random_tree
 
+from eomcheck.descriptions.random_trees import urdf_text, urdf_tree
 from eomcheck.errors import required
-from eomcheck.mechanics.choices import FromGenerator
-from eomcheck.random_mechanisms.urdf import urdf_text, urdf_tree
+from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.testing import Functions, from_kane, from_lagrange
 from eomcheck.testing.subject import functions_of
 

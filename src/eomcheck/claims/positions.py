@@ -20,7 +20,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
-from eomcheck.mechanics import plane
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import Dual, duals, rate, value
@@ -258,7 +258,7 @@ HEIGHT = (("ḣ² of its height in U",),)
 
 # ---- Motions of the whole scene ------------------------------------------------------------------
 
-SHIFT = *plane.SHIFT, 1.5
+SHIFT = *plane_symmetries.SHIFT, 1.5
 """m."""
 PLACE = re.compile("([xyz])(_.*|[0-9]*)")
 """Names of coordinates that are places in fixed directions: x, y_2, z1."""
@@ -339,11 +339,11 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     if rank < len(angles) or largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
         return  # a body that does not turn, or at another rate, or nobody says by which angles
     image = np.eye(scene.n)
-    c, s = np.cos(plane.TURN), np.sin(plane.TURN)
+    c, s = np.cos(plane_symmetries.TURN), np.sin(plane_symmetries.TURN)
     for x, y in zip(places["x"], places["y"], strict=True):
         image[np.ix_((x, y), (x, y))] = [[c, -s], [s, c]]
     turned = image @ q
-    turned[angles] += plane.TURN * heading
+    turned[angles] += plane_symmetries.TURN * heading
     yield Symmetry("rotation", scene, turned, image @ v, image)
 
 

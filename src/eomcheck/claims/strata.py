@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError, whole_number
-from eomcheck.mechanics.choices import FromGenerator, Ways
+from eomcheck.mechanics.random_source import FromGenerator, Ways
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array

@@ -99,13 +99,13 @@ def validate(
     from eomcheck.claims.strata import links_of
     from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable, undisturbed
+    from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.engines import engines_among, version_of
     from eomcheck.lab.report.document import write_json
     from eomcheck.lab.report.findings import print_runs
     from eomcheck.lab.store.executors import check_place
     from eomcheck.lab.store.states import ours, place_for
     from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
-    from eomcheck.random_mechanisms import RANDOM
     from eomcheck.scene_lookup import ALL, ROBOTS, kinds_of, left_out, scene_of
 
     engine = engines_asked(engine)

@@ -49,9 +49,9 @@ def compare(
     check_count(states=states)
     check_writable(json)
     from eomcheck.console import progress
+    from eomcheck.descriptions.robot_files import is_robot
     from eomcheck.lab.comparing import compare as compared
     from eomcheck.lab.report.comparison import print_comparison, write_comparison
-    from eomcheck.robots.files import is_robot
     from eomcheck.scene_lookup import scene_of
 
     if not is_robot(robot):

@@ -260,10 +260,10 @@ def _plan(
     ration: str | None,
     wide: bool,
 ) -> Plan:
+    from eomcheck.descriptions.random_mechanisms import Random
     from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
     from eomcheck.lab.fuzzing.rounds import BATCH, Plan
     from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
-    from eomcheck.random_mechanisms.kinds import Random
 
     families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")

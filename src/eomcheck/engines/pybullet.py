@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eomcheck.atomic_write import write_text
+from eomcheck.descriptions.quaternions import roll_pitch_yaw_of
 from eomcheck.engines.tree import TreeEngine
 from eomcheck.engines.walk import Link
-from eomcheck.mechanics.described.quaternions import roll_pitch_yaw_of
 from eomcheck.numbers.generic import Array
 
 BASE = 7

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.kernels import perturbed_solves  # noqa: F401  (perturbed matrices are solved by it)
 from eomcheck.kernels.llvm_builder import LANES, Code
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.dual import Recorder

@@ -12,6 +12,7 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.entries import unresolved
 from eomcheck.claims.finding import DECIDED, Finding
 from eomcheck.claims.run import Run, Selection
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import Engine, version_of
 from eomcheck.engines.files import BY_FORMAT, FileEngine
 from eomcheck.errors import EngineError, InputError, UnknownNameError, message_of
@@ -21,7 +22,6 @@ from eomcheck.lab.draws import draw
 from eomcheck.lab.parting import Parting
 from eomcheck.lab.quantities import QUANTITIES, apart, ours_at, summed_at, theirs_at
 from eomcheck.lab.reasons import reasons
-from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 

@@ -1,4 +1,7 @@
-"""Parameters that are declared once: what scenes that are frozen dataclasses have in common."""
+"""Parameters of a scene, each declared once: the field `parameter`, the base class `Parametric`.
+
+Scenes are frozen dataclasses. Those with a number of links to choose have the base class `OfLinks`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ import numpy as np
 from eomcheck.errors import InputError, named, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.numbers.generic import FLOAT64, Arithmetic
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, generic
 
 MOST_LINKS = 1_000_000
 """Links of a scene: its parameters then take some 50 MB."""
@@ -289,3 +292,13 @@ class OfLinks(Parametric):
     def name(self) -> str:
         """The key with N."""
         return f"{self.key}[{self.links}]"
+
+
+# ---- Moments of inertia in space -----------------------------------------------------------------
+
+
+@generic
+def diagonal(moments):
+    """Return moments of inertia (n_b, 3) about principal axes as matrices (n_b, 3, 3)."""
+    principal = [[[x, 0, 0], [0, y, 0], [0, 0, z]] for x, y, z in moments]
+    return np.array(principal, moments.dtype)

@@ -6,12 +6,9 @@ The rules that they follow are numbered in `eomcheck.mechanics.scene`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from eomcheck.numbers.generic import Array, generic
-
-if TYPE_CHECKING:
-    from eomcheck.mechanics.scene import Scene
 
 
 class Terms(NamedTuple):
@@ -132,7 +129,8 @@ class Symmetry(NamedTuple):
     """A motion of the whole scene under which accelerations are known to follow."""
 
     name: str
-    scene: Scene
+    scene: Any
+    """A `Scene`."""
     q: Array
     v: Array
     image: Array

@@ -38,8 +38,8 @@ import numpy as np
 
 from eomcheck.calls import calling, is_ours
 from eomcheck.errors import InputError, shown
-from eomcheck.mechanics.choices import Choices, Ways
-from eomcheck.mechanics.composed import compose
+from eomcheck.mechanics.derived_functions import compose
+from eomcheck.mechanics.random_source import Choices, Ways
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
@@ -80,9 +80,9 @@ class Scene(ABC):
     - `potential(parameters, prepared, q) -> U`, J, or None
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
 
-    The others follow, see `eomcheck.mechanics.composed`; `composed` tells which. A scene that knows
-    a shorter way writes it itself. In Lagrange's terms, and then `jacobians`, `drift` and `forces`
-    may be left out where the speeds are written too:
+    The others follow, see `eomcheck.mechanics.derived_functions`; `composed` tells which. A scene
+    that knows a shorter way writes it itself. In Lagrange's terms, and then `jacobians`, `drift`
+    and `forces` may be left out where the speeds are written too:
 
     - `terms(parameters, prepared, q, v) -> Terms`
 

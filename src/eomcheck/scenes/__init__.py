@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
 from eomcheck.mechanics.scene import Scene
-from eomcheck.robots import from_mjcf, from_urdf
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.bicycle import Bicycle
 from eomcheck.scenes.bricard import Bricard

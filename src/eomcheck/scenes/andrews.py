@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
 from eomcheck.numbers.generic import Array
@@ -62,18 +62,20 @@ def description(parameters):
     """Return the mechanism in words."""
     mass, center, tip, pins = parameters.mass, parameters.center, parameters.tip, parameters.pins
     tips = {f"K{k + 1}": (tip[k, 0], tip[k, 1], 0) for k in range(7)}
-    links = [words.Link(f"K{k + 1}", mass[k], (center[k, 0], center[k, 1], 0)) for k in range(7)]
+    links = [elements.Link(f"K{k + 1}", mass[k], (center[k, 0], center[k, 1], 0)) for k in range(7)]
     joints = []
     for body, angle in TURNS.items():
         on = CARRIERS.get(body, GROUND)
         place = tips[on] if on in tips else (*pins[PINS_OF[body]], 0)
         motor = parameters.torque[0] if body == "K1" else None
-        joints += [words.Joint(angle, "revolute", on, body, place, torque=motor)]
-    spring = words.Spring(
+        joints += [elements.Joint(angle, "revolute", on, body, place, torque=motor)]
+    spring = elements.Spring(
         *("spring", "K3", GROUND, (*parameters.hook, 0), (*parameters.anchor, 0)),
         *(parameters.stiffness[0], parameters.rest_length[0]),
     )
-    closing = [words.pin(f"K2 at {body}", "K2", body, tips["K2"], tips[body]) for body in MEETING]
+    closing = [
+        elements.pin(f"K2 at {body}", "K2", body, tips["K2"], tips[body]) for body in MEETING
+    ]
     return Description(links, joints, NAMES, closing, [spring], planar=True)
 
 

@@ -26,11 +26,11 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.mechanics import plane
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array
@@ -56,27 +56,29 @@ def description(parameters):
     pivot, hub = (*parameters.pivot, 0), (*parameters.hub, 0)
     seat = (cos, sin, 0), (-sin, cos, 0), (0, 0, 1)
     links = [
-        words.Link("rear wheel", mass[0]),
-        words.Link("rear frame", mass[1], (*parameters.rider, 0)),
-        words.Link("front frame", mass[2], (*parameters.fork, 0)),
-        words.Link("front wheel", mass[3]),
+        elements.Link("rear wheel", mass[0]),
+        elements.Link("rear frame", mass[1], (*parameters.rider, 0)),
+        elements.Link("front frame", mass[2], (*parameters.fork, 0)),
+        elements.Link("front wheel", mass[3]),
     ]
     joints = [
-        words.Joint("x", "prismatic", GROUND, "ahead", axis=X),
-        words.Joint("y", "prismatic", "ahead", "aside", axis=Y),
-        words.Joint("z", "prismatic", "aside", "above", axis=Z),
-        words.Joint("θ", "revolute", "above", "heading", axis=Z),
-        words.Joint("ψ", "revolute", "heading", "leaning", axis=X),
-        words.Joint("φ", "revolute", "leaning", "rear frame", axis=Z),
-        words.Joint("β_r", "revolute", "rear frame", "rear wheel", axis=Z, symmetric=True),
-        words.Joint("ψ_f", "revolute", "rear frame", "front frame", pivot, seat, (0, -1, 0)),
-        words.Joint("β_f", "revolute", "front frame", "front wheel", hub, axis=Z, symmetric=True),
+        elements.Joint("x", "prismatic", GROUND, "ahead", axis=X),
+        elements.Joint("y", "prismatic", "ahead", "aside", axis=Y),
+        elements.Joint("z", "prismatic", "aside", "above", axis=Z),
+        elements.Joint("θ", "revolute", "above", "heading", axis=Z),
+        elements.Joint("ψ", "revolute", "heading", "leaning", axis=X),
+        elements.Joint("φ", "revolute", "leaning", "rear frame", axis=Z),
+        elements.Joint("β_r", "revolute", "rear frame", "rear wheel", axis=Z, symmetric=True),
+        elements.Joint("ψ_f", "revolute", "rear frame", "front frame", pivot, seat, (0, -1, 0)),
+        elements.Joint(
+            "β_f", "revolute", "front frame", "front wheel", hub, axis=Z, symmetric=True
+        ),
     ]
-    floor, (rear_radius, front_radius) = (GROUND, words.ORIGIN), parameters.radius
+    floor, (rear_radius, front_radius) = (GROUND, elements.ORIGIN), parameters.radius
     # Where the rear wheel touches is known of the frame that leans, of the front wheel it is not.
-    rear = words.Contact(("rear wheel", words.ORIGIN), floor, rear_radius, (("leaning", Y),))
+    rear = elements.Contact(("rear wheel", elements.ORIGIN), floor, rear_radius, (("leaning", Y),))
     told = ("front wheel", Z), UP
-    front = words.Contact(("front wheel", words.ORIGIN), floor, front_radius, told)
+    front = elements.Contact(("front wheel", elements.ORIGIN), floor, front_radius, told)
     # Taken in this order, with the first velocities dependent, elimination divides by nothing small
     # for a bicycle that stands, also where it cannot choose (expressions).
     closing = [
@@ -214,9 +216,11 @@ class Bicycle(Described, description=description, closed=True):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        yield plane.rotation(self, q, v, slice(HEADING, HEADING + 1))
-        yield plane.translation(self, q, v)
-        mirrored = plane.mirror(self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN))
+        yield plane_symmetries.rotation(self, q, v, slice(HEADING, HEADING + 1))
+        yield plane_symmetries.translation(self, q, v)
+        mirrored = plane_symmetries.mirror(
+            self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN)
+        )
         mirrored.q[LEAN] += np.pi
         yield mirrored
 

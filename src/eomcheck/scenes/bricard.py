@@ -24,14 +24,13 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
-from eomcheck.mechanics.parameters import parameter
-from eomcheck.mechanics.plane import full_turns
+from eomcheck.mechanics.parameters import diagonal, parameter
+from eomcheck.mechanics.plane_symmetries import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
-from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.generic import Arithmetic, Array
 
 RODS = 5
@@ -43,7 +42,7 @@ ALONG, SENSE = SECOND, (1, -1, 1, -1, 1)
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
-def along(axis: int, x: Any) -> words.Triple:
+def along(axis: int, x: Any) -> elements.Triple:
     """Return the vector x along an axis."""
     a, b, c = (x if i == axis else 0 for i in range(3))
     return a, b, c
@@ -59,11 +58,11 @@ def description(parameters):
     ends = [along(ALONG[k], SENSE[k] * length) for k in range(RODS)]
     centers = [along(ALONG[k], SENSE[k] * length / 2) for k in range(RODS)]
     names = [GROUND, *(f"rod {k + 1}" for k in range(RODS))]
-    links = [words.Link(names[k + 1], mass[k], centers[k]) for k in range(RODS)]
+    links = [elements.Link(names[k + 1], mass[k], centers[k]) for k in range(RODS)]
     joints = [
-        words.Joint(
+        elements.Joint(
             *(f"θ_{k + 1}", "revolute", names[k], names[k + 1]),
-            place=ends[k - 1] if k else words.ORIGIN,
+            place=ends[k - 1] if k else elements.ORIGIN,
             axis=along(AXIS[k], 1),
         )
         for k in range(RODS)
@@ -71,16 +70,16 @@ def description(parameters):
     last, closed = names[-1], (0, 0, length)
 
     def tip(name, axis):
-        return words.Constraint(
+        return elements.Constraint(
             *("on-plane", name, ((last, ends[-1]), (GROUND, closed)), ((GROUND, axis),))
         )
 
     closing = [
-        *(tip("tip along y", Y), words.square("hinge along y", last, X, GROUND, Y)),
+        *(tip("tip along y", Y), elements.square("hinge along y", last, X, GROUND, Y)),
         *(tip("tip along z", Z), tip("tip along x", X)),
     ]
     if parameters.redundant is not None:
-        more = words.square("hinge along z", last, X, GROUND, Z)
+        more = elements.square("hinge along z", last, X, GROUND, Z)
         closing += [more._replace(factor=parameters.redundant[0])]
     down = (0, -parameters.gravity[0], 0)
     return Description(links, joints, NAMES, closing, gravity=down)

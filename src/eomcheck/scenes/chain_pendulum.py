@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import OfLinks, number_of_links, of_links, parameter, stretched
 from eomcheck.numbers.generic import Array
 
@@ -27,9 +27,9 @@ def description(parameters):
     names = [GROUND, *(f"link {k + 1}" for k in range(mass.size))]
     links, joints = [], []
     for k, (before, name) in enumerate(pairwise(names)):
-        links.append(words.Link(name, mass[k], (length[k] / 2, 0, 0)))
-        tip = (length[k - 1], 0, 0) if k else words.ORIGIN
-        joints.append(words.Joint(f"θ_{k + 1}", "revolute", before, name, tip, absolute=True))
+        links.append(elements.Link(name, mass[k], (length[k] / 2, 0, 0)))
+        tip = (length[k - 1], 0, 0) if k else elements.ORIGIN
+        joints.append(elements.Joint(f"θ_{k + 1}", "revolute", before, name, tip, absolute=True))
     down = None if gravity is None else (0, -gravity[0], 0)
     return Description(links, joints, gravity=down, planar=True)
 

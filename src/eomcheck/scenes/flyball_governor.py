@@ -19,14 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics import plane
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
-from eomcheck.mechanics.parameters import parameter
+from eomcheck.mechanics.parameters import diagonal, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.generic import Arithmetic, Array
 
 ROD, BALL = 0.3, 5.0
@@ -51,17 +50,17 @@ def description(parameters):
     hook = (parameters.attachment[0], 0, 0)
     damping = None if parameters.damping is None else parameters.damping[0]
     strength = parameters.stiffness[0], parameters.rest_length[0], damping
-    links = [words.Link("slider", mass[0])]
+    links = [elements.Link("slider", mass[0])]
     joints = [
-        words.Joint("ψ", "revolute", GROUND, "shaft"),
-        words.Joint("s", "prismatic", "shaft", "slider"),
+        elements.Joint("ψ", "revolute", GROUND, "shaft"),
+        elements.Joint("s", "prismatic", "shaft", "slider"),
     ]
     springs = []
-    for k, (side, turn) in enumerate(((out, words.ONE), (-out, HALF_TURN)), 1):
+    for k, (side, turn) in enumerate(((out, elements.ONE), (-out, HALF_TURN)), 1):
         arm, place = f"arm {k}", (side, 0, top)
-        links += [words.Link(arm, mass[k], (parameters.center[0], 0, 0))]
-        joints += [words.Joint(f"θ_{k}", "revolute", "shaft", arm, place, turn, (0, 1, 0))]
-        springs += [words.Spring(f"spring {k}", arm, "slider", hook, (side, 0, 0), *strength)]
+        links += [elements.Link(arm, mass[k], (parameters.center[0], 0, 0))]
+        joints += [elements.Joint(f"θ_{k}", "revolute", "shaft", arm, place, turn, (0, 1, 0))]
+        springs += [elements.Spring(f"spring {k}", arm, "slider", hook, (side, 0, 0), *strength)]
     down = (0, 0, -parameters.gravity[0])
     return Description(links, joints, NAMES, springs=springs, gravity=down)
 
@@ -136,7 +135,7 @@ class FlyballGovernor(Described, description=description, damped=True):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a turn about the shaft, the mirror image, and the arms exchanged."""
-        turned = q + np.array([0.0, plane.TURN, 0.0, 0.0])
+        turned = q + np.array([0.0, plane_symmetries.TURN, 0.0, 0.0])
         yield Symmetry("rotation", self, turned, v, np.eye(4))
         mirror = np.diag([1.0, -1.0, 1.0, 1.0])
         yield Symmetry("mirror", self, mirror @ q, mirror @ v, mirror)

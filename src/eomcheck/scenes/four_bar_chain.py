@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions import elements
+from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import whole_number
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.described import words
-from eomcheck.mechanics.described.description import GROUND, Described, Description
 from eomcheck.mechanics.parameters import MOST_LINKS, OfLinks, number_of_links, parameter
-from eomcheck.mechanics.plane import full_turns
+from eomcheck.mechanics.plane_symmetries import full_turns
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.numbers.generic import Arithmetic, Array
 
@@ -42,20 +42,20 @@ def description(parameters):
     windows = mass.size // 2
     names, rod, span = names_of(windows), length[-1], length[windows]
     bodies = zip(names, mass, length, strict=True)
-    links = [words.Link(name, m, (along / 2, 0, 0)) for name, m, along in bodies]
+    links = [elements.Link(name, m, (along / 2, 0, 0)) for name, m, along in bodies]
     tip, end, foot = (rod, 0, 0), (span, 0, 0), 0
-    joints, closing = [words.Joint("θ_0", "revolute", GROUND, "rod 0")], []
+    joints, closing = [elements.Joint("θ_0", "revolute", GROUND, "rod 0")], []
     for k in range(1, windows + 1):
         before, coupler, after, foot = f"rod {k - 1}", f"coupler {k}", f"rod {k}", foot + span
         joints += [
-            words.Joint(f"φ_{k}", "revolute", before, coupler, tip, absolute=True),
-            words.Joint(f"θ_{k}", "revolute", GROUND, after, (foot, 0, 0)),
+            elements.Joint(f"φ_{k}", "revolute", before, coupler, tip, absolute=True),
+            elements.Joint(f"θ_{k}", "revolute", GROUND, after, (foot, 0, 0)),
         ]
-        closing += [words.pin(f"window {k}", coupler, after, end, tip)]
+        closing += [elements.pin(f"window {k}", coupler, after, end, tip)]
     if parameters.repeated is not None:
         points, up = closing[-1].points, ((GROUND, (0, 1, 0)),)
         closing += [
-            words.Constraint("on-plane", "repeated", points, up, factor=parameters.repeated[0])
+            elements.Constraint("on-plane", "repeated", points, up, factor=parameters.repeated[0])
         ]
     down = None if gravity is None else (0, -gravity[0], 0)
     return Description(links, joints, coordinates(windows), closing, gravity=down, planar=True)

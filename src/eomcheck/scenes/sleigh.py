@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics import plane
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms
@@ -123,9 +123,9 @@ class Sleigh(Parametric, functions=globals()):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        yield plane.rotation(self, q, v, slice(2, 3))
-        yield plane.translation(self, q, v)
-        yield plane.mirror(self, q, v, kept=(0,))
+        yield plane_symmetries.rotation(self, q, v, slice(2, 3))
+        yield plane_symmetries.translation(self, q, v)
+        yield plane_symmetries.mirror(self, q, v, kept=(0,))
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ."""

@@ -7,19 +7,28 @@ the direction in which the wheel rolls, t_i = (cos φ_i, sin φ_i), and e_i = (s
 axle (Eq. (28)). The generalized speeds are u = (s_1, ω_1): rolling speed of wheel 1 and angular
 velocity of link 1 (Eq. (29)).
 
-The functions are in `snake_terms`, `snake_speeds`, `snake_chain` and `snake_energies`.
+- Lagrange's terms: M and a in O(N²), the rest in O(N) (Eqs. (25)-(28))
+- Generalized speeds and partial velocities, by recursion in O(N) (Eqs. (22), (29))
+- A chain of wheels, in O(N): link k moves with its rolling speed s_k = V_k · t_k and with ω_k. The
+  wheel keeps V̇_k · e_k = -s_k ω_k, so V̇_k = ṡ_k t_k - s_k ω_k e_k and the mass is diagonal in
+  x = (s_1, ω_1, s_2, ω_2, ...). The joint between links k-1 and k moves with both of them, which
+  gives two equations, written along t_k and e_k. Nothing is divided by: α_k = ±π/2 is allowed. It
+  is derived apart from the terms; ψ_k = φ_k - θ_{k-1} and δ_k = φ_k - φ_{k-1}
+- The second derivation (rule 8 of `eomcheck.mechanics.scene`): energies, dissipation and the
+  sideways speeds of the wheels, from positions and velocities only. Nothing in it reads M or a, and
+  engines differentiate it
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.mechanics import plane
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import (
     OfLinks,
@@ -29,20 +38,501 @@ from eomcheck.mechanics.parameters import (
     parameter,
     stretched,
 )
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import Bodies, Chain, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.tree import Tree, planar_tree
 from eomcheck.numbers.generic import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scenes import snake_chain, snake_energies, snake_speeds, snake_terms
+
+# ---- Lagrange's terms ----------------------------------------------------------------------------
+
+
+def carried(mass, length):
+    """Return (tail, mu), each (N,): the mass behind link i, and L_i (m_i/2 + tail_i)."""
+    tail = np.zeros_like(mass)
+    for i in range(mass.size - 1, 0, -1):
+        tail[i - 1] = tail[i] + mass[i]
+    return tail, length * (mass / 2 + tail)
+
+
+def mass_matrix(mass, length, inertia, cos, sin):
+    """Return M (N+2, N+2): the Hessian of the kinetic energy of Eq. (25) in v."""
+    links = mass.size
+    tail, mu = carried(mass, length)
+    M = np.zeros((links + 2, links + 2), cos.dtype)
+    M[0, 0] = M[1, 1] = tail[0] + mass[0]
+    for i in range(links):
+        M[0, i + 2] = M[i + 2, 0] = -mu[i] * sin[i]
+        M[1, i + 2] = M[i + 2, 1] = mu[i] * cos[i]
+        M[i + 2, i + 2] = length[i] * length[i] * (mass[i] / 4 + tail[i]) + inertia[i]
+        for j in range(i):
+            coupling = length[j] * mu[i] * (cos[i] * cos[j] + sin[i] * sin[j])
+            M[i + 2, j + 2] = M[j + 2, i + 2] = coupling
+    return M
+
+
+def bias(mass, length, cos, sin, omega):
+    """Return B (N+2,): the centrifugal part of the equations of motion."""
+    links = mass.size
+    mu = carried(mass, length)[1]
+    B = np.zeros(links + 2, omega.dtype)
+    for i in range(links):
+        B[0] -= mu[i] * cos[i] * omega[i] * omega[i]
+        B[1] -= mu[i] * sin[i] * omega[i] * omega[i]
+    # Row i sums nu_ij sin(θ_i - θ_j) ω_j² with nu_ij = L_min mu_max: once from the head up to i,
+    # where mu_i is common, and once from the tail down to i, where L_i is.
+    along = across = 0
+    for i in range(links):
+        B[i + 2] += mu[i] * (sin[i] * along - cos[i] * across)
+        along = along + length[i] * cos[i] * omega[i] * omega[i]
+        across = across + length[i] * sin[i] * omega[i] * omega[i]
+    along = across = 0
+    for i in range(links - 1, -1, -1):
+        B[i + 2] += length[i] * (sin[i] * along - cos[i] * across)
+        along = along + mu[i] * cos[i] * omega[i] * omega[i]
+        across = across + mu[i] * sin[i] * omega[i] * omega[i]
+    return B
+
+
+def spring_torque(stiffness, theta, joint):
+    """Return k_i (θ_i - θ_{i+1}) of one joint, N m (Eq. (D2))."""
+    return stiffness[joint] * (theta[joint] - theta[joint + 1])
+
+
+def joint_torque(stiffness, damping, theta, omega, joint):
+    """Return T_i = k_i (θ_i - θ_{i+1}) + d_i (ω_i - ω_{i+1}) of one joint, N m."""
+    if damping is None:
+        return spring_torque(stiffness, theta, joint)
+    damper = damping[joint] * (omega[joint] - omega[joint + 1])
+    if stiffness is None:
+        return damper
+    return spring_torque(stiffness, theta, joint) + damper
+
+
+def joint_forces(stiffness, damping, theta, omega):
+    """Return Q (N+2,) of springs and dampers, Eqs. (26)-(27), or None without both."""
+    if stiffness is None and damping is None:
+        return None
+    Q = np.zeros(theta.size + 2, theta.dtype)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
+        Q[k + 2] -= torque
+        Q[k + 3] += torque
+    return Q
+
+
+def rolling_directions(cos_alpha, sin_alpha, cos, sin):
+    """Return (cos φ, sin φ), of one wheel or of all (N,)."""
+    return cos_alpha * cos - sin_alpha * sin, sin_alpha * cos + cos_alpha * sin
+
+
+def first_wheel(parameters, angles):
+    """Return (cos φ_1, sin φ_1)."""
+    cos_alpha, sin_alpha = parameters.cos_alpha[0], parameters.sin_alpha[0]
+    return rolling_directions(cos_alpha, sin_alpha, angles.cos[0], angles.sin[0])
+
+
+def constraints(parameters, angles, q):
+    """Return (a (N, N+2), None) of Eq. (28): row i is the velocity of wheel i along its axle."""
+    length, cos_alpha, cos, sin = parameters.length, parameters.cos_alpha, angles.cos, angles.sin
+    links = length.size
+    cos_phi, sin_phi = rolling_directions(cos_alpha, parameters.sin_alpha, cos, sin)
+    a = np.zeros((links, links + 2), cos.dtype)
+    for i in range(links):
+        a[i, 0] = sin_phi[i]
+        a[i, 1] = -cos_phi[i]
+        for j in range(i):
+            a[i, j + 2] = -length[j] * (cos_phi[i] * cos[j] + sin_phi[i] * sin[j])
+        a[i, i + 2] = -length[i] / 2 * cos_alpha[i]
+    return a, None
+
+
+def drift(parameters, angles, q, v):
+    """Return gamma = ȧ v (N,): the rate of V_i · e_i at v̇ = 0, where ė_i = ω_i t_i."""
+    length, cos, sin = parameters.length, angles.cos, angles.sin
+    cos_phi, sin_phi = rolling_directions(parameters.cos_alpha, parameters.sin_alpha, cos, sin)
+    links = length.size
+    gamma = np.zeros(links, v.dtype)
+    Vx, Vy = v[0], v[1]
+    Ax = Ay = 0
+    for i in range(links):
+        omega = v[i + 2]
+        half = length[i] / 2
+        # Velocity and acceleration at v̇ = 0: from the front end of the link to its centre ...
+        Vx, Vy = Vx - half * omega * sin[i], Vy + half * omega * cos[i]
+        Ax, Ay = Ax - half * omega * omega * cos[i], Ay - half * omega * omega * sin[i]
+        gamma[i] = Ax * sin_phi[i] - Ay * cos_phi[i] + omega * (Vx * cos_phi[i] + Vy * sin_phi[i])
+        # ... and on to its rear end.
+        Vx, Vy = Vx - half * omega * sin[i], Vy + half * omega * cos[i]
+        Ax, Ay = Ax - half * omega * omega * cos[i], Ay - half * omega * omega * sin[i]
+    return gamma
+
+
+def forces(parameters, angles, q, v):
+    """Return Q (N+2,) of springs and dampers, or None."""
+    return joint_forces(parameters.stiffness, parameters.damping, angles.value, v[2:])
+
+
+def terms(parameters, angles, q, v):
+    """Return the `Terms` of the snake; b is None, for wheels do not depend on time."""
+    mass, length, cos, sin = parameters.mass, parameters.length, angles.cos, angles.sin
+    M = mass_matrix(mass, length, parameters.inertia, cos, sin)
+    Q = forces(parameters, angles, q, v)
+    B = bias(mass, length, cos, sin, v[2:])
+    a, b = constraints(parameters, angles, q)
+    return Terms(M, Q, B, a, drift(parameters, angles, q, v), b)
+
+
+# ---- Generalized speeds --------------------------------------------------------------------------
+
+
+class Rolling(NamedTuple):
+    """Rolling speed s_k and angular velocity ω_k of each link: s_k = s_u u, ṡ_k = s_u u̇ + s_rest.
+
+    The centre of mass of link k moves with s_k t_k. The rate of t_k is normal to t_k, so only ṡ_k
+    does work on a partial velocity, and one number per link stands for the linear part: d = 1 in
+    `Bodies`, whose shapes these are.
+    """
+
+    s_u: Any
+    """∂s_k/∂u (N, 1, 2)."""
+    omega_u: Any
+    """∂ω_k/∂u (N, 1, 2)."""
+    s_rest: Any
+    """ṡ_k at u̇ = 0 (N, 1)."""
+    omega_rest: Any
+    """ω̇_k at u̇ = 0 (N, 1)."""
+    u: Any
+    """(s_1, ω_1)."""
+    v: Any
+    """q̇ (N+2,): velocity of the tip of link 1, then every ω_k."""
+
+
+def kinematics(parameters, angles, q, u):
+    """Pass (s, ω) from link to link.
+
+    The joint between links k-1 and k moves with both: s' t' + L'/2 ω' n' = s t - L/2 ω n (dashed:
+    link k-1). Its component along e_k gives ω_k and is divided by L_k/2 cos α_k, the one along t_k
+    gives s_k; the rates follow in the same way from the accelerations.
+    """
+    length, cos_alpha, sin_alpha = parameters.length, parameters.cos_alpha, parameters.sin_alpha
+    cos, sin = angles.cos, angles.sin
+    links = length.size
+    partials, rests = np.empty((2, links, 1, 2), cos.dtype), np.empty((2, links, 1), cos.dtype)
+    s_u, omega_u, s_rest, omega_rest = partials[0], partials[1], rests[0], rests[1]
+    s_u[0, 0, 0] = omega_u[0, 0, 1] = 1
+    s_u[0, 0, 1] = omega_u[0, 0, 0] = s_rest[0, 0] = omega_rest[0, 0] = 0
+    s, omega = u[0], u[1]
+    half = length[0] / 2
+    v = np.empty(links + 2, cos.dtype)
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    v[0] = s * cos_phi + half * sin[0] * omega
+    v[1] = s * sin_phi - half * cos[0] * omega
+    v[2] = omega
+    for k in range(1, links):
+        # psi = φ_k - θ_{k-1} and delta = φ_k - φ_{k-1}
+        cos_turn = cos[k] * cos[k - 1] + sin[k] * sin[k - 1]
+        sin_turn = sin[k] * cos[k - 1] - cos[k] * sin[k - 1]
+        cos_psi = cos_turn * cos_alpha[k] - sin_turn * sin_alpha[k]
+        sin_psi = sin_turn * cos_alpha[k] + cos_turn * sin_alpha[k]
+        cos_delta = cos_psi * cos_alpha[k - 1] + sin_psi * sin_alpha[k - 1]
+        sin_delta = sin_psi * cos_alpha[k - 1] - cos_psi * sin_alpha[k - 1]
+        before, half = half, length[k] / 2
+        lever = half * cos_alpha[k]
+        offset = half * sin_alpha[k]
+
+        ww_s = sin_delta / lever
+        ww_w = -before * cos_psi / lever
+        ss_s = cos_delta + offset * ww_s
+        ss_w = before * sin_psi + offset * ww_w
+        for i in range(2):
+            omega_u[k, 0, i] = ww_s * s_u[k - 1, 0, i] + ww_w * omega_u[k - 1, 0, i]
+            s_u[k, 0, i] = ss_s * s_u[k - 1, 0, i] + ss_w * omega_u[k - 1, 0, i]
+        s_before, omega_before = s, omega
+        omega = ww_s * s_before + ww_w * omega_before
+        s = ss_s * s_before + ss_w * omega_before
+        v[k + 2] = omega
+
+        spin = before * omega_before * omega_before
+        turning = s_before * omega_before
+        along_axle = s * omega - turning * cos_delta - spin * sin_psi - offset * omega * omega
+        # What comes from the link before is added last: nothing else waits for it.
+        rate = along_axle / lever + ww_s * s_rest[k - 1, 0] + ww_w * omega_rest[k - 1, 0]
+        omega_rest[k, 0] = rate
+        s_rest[k, 0] = (
+            turning * sin_delta
+            - spin * cos_psi
+            - lever * omega * omega
+            + cos_delta * s_rest[k - 1, 0]
+            + before * sin_psi * omega_rest[k - 1, 0]
+            + offset * rate
+        )
+    return Rolling(s_u, omega_u, s_rest, omega_rest, u, v)
+
+
+def speeds(parameters, angles, rolling):
+    """Return the `Speeds` of the snake: the tip of link 1 from (s_1, ω_1), then every ω_k."""
+    length = parameters.length
+    cos, sin = angles.cos, angles.sin
+    links = length.size
+    half = length[0] / 2
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    turning = rolling.u[0] * rolling.u[1]
+    spin = half * rolling.u[1] * rolling.u[1]
+    W = np.zeros((links + 2, 2), cos.dtype)
+    rest = np.zeros(links + 2, cos.dtype)
+    W[0, 0], W[0, 1] = cos_phi, half * sin[0]
+    W[1, 0], W[1, 1] = sin_phi, -half * cos[0]
+    rest[0] = spin * cos[0] - turning * sin_phi
+    rest[1] = spin * sin[0] + turning * cos_phi
+    W[2:] = rolling.omega_u[:, 0]
+    rest[2:] = rolling.omega_rest[:, 0]
+    return Speeds(W, rest, None)
+
+
+def qdot(parameters, angles, rolling):
+    """Return W u of `speeds`, passed from link to link with the recursion."""
+    return rolling.v
+
+
+def active_forces(stiffness, damping, theta, omega, omega_u):
+    """Return F_Kane (2,) of springs and dampers by Eq. (D1), or None without both."""
+    if stiffness is None and damping is None:
+        return None
+    force = np.zeros(2, theta.dtype)
+    for k in range(theta.size - 1):
+        torque = joint_torque(stiffness, damping, theta, omega, k)
+        for i in range(2):
+            force[i] += torque * (omega_u[k + 1, 0, i] - omega_u[k, 0, i])
+    return force
+
+
+def bodies(parameters, angles, rolling):
+    """Return the `Bodies` of the snake, d = e = 1: along the wheel and about the vertical."""
+    stiffness, damping = parameters.stiffness, parameters.damping
+    theta, omega = angles.value, rolling.v[2:]
+    return Bodies(
+        rolling.s_u,
+        rolling.omega_u,
+        rolling.s_rest,
+        rolling.omega_rest,
+        parameters.mass,
+        parameters.inertia[:, np.newaxis, np.newaxis],
+        None,
+        active_forces(stiffness, damping, theta, omega, rolling.omega_u),
+    )
+
+
+def speeds_of(parameters, angles, q, v):
+    """Return u = (s_1, ω_1) of a velocity v (Eq. (29)): V_1 · t_1 and θ̇_1."""
+    length, sin_alpha = parameters.length, parameters.sin_alpha
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    rolling = v[0] * cos_phi + v[1] * sin_phi + length[0] / 2 * sin_alpha[0] * v[2]
+    return np.array([rolling, v[2]], v.dtype)
+
+
+# ---- A chain of wheels ---------------------------------------------------------------------------
+
+
+def quasi_velocities(parameters, angles, q, v):
+    """Return x (2N,) of any v: plain sums from the tip of link 1, in which nothing grows."""
+    length, cos, sin = parameters.length, angles.cos, angles.sin
+    cos_phi, sin_phi = rolling_directions(parameters.cos_alpha, parameters.sin_alpha, cos, sin)
+    links = length.size
+    x = np.zeros(2 * links, v.dtype)
+    Vx, Vy = v[0], v[1]
+    for k in range(links):
+        across = length[k] / 2 * v[k + 2]
+        Vx, Vy = Vx - across * sin[k], Vy + across * cos[k]
+        x[2 * k] = Vx * cos_phi[k] + Vy * sin_phi[k]
+        x[2 * k + 1] = v[k + 2]
+        Vx, Vy = Vx - across * sin[k], Vy + across * cos[k]
+    return x
+
+
+def chain_velocity(parameters, angles, q, x):
+    """Return v (N+2,): the tip of link 1 from wheel 1, then every ω_k."""
+    cos, sin = angles.cos[0], angles.sin[0]
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    across = parameters.length[0] / 2 * x[1]
+    v = np.zeros(parameters.length.size + 2, x.dtype)
+    v[0] = x[0] * cos_phi + across * sin
+    v[1] = x[0] * sin_phi - across * cos
+    v[2:] = x[1::2]
+    return v
+
+
+def chain_acceleration(parameters, angles, x, xdot):
+    """Return v̇ (N+2,), as `chain_velocity` with V̇_1 and the rate -ω² (cos θ, sin θ) of n_1."""
+    cos, sin = angles.cos[0], angles.sin[0]
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    half = parameters.length[0] / 2
+    turning, spin, across = x[0] * x[1], half * x[1] * x[1], half * xdot[1]
+    vdot = np.zeros(parameters.length.size + 2, xdot.dtype)
+    vdot[0] = xdot[0] * cos_phi - turning * sin_phi + across * sin + spin * cos
+    vdot[1] = xdot[0] * sin_phi + turning * cos_phi - across * cos + spin * sin
+    vdot[2:] = xdot[1::2]
+    return vdot
+
+
+def wheel_masses(mass, inertia):
+    """Return D (2N,): m_1, I_1, m_2, I_2, ..."""
+    D = np.zeros(2 * mass.size, mass.dtype)
+    D[::2] = mass
+    D[1::2] = inertia
+    return D
+
+
+def torques_on(stiffness, damping, theta, omega):
+    """Return what each joint turns its front link with (N-1,), N m; None without all of it."""
+    if damping is None:
+        if stiffness is None:
+            return None
+        return stiffness * (theta[1:] - theta[:-1])
+    if stiffness is None:
+        return damping * (omega[1:] - omega[:-1])
+    return stiffness * (theta[1:] - theta[:-1]) + damping * (omega[1:] - omega[:-1])
+
+
+def wheel_forces(torque, theta):
+    """Return f (2N,): the joints turn the links on both sides; None without torques (N-1,)."""
+    if torque is None:
+        return None
+    f = np.zeros(2 * theta.size, torque.dtype)
+    f[1] = torque[0]
+    for k in range(1, torque.size):
+        f[2 * k + 1] = torque[k] - torque[k - 1]
+    f[-1] = -torque[-1]
+    return f
+
+
+def joints(length, cos_alpha, sin_alpha, cos, sin, x):
+    """Return (A, C, d) of s' t' + L'/2 ω' n' = s t - L/2 ω n (dashed: link k-1) and of its rate."""
+    cos_phi, sin_phi = rolling_directions(cos_alpha, sin_alpha, cos, sin)
+    links = length.size
+    A = np.zeros((links - 1, 2, 2), cos.dtype)
+    C = np.zeros((links - 1, 2, 2), cos.dtype)
+    d = np.zeros((links - 1, 2), x.dtype)
+    for j in range(links - 1):
+        k = j + 1
+        cos_psi = cos_phi[k] * cos[j] + sin_phi[k] * sin[j]
+        sin_psi = sin_phi[k] * cos[j] - cos_phi[k] * sin[j]
+        cos_delta = cos_phi[k] * cos_phi[j] + sin_phi[k] * sin_phi[j]
+        sin_delta = sin_phi[k] * cos_phi[j] - cos_phi[k] * sin_phi[j]
+        before, half = length[j] / 2, length[k] / 2
+        A[j, 0, 0], A[j, 0, 1] = cos_delta, before * sin_psi
+        A[j, 1, 0], A[j, 1, 1] = sin_delta, -before * cos_psi
+        C[j, 0, 0], C[j, 0, 1] = -1, half * sin_alpha[k]
+        C[j, 1, 1] = -half * cos_alpha[k]
+        s_before, omega_before, s, omega = x[2 * j], x[2 * j + 1], x[2 * k], x[2 * k + 1]
+        turning, spin_before = s_before * omega_before, before * omega_before * omega_before
+        spin = half * omega * omega
+        d[j, 0] = turning * sin_delta - spin_before * cos_psi - spin * cos_alpha[k]
+        d[j, 1] = s * omega - turning * cos_delta - spin_before * sin_psi - spin * sin_alpha[k]
+    return A, C, d
+
+
+def chain(parameters, angles, q, x):
+    """Return the `Chain` of the snake."""
+    cos_alpha, sin_alpha = parameters.cos_alpha, parameters.sin_alpha
+    torque = torques_on(parameters.stiffness, parameters.damping, angles.value, x[1::2])
+    A, C, d = joints(parameters.length, cos_alpha, sin_alpha, angles.cos, angles.sin, x)
+    D = wheel_masses(parameters.mass, parameters.inertia)
+    return Chain(D, wheel_forces(torque, angles.value), A, C, d)
+
+
+def chain_multipliers(parameters, angles, chain, x, forces):
+    """Return λ (N,), N: wheel k is held by m_k V̇_k · e_k less what its two joints give along e_k.
+
+    Joint k+1 pulls body k by ρ_{k+1}, whose component along e_k is (-sin δ, cos δ) · ρ_{k+1}, and
+    joint k pushes it by -ρ_k.
+    """
+    mass, before = parameters.mass, chain.before
+    links = mass.size
+    lambda_ = np.zeros(links, x.dtype)
+    for k in range(links):
+        lambda_[k] = -mass[k] * x[2 * k] * x[2 * k + 1]
+    for j in range(links - 1):
+        along, across = forces[j, 0], forces[j, 1]
+        lambda_[j] += before[j, 1, 0] * along - before[j, 0, 0] * across
+        lambda_[j + 1] += across
+    return lambda_
+
+
+# ---- The second derivation: positions and velocities only ----------------------------------------
+
+
+def passed_on(length, angles, x, y, omega):
+    """Return the velocities of links one behind the other, centres (N, 2) and rotation (N, 1).
+
+    Passed on from joint to joint: the first moves with (x, y), link i turns at omega_i.
+    """
+    links = length.size
+    V = np.zeros((links, 2), omega.dtype)
+    for i in range(links):
+        V[i, 0] = x - length[i] / 2 * omega[i] * angles.sin[i]
+        V[i, 1] = y + length[i] / 2 * omega[i] * angles.cos[i]
+        x = x - length[i] * omega[i] * angles.sin[i]
+        y = y + length[i] * omega[i] * angles.cos[i]
+    return V, omega.reshape(links, 1)
+
+
+def velocities(parameters, angles, q, v):
+    """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1), Eq. (25)."""
+    return passed_on(parameters.length, angles, v[0], v[1], v[2:])
+
+
+def positions(parameters, angles, q):
+    """Return where the centres of mass are (N, 2)."""
+    length = parameters.length
+    found, x, y = np.zeros((length.size, 2), q.dtype), q[0], q[1]
+    for i in range(length.size):
+        found[i, 0] = x + length[i] * angles.cos[i] / 2
+        found[i, 1] = y + length[i] * angles.sin[i] / 2
+        x = x + length[i] * angles.cos[i]
+        y = y + length[i] * angles.sin[i]
+    return found
+
+
+def half_squares(factor, x):
+    """Return Σ f_i (x_{i+1} - x_i)² / 2 over the joints, or None where no joint has an f."""
+    if factor is None:
+        return None
+    total = 0
+    for k in range(factor.size):
+        total += factor[k] * (x[k + 1] - x[k]) * (x[k + 1] - x[k]) / 2
+    return total
+
+
+def potential(parameters, angles, q):
+    """Return U, J, of the springs, Eq. (26); None without."""
+    return half_squares(parameters.stiffness, angles.value)
+
+
+def dissipation(parameters, angles, q, v):
+    """Return R, W: half the power that the dampers take; None without dampers."""
+    _, omega = velocities(parameters, angles, q, v)
+    return half_squares(parameters.damping, omega[:, 0])
+
+
+def constraint(parameters, angles, q, v):
+    """Return c (N,), m/s: the velocity of each wheel along its axle, Eq. (28)."""
+    V, _ = velocities(parameters, angles, q, v)
+    c = np.zeros(V.shape[0], v.dtype)
+    for i in range(V.shape[0]):
+        cos_alpha, sin_alpha = parameters.cos_alpha[i], parameters.sin_alpha[i]
+        cos_phi = cos_alpha * angles.cos[i] - sin_alpha * angles.sin[i]
+        sin_phi = sin_alpha * angles.cos[i] + cos_alpha * angles.sin[i]
+        c[i] = V[i, 0] * sin_phi - V[i, 1] * cos_phi
+    return c
+
+
+# ---- The scene -----------------------------------------------------------------------------------
 
 OF_JOINTS = ("stiffness", "damping")
 """The parameters of which every joint has one."""
 
 
-PARTS = snake_terms, snake_speeds, snake_chain, snake_energies
-
-
-class Snake(OfLinks, functions=PARTS):
+class Snake(OfLinks, functions=globals()):
     """An N-link wheeled snake, N >= 1; the paper's robot has N = 7.
 
     For i >= 2 the generalized speeds (`ml`, `kane`) do not exist where a wheel stands at ±π/2
@@ -186,9 +676,9 @@ class Snake(OfLinks, functions=PARTS):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        yield plane.rotation(self, q, v, slice(2, None))
-        yield plane.translation(self, q, v)
-        yield plane.mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, kept=(0,))
+        yield plane_symmetries.rotation(self, q, v, slice(2, None))
+        yield plane_symmetries.translation(self, q, v)
+        yield plane_symmetries.mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, kept=(0,))
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""

@@ -18,12 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.mechanics import plane
+from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
-from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.parameters import Parametric, diagonal, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.space import diagonal
 from eomcheck.numbers.generic import Arithmetic, Array
 
 
@@ -252,13 +251,15 @@ class TurntableBall(Parametric, functions=globals()):
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos θ| <= 4 eps."""
-        plane.refuse_flat(q[3])
+        plane_symmetries.refuse_flat(q[3])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, and the mirror image in the x axis on a table that spins backwards."""
-        yield plane.rotation(self, q, v, slice(2, 3))
+        yield plane_symmetries.rotation(self, q, v, slice(2, 3))
         swing = None if self.swing is None else -self.swing
-        yield plane.mirror(replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4))
+        yield plane_symmetries.mirror(
+            replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4)
+        )
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return table and ball, with the angles at the centre of the ball."""

@@ -16,11 +16,11 @@ from hypothesis import reject
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
+from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree, checked_links
+from eomcheck.descriptions.random_trees import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.errors import InputError, RefusedError, distinct, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.random_mechanisms.kinds import RandomMechanism, RandomTree, checked_links
-from eomcheck.random_mechanisms.urdf import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
 from eomcheck.scenes import Snake
 
 # ---- Scenes of a class ---------------------------------------------------------------------------

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.joint_tree import impossible
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
 from eomcheck.engines.files.free import FREE
-from eomcheck.mechanics.described.bodies import impossible
-from eomcheck.mechanics.described.mechanism import Mechanism
-from eomcheck.mechanics.described.words import Joint, Link
 from eomcheck.mechanics.scene import Scene
-from eomcheck.robots.urdf import read_urdf
-from eomcheck.robots.urdf_xml import Element, root_of
 
 SHAPES = "visual", "collision"
 

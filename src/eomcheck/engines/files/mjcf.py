@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 from eomcheck.engines.base import EngineAcceleration, VelocityMap
 from eomcheck.engines.files.description import Description
 from eomcheck.engines.files.free import FREE, BaseVelocity, free_base
 from eomcheck.engines.files.mujoco import MujocoFile
 from eomcheck.errors import EngineError
-from eomcheck.mechanics.described.mechanism import Mechanism
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.robots.mjcf_model import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 
 TURNS = 3
 """Coordinates of a ball joint; MuJoCo has a quaternion for them."""

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from eomcheck.class_lookup import value_of
+from eomcheck.descriptions.elements import Constraint, Joint, Link
+from eomcheck.descriptions.random_elements import Description
+from eomcheck.descriptions.random_mechanisms import Random
+from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.errors import InputError, message_of
 from eomcheck.lab.fuzzing.families import Case
-from eomcheck.mechanics.described.words import Constraint, Joint, Link
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import finite_array
-from eomcheck.random_mechanisms.description import Description
-from eomcheck.random_mechanisms.kinds import Random
-from eomcheck.robots.files import is_robot
 from eomcheck.testing.subject import Functions
 
 

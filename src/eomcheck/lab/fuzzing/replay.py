@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import Verdict
 from eomcheck.class_lookup import home_of_code
+from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.engines import ALWAYS, ENGINES
 from eomcheck.errors import EomcheckError, described_error, message_of
 from eomcheck.formulations import FORMULATIONS
@@ -16,7 +17,6 @@ from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
 from eomcheck.lab.fuzzing.judging import Fault, checked, named_in
 from eomcheck.lab.fuzzing.motion_finding import CLAIMS_OF_MOTIONS
 from eomcheck.lab.fuzzing.motions import findings_of_motion
-from eomcheck.robots.files import is_robot
 from eomcheck.testing.registry import FUNCTION_CLAIMS
 from eomcheck.testing.run import functions_at
 from eomcheck.testing.subject import Functions

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, Random
+from eomcheck.descriptions.random_trees import ROOT, SPACE
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.lab.fuzzing.families import DECADES, WIDE
 from eomcheck.lab.fuzzing.strata import Stratum, strata_of
-from eomcheck.mechanics.choices import FromGenerator
+from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.mechanics.scene import Scene
-from eomcheck.random_mechanisms.kinds import CONSTRAINTS, Random
-from eomcheck.random_mechanisms.trees import ROOT, SPACE
 
 ATTEMPTS = 100
 """Structures that are tried until one fits together."""

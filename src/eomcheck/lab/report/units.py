@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eomcheck.mechanics.described.mechanism import Mechanism
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.mechanics.scene import Scene
 
 

@@ -11,6 +11,8 @@ from typing import Annotated
 
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
+from eomcheck.descriptions.robot_files import robot_named
+from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.comparing import compare
@@ -21,8 +23,6 @@ from eomcheck.lab.store.groups import rows_of
 from eomcheck.lab.store.record import Record
 from eomcheck.lab.store.settings import Settings
 from eomcheck.lab.study import Study, failed, unfinished
-from eomcheck.robots.files import robot_named
-from eomcheck.robots.urdf import FLOATING
 
 ROBOTS = {
     "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),

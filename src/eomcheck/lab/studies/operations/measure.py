@@ -35,9 +35,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import Snake
-from eomcheck.scenes.snake_chain import torques_on, wheel_forces
-from eomcheck.scenes.snake_speeds import active_forces
-from eomcheck.scenes.snake_terms import joint_forces
+from eomcheck.scenes.snake import active_forces, joint_forces, torques_on, wheel_forces
 
 
 @dataclass(frozen=True)

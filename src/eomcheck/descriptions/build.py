@@ -1,0 +1,372 @@
+"""Builder of mechanisms: validates the elements of a description and makes the scene class of them.
+
+Elements are validated before anything is made of them; each error is a sentence that names the
+element.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Mapping
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from eomcheck.descriptions.constraint_rows import KINDS
+from eomcheck.descriptions.elements import (
+    COORDINATES,
+    LONGEST,
+    SHORTEST,
+    Constraint,
+    Joint,
+    Link,
+    Triple,
+)
+from eomcheck.descriptions.joint_tree import Frames, Place, Rigid, check_positive, together
+from eomcheck.descriptions.mechanism_class import Made, Mechanism
+from eomcheck.descriptions.quaternions import rotation
+from eomcheck.descriptions.topology import ROLLING, Closure, Slot, Topology
+from eomcheck.errors import InputError, distinct
+from eomcheck.mechanics.tree import PLANAR
+from eomcheck.numbers.generic import FLOAT64
+
+# ---- Validation ----------------------------------------------------------------------------------
+
+COUNTS = {
+    1: "a number",
+    2: "two numbers",
+    3: "three numbers",
+    4: "four numbers",
+    7: "three bends, three slopes and a level",
+}
+
+NOT_NEGATIVE = "expected a number that is not negative"
+
+NUMBERS = {"distance": 1, "coupling": 2, "drive": 3, "on-quadric": 7, **dict.fromkeys(ROLLING, 1)}
+"""Kind of constraint -> numbers that it has; others have none."""
+
+
+LENGTHS = {"distance": "length", **dict.fromkeys(ROLLING, "radius")}
+"""Kind of constraint -> what its number is, m."""
+
+
+def all_of(what: str, kind: type, things: Any) -> tuple[Any, ...]:
+    """Return links, joints or constraints as a tuple.
+
+    Raises:
+        InputError: they are none, or one of them has no name.
+    """
+    try:
+        found = tuple(things)
+    except TypeError:
+        found = (things,)
+    for one in found:
+        if not isinstance(one, kind):
+            raise InputError(f"{one!r} is no {what}: expected a {kind.__name__}")
+        if not isinstance(one.name, str) or not one.name:
+            raise InputError(f"a {what} has the name {one.name!r}, expected some text")
+    return found
+
+
+def check_words(
+    links: Iterable[Link],
+    joints: Iterable[Joint],
+    constraints: tuple[Constraint, ...],
+    gravity: Any,
+    pose: Any,
+) -> None:
+    """Refuse what is no number, has too few or too many, is not finite, or has no direction.
+
+    Raises:
+        InputError: names the word, what it has, and what is expected.
+    """
+    for link in links:
+        _check_link(link)
+    for joint in joints:
+        _check_joint(joint)
+    known: set[str] = set()
+    for one in constraints:
+        _check_constraint(one)
+        if one.name in known:
+            raise InputError(f"two constraints have the name {one.name!r}")
+        known.add(one.name)
+    if gravity is not None:
+        _check_numbers("gravity", gravity, 3)
+    if not isinstance(pose, Mapping):
+        raise InputError(f"pose = {pose!r}, expected coordinates by name")
+    for name, x in pose.items():
+        _check_numbers(f"pose: {name}", x)
+
+
+def _check_link(link: Link) -> None:
+    said = f"link {link.name!r}"
+    _check_numbers(f"{said}: mass", link.mass)
+    if link.mass < 0:
+        raise InputError(f"{said}: mass = {link.mass:g} kg, {NOT_NEGATIVE}")
+    for name in ("center", "moments", "products"):
+        _check_numbers(f"{said}: {name}", getattr(link, name), 3)
+
+
+def _check_joint(joint: Joint) -> None:
+    said = f"joint {joint.name!r}"
+    _check_numbers(f"{said}: place", joint.place, 3)
+    _check_length(f"{said} has the turn", joint.turn, 4)
+    if joint.kind in ("revolute", "prismatic", "planar"):
+        _check_length(f"{said} has the axis", joint.axis, 3)
+    for name in ("damping", "stiffness", "armature"):
+        value = getattr(joint, name)
+        if value is not None:
+            _check_numbers(f"{said}: {name}", value)
+            if value < 0:
+                raise InputError(f"{said}: {name} = {value:g}, {NOT_NEGATIVE}")
+    _check_numbers(f"{said}: relaxed", joint.relaxed)
+    if joint.follows is not None:
+        if not isinstance(joint.follows, tuple | list) or len(joint.follows) != 3:
+            wanted = "expected a joint, a ratio and a shift"
+            raise InputError(f"{said}: follows = {joint.follows!r}, {wanted}")
+        _check_numbers(f"{said}: follows", joint.follows[1:], 2)
+
+
+def _check_constraint(one: Constraint) -> None:
+    said = f"constraint {one.name!r}"
+    if one.kind not in KINDS:
+        kinds = ", ".join(KINDS)
+        raise InputError(f"{said} has the kind {one.kind!r}, expected one of: {kinds}")
+    for link, at in one.points:
+        _check_numbers(f"{said}: a point of {link!r}", at, 3)
+    for link, along in one.directions:
+        _check_length(f"{said}, on {link!r}, has the direction", along, 3)
+    points, directions = ([link for link, _ in of] for of in (one.points, one.directions))
+    for names in (points, () if one.kind in ROLLING else directions, one.joints):
+        if len(names) == 2 and names[0] == names[1]:
+            raise InputError(f"{said} is between {names[0]!r} and itself")
+    if one.kind in NUMBERS:
+        _check_numbers(f"{said}: its numbers", one.numbers, NUMBERS[one.kind])
+        if one.kind in LENGTHS and one.numbers <= 0:
+            what = LENGTHS[one.kind]
+            raise InputError(f"{said}: {what} = {one.numbers} m, expected a positive number")
+        if one.kind == "on-quadric" and not any(one.numbers[:6]):
+            raise InputError(f"{said}: bends and slopes are 0, expected some that are not")
+
+
+def _check_numbers(said: str, value: Any, count: int = 1, sign: str = " = ") -> None:
+    parts = (value,) if count == 1 else value
+    whole = isinstance(parts, tuple | list | np.ndarray) and len(parts) == count
+    if not whole or not all(isinstance(x, Real) and not isinstance(x, bool) for x in parts):
+        raise InputError(f"{said}{sign}{value!r}, expected {COUNTS[count]}")
+    if not all(math.isfinite(x) for x in parts):
+        finite = "a finite number" if count == 1 else "finite ones"
+        raise InputError(f"{said}{sign}{value!r}, expected {finite}")
+
+
+def _check_length(said: str, value: Any, count: int) -> None:
+    _check_numbers(said, value, count, " ")
+    length = math.hypot(*value)
+    if length == 0:
+        raise InputError(f"{said} ({', '.join(['0'] * count)})")
+    if not SHORTEST <= length <= LONGEST:
+        between = f"expected a length between {SHORTEST:g} and {LONGEST:g}"
+        raise InputError(f"{said} {value!r}, {between}")
+
+
+# ---- From elements to a class --------------------------------------------------------------------
+
+REGULAR = 1e-12
+"""Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
+far below what bodies of very different size come to, far above what rounding leaves of 0."""
+
+
+def mechanism(
+    name: str,
+    links: Iterable[Link],
+    joints: Iterable[Joint],
+    constraints: Iterable[Constraint] = (),
+    *,
+    gravity: Triple | None = (0.0, 0.0, -9.81),
+    first: Iterable[str] = (),
+    pose: dict[str, float] | None = None,
+) -> type[Mechanism]:
+    """Return the kind of scene that a description describes; its parameters are those given.
+
+    Args:
+        name: of the class; give the class this name.
+        links: rigid bodies. The one that is no joint's child is the ground.
+        joints: in the order of their coordinates.
+        constraints: what else holds; holonomic ones come first in the scene.
+        gravity: acceleration, m/s², or None.
+        first: names of the coordinates that come first, those that constraints always determine.
+        pose: coordinates at t = 0 that are not 0, by name.
+
+    Raises:
+        InputError: the description contradicts itself, has numbers that are none, or more than
+            `MOST` coordinates.
+    """
+    made = described(name, links, joints, constraints, gravity=gravity, first=first, pose=pose)
+    module = sys._getframe(1).f_globals.get("__name__", __name__)
+    return made._replace(module=module).kind()
+
+
+def described(
+    name: str,
+    links: Iterable[Link],
+    joints: Iterable[Joint],
+    constraints: Iterable[Constraint] = (),
+    *,
+    gravity: Triple | None = (0.0, 0.0, -9.81),
+    first: Iterable[str] = (),
+    pose: dict[str, float] | None = None,
+) -> Made:
+    """Return what the kind of a description is made of; see `mechanism`."""
+    bodies, between = all_of("link", Link, links), all_of("joint", Joint, joints)
+    more = all_of("constraint", Constraint, constraints)
+    pose = {} if pose is None else pose
+    check_words(bodies, between, more, gravity, pose)
+    frames = Frames(bodies, between)
+    made = _made(name, frames, more, gravity, distinct("first", first), pose)
+    _check_regular(made)
+    return made
+
+
+def _made(
+    key: str,
+    frames: Frames,
+    constraints: tuple[Constraint, ...],
+    gravity: Triple | None,
+    first: tuple[str, ...],
+    pose: dict[str, float],
+) -> Made:
+    slots = _sorted(frames, first)
+    for name in pose:
+        _coordinate("pose", frames, name)
+    bodies = {k: together(frames.rigid[k]) for k in sorted(frames.rigid)}
+    if not bodies and "armature" not in frames.numbers:
+        raise InputError("nothing that moves has inertia")
+    check_positive({slots[k].name: one for k, one in bodies.items()})
+    planar = _is_planar(frames, bodies, constraints)
+    d, places = 2 if planar else 3, {k: i for i, k in enumerate(bodies)}
+    slots = [slot._replace(body=places.get(k)) for k, slot in enumerate(slots)]
+    for one in bodies.values():
+        _add_body(frames, one, planar)
+    held = sorted(constraints, key=lambda one: not KINDS[one.kind].holonomic)  # stable
+    closures = tuple(_closure(frames, one, planar) for one in held)
+    numbers = {name: tuple(given) for name, given in frames.numbers.items()}
+    if planar and "offset" in numbers:
+        numbers["offset"] = tuple(one[:2] for one in numbers["offset"])
+    several = [
+        joint.name + part
+        for joint in frames.joints.values()
+        if len(COORDINATES[joint.kind]) > 1
+        for part in COORDINATES[joint.kind]
+    ]
+    return Made(
+        key,
+        Topology(tuple(slots), tuple(frames.coordinates), planar, closures),
+        (*numbers.items(), ("gravity", None if gravity is None else tuple(gravity)[:d])),
+        tuple(float(pose.get(name, 0.0)) for name in frames.coordinates),
+        several=tuple(several),
+        away=tuple(frames.place_of[name] for name in several if name.endswith("_pitch")),
+        closed=any(KINDS[one.kind].holonomic and one.points for one in closures),
+    )
+
+
+def _coordinate(what: str, frames: Frames, name: str) -> int:
+    if name not in frames.place_of:
+        known = ", ".join(frames.coordinates)
+        raise InputError(f"{what} names {name!r}, expected one of: {known}")
+    return frames.place_of[name]
+
+
+def _sorted(frames: Frames, first: tuple[str, ...]) -> list[Slot]:
+    """Return the slots once those named have the first coordinates."""
+    for name in first:
+        _coordinate("first", frames, name)
+    before = frames.coordinates
+    frames.coordinates = [*first, *(name for name in before if name not in first)]
+    frames.place_of = {name: i for i, name in enumerate(frames.coordinates)}
+    return [
+        slot._replace(coordinate=frames.place_of[before[slot.coordinate]]) for slot in frames.slots
+    ]
+
+
+def _is_planar(
+    frames: Frames, bodies: dict[int, Rigid], constraints: tuple[Constraint, ...]
+) -> bool:
+    """Return whether nothing leaves the plane z = 0."""
+    flat = [one[2] for one in frames.numbers.get("offset", [])]
+    flat += [one.center[2] for one in bodies.values()]
+    flat += [at[2] for one in constraints for _, at in one.points]
+    return (
+        all(slot.kind in PLANAR and slot.turn is None for slot in frames.slots)
+        and all(place.turn[1:3] == (0, 0) for place in frames.places.values())
+        and not any(flat)
+    )
+
+
+def _add_body(frames: Frames, body: Rigid, planar: bool) -> None:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
+    frames.number("mass", float(body.mass))
+    frames.number("center", tuple(body.center[: 2 if planar else 3].tolist()))
+    frames.number("moments", zz if planar else (xx, yy, zz))
+    frames.number("products", None if planar else (xy, xz, yz))
+
+
+def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
+    d, what = 2 if planar else 3, f"constraint {one.name!r}"
+    if one.kind == "hinge" and planar:
+        raise InputError(f"{what}: in the plane a hinge is a pin")
+    directions = one.directions
+    if one.kind == "weld":
+        directions = _welded(frames, one)[: 1 if planar else 3]
+
+    def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
+        if link not in frames.places:
+            raise InputError(f"{what} is on the link {link!r}, no such link")
+        place: Place = frames.places[link]
+        there = rotation(place.turn) @ np.array(at) + shifted * place.offset
+        if one.kind in ROLLING and name == "directions" and not there[:d].any():
+            raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
+        number: Any = keep(name, tuple(there[:d].tolist()))
+        return place.slot, number
+
+    # All rows of what rolls are about one contact.
+    keep = frames.shared if one.kind in ROLLING else frames.number
+
+    points = tuple(kept("points", *point, True) for point in one.points)
+    turned = tuple(kept("directions", *direction, False) for direction in directions)
+    name = KINDS[one.kind].numbers
+    number = keep(name, one.numbers) if name else None
+    coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
+    return Closure(one.kind, one.name, points, turned, coordinates, number)
+
+
+def _welded(frames: Frames, one: Constraint) -> tuple[tuple[str, Triple], ...]:
+    """Return the directions of a link that are the axes of the slot on which the other link is."""
+    (link, _), (other, _) = one.points
+    axes = np.array([along for _, along in one.directions])
+    if other in frames.places:
+        axes = rotation(frames.places[other].turn) @ axes
+    return tuple((link, (x, y, z)) for x, y, z in axes.tolist())
+
+
+def _check_regular(made: Made) -> None:
+    """Refuse a description in which something moves without any inertia."""
+    scene, names = made.kind()(), made.topology.coordinates
+    n = len(names)
+    # Anywhere: where M is singular for want of inertia, it is so everywhere near.
+    q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))
+    given = scene.parameters(FLOAT64)
+    prepared = scene.prepare(FLOAT64, given, q, 0.0)
+    M = scene.terms(given, prepared, q, np.zeros(n)).M
+    for name, own in zip(names, np.diagonal(M), strict=True):
+        if own <= 0:
+            raise InputError(f"joint {name!r} moves nothing that has inertia")
+    scale = 1 / np.sqrt(np.diagonal(M))
+    sizes, motions = np.linalg.eigh(M * np.outer(scale, scale))
+    if sizes[0] <= REGULAR * sizes[-1]:
+        worst = names[int(np.abs(motions[:, 0]).argmax())]
+        raise InputError(
+            f"the mass matrix is singular: joint {worst!r} can move, with others or alone, "
+            "without anything that has inertia"
+        )

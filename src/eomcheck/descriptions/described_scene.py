@@ -1,0 +1,366 @@
+"""Scenes written as a `Description`: elements whose numbers are the parameters of the scene.
+
+A scene gives one function, description(parameters) -> `Description`, of which all its functions are
+made. It is read anew in every kind of number. What is literally 0 is absent and costs nothing, what
+is literally 1 or -1 is no operation; all other numbers are parameters or made of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from eomcheck.descriptions.constraint_rows import KINDS
+from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, Spring, Triple
+from eomcheck.descriptions.first_derivation import placed
+from eomcheck.descriptions.mechanism_class import doubles, planned, tree_by
+from eomcheck.descriptions.quaternions import ONE, Quaternion, rotation
+from eomcheck.descriptions.topology import Closure, Plan, Slot, Topology
+from eomcheck.errors import InputError
+from eomcheck.mechanics.derived_functions import support_of
+from eomcheck.mechanics.parameters import Parametric
+from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.generic import FLOAT64, Array, generic
+
+GROUND = "ground"
+"""The link on which everything stands."""
+
+SLOTS = {
+    "revolute": ("r",),
+    "prismatic": ("p",),
+    "planar": ("px", "py", "rz"),
+    "spherical": ("rz", "ry", "rx"),
+    "floating": ("px", "py", "pz", "rz", "ry", "rx"),
+}
+
+
+class Description(NamedTuple):
+    """A mechanism in words.
+
+    Bodies are the links with a mass, in their order: they have the moments of inertia that the
+    parameter `inertia` tells, (n_b, e, e) or so many numbers.
+    """
+
+    links: Iterable[Link]
+    joints: Iterable[Joint]
+    """Depth first: what hangs on a joint follows it before anything else does."""
+    coordinates: tuple[str, ...] = ()
+    """Those of the joints in the order of q; by default in the order of the joints."""
+    constraints: Iterable[Constraint] = ()
+    """In the order of their rows."""
+    springs: Iterable[Spring] = ()
+    gravity: Triple | None = None
+    planar: bool = False
+
+
+class Numbers(NamedTuple):
+    """What the functions of a plan read."""
+
+    mass: Any
+    inertia: Any
+    center: Any
+    offset: Any
+    rotation: Any
+    points: Any
+    directions: Any
+    lengths: Any
+    surfaces: Any
+    factors: Any
+    springs: Any
+    torque: Any
+    stiffness: Any
+    relaxed: Any
+    damping: Any
+    gravity: Any
+
+
+def absent(entries: Iterable[Any]) -> tuple[Any, ...]:
+    """Return entries of which those that are literally 0 are None."""
+    return tuple(None if type(x) in (int, float) and x == 0 else x for x in entries)
+
+
+class _Reading:
+    """A description while it is read: slots and, in the order of their places, numbers."""
+
+    def __init__(self, told: Description):
+        self.told, self.slots = told, []
+        self.links = {link.name: link for link in told.links}
+        self.bodies = [name for name, link in self.links.items() if any_of(absent((link.mass,)))]
+        self.numbers: dict[str, list[Any]] = {name: [] for name in Numbers._fields}
+        self.places: dict[Any, int] = {}
+        joints = tuple(told.joints)
+        names = [joint.name + part for joint in joints for part in COORDINATES[joint.kind]]
+        self.coordinates = told.coordinates or tuple(names)
+        place = {name: i for i, name in enumerate(self.coordinates)}
+        self.at = {GROUND: -1}
+        for joint in joints:
+            self._hang(joint, place)
+
+    def _hang(self, joint: Joint, place: dict[str, int]) -> None:
+        kinds, parent = SLOTS[joint.kind], self.at[joint.parent]
+        offset = absent(joint.place)
+        for i, (kind, part) in enumerate(zip(kinds, COORDINATES[joint.kind], strict=True)):
+            axis, sense = _axis(joint.axis)
+            first, last = i == 0, i == len(kinds) - 1
+            link = joint.child if last and joint.child in self.bodies else None
+            self.slots.append(
+                Slot(
+                    parent if first else len(self.slots) - 1,
+                    kind if len(kind) == 2 else kind + axis,
+                    place[joint.name + part],
+                    sense if len(kinds) == 1 else 1,
+                    turn=self.number("rotation", _seat(joint.turn)) if first else None,
+                    offset=self.number("offset", offset) if first and any_of(offset) else None,
+                    body=None if link is None else self.bodies.index(link),
+                    absolute=joint.absolute,
+                    torque=self.number("torque", joint.torque),
+                    symmetric=joint.symmetric,
+                    name=joint.name + part,
+                )
+            )
+        self.at[joint.child] = len(self.slots) - 1
+
+    def number(self, name: str, x: Any) -> int | None:
+        """Keep a number and return its place; None where there is none."""
+        if x is None:
+            return None
+        self.numbers[name].append(x)
+        return len(self.numbers[name]) - 1
+
+    def shared(self, name: str, x: Any) -> int | None:
+        """Keep a number, once for all who share it, and return its place."""
+        if x is None:
+            return None
+        if (name, id(x)) not in self.places:
+            self.places[name, id(x)] = len(self.numbers[name])
+            self.numbers[name].append(x)
+        return self.places[name, id(x)]
+
+    def vector(self, name: str, x: Triple) -> int:
+        """Keep a point or a direction, once for all who share it, and return its place."""
+        if (name, id(x)) not in self.places:
+            self.places[name, id(x)] = len(self.numbers[name])
+            self.numbers[name].append(absent(x))
+        return self.places[name, id(x)]
+
+    def closure(self, one: Constraint) -> Closure:
+        """Return a constraint by places."""
+        return Closure(
+            one.kind,
+            one.name,
+            tuple((self.at[link], self.vector("points", at)) for link, at in one.points),
+            tuple((self.at[link], self.vector("directions", x)) for link, x in one.directions),
+            number=self.shared(KINDS[one.kind].numbers, one.numbers),
+            factor=self.number("factors", one.factor),
+        )
+
+    def spring(self, one: Spring) -> Closure:
+        """Return a spring by places."""
+        ends = (one.link, one.at), (one.other, one.at_other)
+        points = tuple((self.at[link], self.vector("points", at)) for link, at in ends)
+        return Closure("spring", one.name, points, number=self.number("springs", one))
+
+    def topology(self) -> Topology:
+        """Return what all such mechanisms have in common."""
+        told = self.told
+        closures = tuple(self.closure(one) for one in told.constraints)
+        springs = tuple(self.spring(one) for one in told.springs)
+        for name in self.bodies:
+            self.number("mass", self.links[name].mass)
+            self.number("center", absent(self.links[name].center))
+        return Topology(tuple(self.slots), self.coordinates, told.planar, closures, springs)
+
+
+def any_of(entries: tuple[Any, ...]) -> bool:
+    """Return whether any entry is there."""
+    return any(x is not None for x in entries)
+
+
+def _axis(axis: Triple) -> tuple[str, int]:
+    """Return the axis of a frame that a joint is along, and its sense."""
+    ((place, sense),) = ((i, x) for i, x in enumerate(axis) if x)
+    return "xyz"[place], int(sense)
+
+
+def _seat(turn: Any) -> Any:
+    """Return the rotation of a seat, None where it is not turned."""
+    if np.shape(turn) == (3, 3):
+        return np.array([absent(row) for row in turn], object)
+    return _quarters(turn)
+
+
+@lru_cache(64)
+def _quarters(turn: Quaternion) -> Any:
+    """Return the rotation of a seat as whole numbers, None where it is not turned."""
+    if turn == ONE:
+        return None
+    whole = np.rint(rotation(turn)).astype(int)
+    if np.abs(whole - rotation(turn)).max() > 1e-12:
+        raise TypeError(f"turn = {turn}: seats of scenes are turned by quarters")
+    return np.array([[int(x) or None for x in row] for row in whole], object)
+
+
+class Understood(NamedTuple):
+    """A description that has been read."""
+
+    plan: Plan
+    functions: dict[str, Callable]
+    given: Numbers
+    slots: dict[str, int]
+    """Those that move the links, by name; -1 for the ground."""
+
+
+REMEMBERED = 4
+"""Readings in doubles that are remembered: of a state that is looked at there are hundreds."""
+
+_remembered: tuple[tuple[Callable, Any, Understood], ...] = ()
+
+
+def read(description: Callable, parameters: Any) -> Understood:
+    """Return plan, functions and numbers of a description.
+
+    The same doubles are read once. All other numbers are read anew: what is made of them is
+    counted, or rounds in its own way.
+    """
+    global _remembered
+    for by, of, understood in _remembered:
+        if by is description and of is parameters:
+            return understood
+    understood = _read(description, parameters)
+    if all(map(_is_doubles, parameters)):
+        _remembered = ((description, parameters, understood), *_remembered[: REMEMBERED - 1])
+    return understood
+
+
+def _is_doubles(x: Any) -> bool:
+    """Return whether x is None or an array of doubles, or of objects that are doubles."""
+    return x is None or (
+        type(x) is np.ndarray
+        and (x.dtype == np.float64 or all(type(one) is float for one in x.flat))
+    )
+
+
+def _read(description: Callable, parameters: Any) -> Understood:
+    told: Description = description(parameters)
+    reading = _Reading(told)
+    plan, functions = planned(reading.topology())
+    inertia = _inertia(parameters, plan)
+    gravity = None if told.gravity is None else absent(told.gravity)
+    given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
+    return Understood(plan, functions, Numbers(**given), reading.at)
+
+
+# ---- For a kind of scene -------------------------------------------------------------------------
+
+OPEN = "jacobians", "terms", "forces", "velocities", "potential"
+CLOSED = "constraints", "drift", "constraint"
+HELD = ("position_residual",)
+DAMPED = ("dissipation",)
+
+
+def _inertia(parameters: Any, plan: Plan) -> Any:
+    """Return moments of inertia (n_b, e, e) out of a scene's parameters."""
+    shape = plan.bodies, plan.e, plan.e
+    told = getattr(parameters, "inertia", None)
+    if told is None or told.size != math.prod(shape):
+        what = "is missing" if told is None else f"has {told.size} numbers"
+        raise InputError(
+            f"the parameter inertia of a description {what}; it must have {math.prod(shape)}, "
+            f"of shape {shape}: moments of inertia of each link with a mass, in their order"
+        )
+    return told.reshape(shape)
+
+
+def _prepare(description: Callable) -> Callable:
+    def prepare(arithmetic, parameters, q, t):
+        at = read(description, parameters)
+        return _called(at, "prepare", arithmetic, at.given, q, t)
+
+    return generic(prepare)
+
+
+def _function(description: Callable, name: str) -> Callable:
+    def function(parameters, *arguments):
+        at = read(description, parameters)
+        return _called(at, name, at.given, *arguments)
+
+    function.__name__ = function.__qualname__ = name
+    return generic(function)
+
+
+def _called(at: Understood, name: str, *arguments: Any) -> Any:
+    try:
+        return at.functions[name](*arguments)
+    except TypeError as error:
+        # Exact numbers take whole ones beside them, and no doubles.
+        written = [x for x in _flat(at.given) if type(x) is float and not x.is_integer()]
+        if not written:
+            raise
+        what = f"{written[0]!r} in a description is no whole number: make it a parameter"
+        raise TypeError(what) from error
+
+
+def _flat(x: Any) -> Iterator[Any]:
+    """Yield the entries of lists and tuples in each other."""
+    if isinstance(x, list | tuple):
+        for part in x:
+            yield from _flat(part)
+    else:
+        yield x
+
+
+class Described(Parametric):
+    """A scene made of a description, whose numbers are its parameters."""
+
+    description: ClassVar[Callable[[Any], Description]]
+
+    def __init_subclass__(
+        cls,
+        description: Callable[[Any], Description] | None = None,
+        closed: bool = False,
+        held: bool = True,
+        damped: bool = False,
+        **options,
+    ):
+        """Take the functions of the scene from a description.
+
+        Args:
+            description: gives it by the parameters in any kind of number.
+            closed: whether there are constraints.
+            held: whether any of them is holonomic.
+            damped: whether there may be dampers.
+            options: for other classes that it derives from.
+        """
+        if description is not None:
+            cls.description = staticmethod(description)
+            names = [*OPEN, *(CLOSED if closed else ()), *(DAMPED if damped else ())]
+            names += HELD if closed and held else ()
+            own = {name: _function(description, name) for name in names}
+            options |= {"functions": own | {"prepare": _prepare(description)}}
+        super().__init_subclass__(**options)
+
+    @property
+    def support(self) -> Array | None:
+        """Which generalized speeds can move each body, bool (n_b, p)."""
+        plan = read(type(self).description, self.parameters(FLOAT64)).plan
+        return support_of(self, plan.support)
+
+    def tree(self) -> Tree | None:
+        """Return its bodies, joint by joint."""
+        at = read(type(self).description, self.parameters(FLOAT64))
+        return tree_by(at.plan, at.given)
+
+    def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
+        """Return origin (3,) and axes (3, 3), one a row, of each link in the pose q (n,)."""
+        plan, functions, given, slots = read(type(self).description, self.parameters(FLOAT64))
+        prepared = functions["prepare"](FLOAT64, given, np.asarray(q, np.float64), t)
+        here = placed(plan, given, prepared)
+        return {
+            link: (doubles(here[k].origin), doubles(here[k].axes))
+            for link, k in slots.items()
+            if k >= 0
+        }

@@ -1,0 +1,442 @@
+"""First derivation of the equations: frames along the axes of the ground, slot by slot.
+
+Positions: the `Frame` of each slot, seen from the ground. Velocities: columns a × arm, of which
+only those of joints on the way from the ground to a body are formed, and `Rates` at v̇ = 0. Angular
+velocities in `jacobians` are along the axes of the bodies, in which inertia keeps its value.
+
+Lagrange's terms need no Jacobians: M by composite bodies, B by Newton and Euler, tip to ground.
+What hangs on a slot moves as one body where only joints before it move. So the momentum that the
+rate of one joint gives it, about one joint before it after the other, is a row of M: O(n depth) and
+not O(n depth²), and no formula shared with the Jacobians of the bodies, which Kane's method reads.
+These terms are along the axes of the ground, about the origins of the slots.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), Sections 5.3 and 6.2.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.descriptions.optional_algebra import (
+    AXES,
+    NOTHING,
+    Vector,
+    added,
+    along,
+    centripetal,
+    cross,
+    dot,
+    levelled,
+    minus,
+    plus,
+    put,
+    put_vector,
+    scaled,
+    subtracted,
+    times,
+    turned_back,
+    unit,
+    vector,
+)
+from eomcheck.descriptions.topology import Plan, Slot
+from eomcheck.mechanics.records import Jacobians, Terms
+from eomcheck.numbers.generic import generic
+
+# ---- Positions: frames ---------------------------------------------------------------------------
+
+
+class Prepared(NamedTuple):
+    """What is not rational in q and t, and the coordinates of the joints."""
+
+    x: Any
+    """Coordinate of each slot (n_j,), m or rad."""
+    angles: Any
+    """Those of the hinges, or None without any."""
+    driven: Any
+    """Position, rate and acceleration of what a clock drives (3, drives), or None."""
+    lengths: Any = None
+    """Lengths of the springs between points, or None without any, m."""
+    sines: Any = None
+    """Of the angles between axes of disks and normals of planes, or None without any."""
+
+
+class Frame(NamedTuple):
+    """A frame that a slot moves, seen from the ground."""
+
+    axes: tuple[Vector, Vector, Vector]
+    origin: Vector
+    arm: Vector
+    """From the origin of the frame before."""
+    axis: Vector
+    """Direction in which, or about which, its coordinate moves it."""
+
+
+GROUND = Frame(AXES, NOTHING, NOTHING, NOTHING)
+
+
+def factor(slot: Slot, parameters: Any) -> Any:
+    """Return ∂x/∂q of a slot: a number, or 1 or -1."""
+    if slot.follows is None:
+        return slot.sense
+    return times(slot.sense, parameters.ratio[slot.follows])
+
+
+def prepare_of(plan: Plan) -> Any:
+    """Return the function of a scene that prepares the `Prepared` at q (n,) and the time t."""
+
+    def prepare(arithmetic, parameters, q, t):
+        x = np.zeros(len(plan.slots), q.dtype)
+        for k, slot in enumerate(plan.slots):
+            own = q[slot.coordinate]
+            if slot.follows is not None:
+                own = parameters.ratio[slot.follows] * own + parameters.shift[slot.follows]
+            x[k] = times(slot.sense, own)
+        angles = arithmetic.angles(x[list(plan.hinges)]) if plan.hinges else None
+        return Prepared(x, angles, driven(parameters, q, t))
+
+    return prepare
+
+
+def driven(parameters: Any, q: Any, t: Any) -> Any:
+    """Return position, rate and acceleration (3, drives) of p + r t + a t²/2, or None."""
+    drives = getattr(parameters, "drives", None)
+    if drives is None:
+        return None
+    found = np.zeros((3, len(drives)), q.dtype)
+    for i, (p, r, a) in enumerate(drives):
+        found[0, i], found[1, i], found[2, i] = p + t * (r + t * a / 2), r + t * a, a
+    return found
+
+
+@generic
+def placed(plan, parameters, prepared):
+    """Return the `Frame` of each slot."""
+    frames = []
+    for k, slot in enumerate(plan.slots):
+        before = frames[slot.parent] if slot.parent >= 0 else GROUND
+        frames.append(placed_on(before, plan, k, parameters, prepared))
+    return frames
+
+
+def placed_on(before: Frame, plan: Plan, k: int, parameters: Any, prepared: Prepared) -> Frame:
+    """Return the frame of slot k, which sits on the frame `before`."""
+    slot, axes, arm = plan.slots[k], before.axes, NOTHING
+    if slot.offset is not None:
+        arm = levelled(axes, vector(parameters.offset[slot.offset]))
+    if slot.absolute:
+        axes = AXES
+    if slot.turn is not None:
+        R = parameters.rotation[slot.turn]
+        first, second, third = (levelled(axes, vector(R[:, i])) for i in range(3))
+        axes = first, second, third
+    axis = scaled(factor(slot, parameters), axes[slot.axis])
+    if slot.slides:
+        arm = added(arm, scaled(prepared.x[k], axes[slot.axis]))
+    elif not slot.symmetric:
+        at = plan.hinge[k]
+        axes = hinged(axes, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
+    return Frame(axes, added(before.origin, arm), arm, axis)
+
+
+@generic
+def hinged(axes, axis, cos, sin):
+    """Return axes turned about their `axis`-th."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    found = [axes[axis]] * 3
+    found[i] = added(scaled(cos, axes[i]), scaled(sin, axes[j]))
+    found[j] = subtracted(scaled(cos, axes[j]), scaled(sin, axes[i]))
+    return tuple(found)
+
+
+def point_of(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Vector]:
+    """Return a point a of frame k, -1 for the ground, as arm from its origin and as place."""
+    frame = frames[k] if k >= 0 else GROUND
+    arm = levelled(frame.axes, a)
+    return arm, added(frame.origin, arm)
+
+
+def height(parameters: Any, at: Vector) -> Any:
+    """Return -g · place, m²/s²; absent where nothing weighs."""
+    found = None
+    for g, x in zip(parameters.gravity, at, strict=False):
+        found = plus(found, None if x is None else -(g * x))
+    return found
+
+
+# ---- Velocities: columns and rates ---------------------------------------------------------------
+
+Columns = dict[int, Vector]
+"""Coordinate -> ∂(velocity)/∂v."""
+
+
+class Rates(NamedTuple):
+    """How a frame moves, along the axes of the ground."""
+
+    omega: Vector
+    alpha: Vector
+    """ω̇ at v̇ = 0."""
+    rest: Vector
+    """Acceleration of its origin at v̇ = 0."""
+
+
+STILL = Rates(NOTHING, NOTHING, NOTHING)
+
+
+def columns(plan: Plan, frames: list[Frame], k: int, point: tuple[Vector, Vector]) -> Columns:
+    """Return how a point of frame k moves with v, given as arm from its origin and as place."""
+    found: Columns = {}
+    for i, runs in plan.movers[k] if k >= 0 else ():
+        axis, reach = frames[i].axis, NOTHING
+        for run in runs:
+            arm, at = point if run.end is None else (frames[run.end].arm, frames[run.end].origin)
+            reach = added(reach, arm if run.arm else subtracted(at, frames[run.start].origin))
+        moved = axis if plan.slots[i].slides else cross(axis, reach)
+        j = plan.slots[i].coordinate
+        found[j] = added(found.get(j, NOTHING), moved)
+    return found
+
+
+def turning_columns(plan: Plan, frames: list[Frame], k: int) -> Columns:
+    """Return how fast frame k turns with v, along the axes of the ground."""
+    found: Columns = {}
+    for i in plan.turned_by[k] if k >= 0 else ():
+        slot = plan.slots[i]
+        if not slot.slides:
+            before = found.get(slot.coordinate, NOTHING)
+            found[slot.coordinate] = added(before, frames[i].axis)
+    return found
+
+
+@generic
+def spins(plan, parameters, prepared):
+    """Return, slot by slot, how fast each frame turns with v, along its own axes (`Columns`)."""
+    found: list[Columns] = []
+    for k, slot in enumerate(plan.slots):
+        here = dict(found[plan.seat(k)]) if plan.seat(k) >= 0 else {}
+        if slot.turn is not None:
+            R = parameters.rotation[slot.turn]
+            seat = tuple(vector(R[:, i]) for i in range(3))
+            here = {i: along(seat, one) for i, one in here.items()}
+        if not slot.slides:
+            at, axis, j = plan.hinge[k], slot.axis, slot.coordinate
+            if not slot.symmetric:
+                cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
+                here = {i: turned_back(one, axis, cos, sin) for i, one in here.items()}
+            own = unit(axis, factor(slot, parameters))
+            here[j] = added(here.get(j, NOTHING), own)
+        found.append(here)
+    return found
+
+
+@generic
+def moving(plan, parameters, frames, v):
+    """Return the `Rates` of each frame."""
+    found = []
+    for k, slot in enumerate(plan.slots):
+        before, frame = found[slot.parent] if slot.parent >= 0 else STILL, frames[k]
+        omega, alpha, _ = found[plan.seat(k)] if plan.seat(k) >= 0 else STILL
+        rest = added(before.rest, swung(before, frame.arm))
+        rate = scaled(v[slot.coordinate], frame.axis)
+        carried = cross(omega, rate)
+        if slot.slides:
+            rest = added(rest, scaled(2, carried))
+        else:
+            omega, alpha = added(omega, rate), added(alpha, carried)
+        found.append(Rates(omega, alpha, rest))
+    return found
+
+
+def swung(rates: Rates, arm: Vector) -> Vector:
+    """Return the acceleration of the end of an arm against its other end, at v̇ = 0."""
+    return added(cross(rates.alpha, arm), centripetal(rates.omega, arm))
+
+
+def centers(plan: Plan, parameters: Any, frames: list[Frame]) -> list[tuple[Vector, Vector]]:
+    """Return the arm to the centre of mass of each body, and its place."""
+    return [point_of(frames, k, vector(parameters.center[b])) for b, k in enumerate(plan.carriers)]
+
+
+def jacobians_of(plan: Plan) -> Any:
+    """Return the function `jacobians` of a scene: V along the ground's axes, ω along the bodies'.
+
+    Bodies come first, then rotors, which only turn, each about its own joint.
+    """
+    carriers, d, e = plan.carriers, plan.d, plan.e
+    kept = slice(3 - e, 3)
+
+    def jacobians(parameters, prepared, q, v):
+        frames = placed(plan, parameters, prepared)
+        turning, rates = spins(plan, parameters, prepared), moving(plan, parameters, frames, v)
+        linear = np.zeros((plan.bodies, d, plan.n), v.dtype)
+        angular = np.zeros((plan.bodies, e, plan.n), v.dtype)
+        rest, turned = np.zeros((plan.bodies, d), v.dtype), np.zeros((plan.bodies, e), v.dtype)
+        gyroscopic = None if plan.topology.planar else np.zeros((plan.bodies, e), v.dtype)
+        for b, (arm, at) in enumerate(centers(plan, parameters, frames)):
+            k = carriers[b]
+            for i, one in columns(plan, frames, k, (arm, at)).items():
+                put_vector(linear, (b, None, i), one, d)
+            for i, one in turning[k].items():
+                put_vector(angular, (b, None, i), one[kept], e)
+            put_vector(rest, (b, None), added(rates[k].rest, swung(rates[k], arm)), d)
+            put_vector(turned, (b, None), along(frames[k].axes, rates[k].alpha)[kept], e)
+            if gyroscopic is not None:
+                omega = along(frames[k].axes, rates[k].omega)
+                moment = cross(omega, momentum(parameters.inertia[b], omega))
+                put_vector(gyroscopic, (b, None), moment)
+        for b, k in enumerate(plan.rotors, len(carriers)):
+            put(angular, (b, e - 1, plan.slots[k].coordinate), factor(plan.slots[k], parameters))
+        return Jacobians(linear, angular, rest, turned, gyroscopic)
+
+    return jacobians
+
+
+@generic
+def momentum(inertia, omega):
+    """Return I ω."""
+    return tuple(dot(vector(inertia[i]), omega) for i in range(3))
+
+
+# ---- Lagrange's terms: composite bodies ----------------------------------------------------------
+
+Symmetric = dict[tuple[int, int], Any]
+"""Entries (i, j), i <= j, of a matrix (3, 3); in the plane (2, 2) alone."""
+
+
+class Heavy(NamedTuple):
+    """What hangs on a slot, as one body."""
+
+    mass: Any
+    first: Vector
+    """Σ m r from the origin of the slot, kg m."""
+    inertia: Symmetric
+    """About the origin of the slot, kg m²."""
+
+
+def entries(plan: Plan) -> tuple[tuple[int, int], ...]:
+    """Return which entries of a moment of inertia count."""
+    if plan.topology.planar:
+        return ((2, 2),)
+    return tuple((i, j) for i in range(3) for j in range(i, 3))
+
+
+def turned(inertia: Any, axes: tuple[Vector, Vector, Vector], plan: Plan) -> Symmetric:
+    """Return a body's I, given along its axes (e, e), along those of the ground."""
+    if plan.topology.planar:
+        return {(2, 2): inertia[0, 0]}
+    halves = [levelled(axes, vector(inertia[:, k])) for k in range(3)]
+    found: Symmetric = {}
+    for i, j in entries(plan):
+        shares = (times(halves[k][i], axes[k][j]) for k in range(3))
+        x, y, z = shares
+        found[i, j] = plus(plus(x, y), z)
+    return found
+
+
+def applied(inertia: Symmetric, a: Vector) -> Vector:
+    """Return I a."""
+
+    def row(i: int) -> Any:
+        x, y, z = (times(inertia.get((min(i, j), max(i, j))), a[j]) for j in range(3))
+        return plus(plus(x, y), z)
+
+    return row(0), row(1), row(2)
+
+
+def shifted(one: Heavy, away: Vector) -> Heavy:
+    """Return the same body about a point from which the origin is `away`."""
+    step = scaled(one.mass, away)
+    middle = added(one.first, tuple(None if x is None else x / 2 for x in step))
+    products = {(i, j): times(middle[i], away[j]) for i in range(3) for j in range(3)}
+    found: Symmetric = {}
+    for i, j in one.inertia:
+        if i == j:
+            others = [k for k in range(3) if k != i]
+            square = plus(*(products[k, k] for k in others))
+            found[i, j] = plus(one.inertia[i, j], times(2, square))
+        else:
+            both = plus(products[i, j], products[j, i])
+            found[i, j] = minus(one.inertia[i, j], both)
+    return Heavy(one.mass, added(one.first, step), found)
+
+
+def weightless_turn(one: Heavy) -> Heavy:
+    """Return what a slot carries for those before it that do not turn it: a point at its origin."""
+    return Heavy(one.mass, NOTHING, dict.fromkeys(one.inertia))
+
+
+def joined(one: Heavy | None, other: Heavy) -> Heavy:
+    """Return two bodies as one."""
+    if one is None:
+        return other
+    inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
+    return Heavy(plus(one.mass, other.mass), added(one.first, other.first), inertia)
+
+
+@generic
+def terms_of_bodies(plan, parameters, frames, rates, dtype):
+    """Return (M (n, n), B (n,)) of the inertia forces."""
+    heavy: list[Heavy | None] = [None] * len(frames)
+    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    for b, k in enumerate(plan.carriers):
+        arm = levelled(frames[k].axes, vector(parameters.center[b]))
+        mass, inertia = parameters.mass[b], turned(parameters.inertia[b], frames[k].axes, plan)
+        heavy[k] = shifted(Heavy(mass, NOTHING, inertia), arm)
+        force[k] = scaled(mass, added(rates[k].rest, swung(rates[k], arm)))
+        moment[k] = added(whirl(inertia, rates[k]), cross(arm, force[k]))
+    M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
+    for k in reversed(range(len(frames))):
+        slot, frame = plan.slots[k], frames[k]
+        if (own := heavy[k]) is not None:
+            add_rows(plan, frames, k, own, M)
+            work = dot(frame.axis, force[k] if slot.slides else moment[k])
+            B[slot.coordinate] = plus(work, B[slot.coordinate])
+        if own is not None and slot.parent >= 0:
+            carried = weightless_turn(own) if slot.absolute else own
+            heavy[slot.parent] = joined(heavy[slot.parent], shifted(carried, frame.arm))
+            handed = NOTHING if slot.absolute else moment[k]
+            handed = added(handed, cross(frame.arm, force[k]))
+            force[slot.parent] = added(force[slot.parent], force[k])
+            moment[slot.parent] = added(moment[slot.parent], handed)
+    for b, k in enumerate(plan.rotors, len(plan.carriers)):
+        i, last = plan.slots[k].coordinate, plan.e - 1
+        grows = factor(plan.slots[k], parameters)
+        M[i, i] = plus(M[i, i], times(grows, times(grows, parameters.inertia[b, last, last])))
+    return M, B
+
+
+def whirl(inertia: Symmetric, rates: Rates) -> Vector:
+    """Return I ω̇ + ω × I ω at v̇ = 0."""
+    return added(applied(inertia, rates.alpha), cross(rates.omega, applied(inertia, rates.omega)))
+
+
+def add_rows(plan: Plan, frames: list[Frame], k: int, one: Heavy, M: Any) -> None:
+    """Add to M what the rate of slot k gives what hangs on it, along all slots before."""
+    axis, i = frames[k].axis, plan.slots[k].coordinate
+    if plan.slots[k].slides:
+        P, L = scaled(one.mass, axis), cross(one.first, axis)
+    else:
+        P, L = cross(axis, one.first), applied(one.inertia, axis)
+    for at in reversed(plan.on_the_way(k)):
+        slot, frame = plan.slots[at], frames[at]
+        share = dot(frame.axis, P if slot.slides else L)
+        if share is not None:
+            M[i, slot.coordinate] += share
+            if at != k:
+                M[slot.coordinate, i] += share
+        L = added(NOTHING if slot.absolute else L, cross(frame.arm, P))
+
+
+def terms_of(plan: Plan, forces: Any, constraints: Any, drift: Any) -> Any:
+    """Return the function `terms` of a scene."""
+
+    def terms(parameters, prepared, q, v):
+        frames = placed(plan, parameters, prepared)
+        rates = moving(plan, parameters, frames, v)
+        M, B = terms_of_bodies(plan, parameters, frames, rates, v.dtype)
+        a, b = constraints(parameters, prepared, q)
+        Q = forces(parameters, prepared, q, v)
+        return Terms(M, Q, B, a, drift(parameters, prepared, q, v), b)
+
+    return terms

@@ -1,0 +1,150 @@
+"""Forces on a mechanism: gravity, springs and dampers at joints and between points, torques.
+
+The generalized forces Q are of the first derivation. Of springs and dampers between two points the
+energy stored and the power taken are here too, in the second derivation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from eomcheck.descriptions.constraint_rows import First, Moving, Second, between
+from eomcheck.descriptions.first_derivation import centers, factor, placed
+from eomcheck.descriptions.optional_algebra import (
+    NOTHING,
+    added,
+    cross,
+    dot,
+    scaled,
+    subtracted,
+    times,
+    vector,
+)
+from eomcheck.descriptions.second_derivation import place
+from eomcheck.descriptions.topology import Plan
+
+# ---- Springs and dampers between two points ------------------------------------------------------
+
+
+def with_lengths(plan: Plan, prepare: Callable) -> Callable:
+    """Return a function that prepares the lengths of springs too."""
+    if not plan.topology.springs:
+        return prepare
+
+    def prepare_all(arithmetic, parameters, q, t):
+        prepared = prepare(arithmetic, parameters, q, t)
+        square = np.zeros(len(plan.topology.springs), q.dtype)
+        for i, spring in enumerate(plan.topology.springs):
+            a, b = (
+                place(plan, parameters, prepared, k, vector(parameters.points[j]))
+                for k, j in spring.points
+            )
+            apart = subtracted(a, b)
+            square[i] = dot(apart, apart)
+        return prepared._replace(lengths=arithmetic.root(square))
+
+    return prepare_all
+
+
+def _each(plan: Plan, parameters: Any, at: Any) -> Iterator[tuple[int, Any, Moving]]:
+    """Yield the place of each spring, what it is, and how its ends are apart."""
+    for i, spring in enumerate(plan.topology.springs):
+        a, b = (at.point(k, vector(parameters.points[j])) for k, j in spring.points)
+        yield i, parameters.springs[spring.number], between(a, b)
+
+
+def pull(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any, Q: Any) -> None:
+    """Add what springs and dampers pull to Q (n,)."""
+    if not plan.topology.springs:
+        return
+    at = First(plan, parameters, prepared, q)
+    for i, spring, apart in _each(plan, parameters, at):
+        # Their products with the distance are columns of its length, times the length.
+        length = prepared.lengths[i]
+        along = {j: dot(apart.value, x) for j, x in apart.columns.items()}
+        along = {j: x for j, x in along.items() if x is not None}
+        force = spring.stiffness * (length - spring.length)
+        if spring.damping is not None:
+            force = force + spring.damping * (sum(x * v[j] for j, x in along.items()) / length)
+        share = force / length
+        for j, x in along.items():
+            Q[j] -= share * x
+
+
+def stored(plan: Plan, parameters: Any, prepared: Any) -> Any:
+    """Return the energy of springs, J; None without any."""
+    U = None
+    for i, spring in enumerate(plan.topology.springs):
+        given = parameters.springs[spring.number]
+        longer = prepared.lengths[i] - given.length
+        one = given.stiffness * longer * longer / 2
+        U = one if U is None else U + one
+    return U
+
+
+def taken(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any) -> Any:
+    """Return half the power that the dampers of springs take, W; None without any."""
+    R = None
+    for i, spring, apart in _each(plan, parameters, Second(plan, parameters, prepared, q, v)):
+        if spring.damping is not None:
+            rate = dot(apart.value, apart.rate) / prepared.lengths[i]
+            one = spring.damping * rate * rate / 2
+            R = one if R is None else R + one
+    return R
+
+
+# ---- Generalized forces --------------------------------------------------------------------------
+
+
+def forces_of(plan: Plan) -> Any:
+    """Return the function `forces` of a scene."""
+    sprung = bool(plan.topology.springs) or any(
+        slot.spring is not None or slot.torque is not None for slot in plan.slots
+    )
+
+    def forces(parameters, prepared, q, v):
+        damping = getattr(parameters, "damping", None)
+        if parameters.gravity is None and damping is None and not sprung:
+            return None
+        Q = np.zeros(plan.n, v.dtype)
+        if parameters.gravity is not None:
+            weigh(plan, parameters, prepared, Q)
+        for k, slot in enumerate(plan.slots):
+            i, grows = slot.coordinate, factor(slot, parameters)
+            if slot.spring is not None:
+                # Along its axis; where that is negative it is -1 times the joint's coordinate.
+                rest = times(slot.sense, parameters.relaxed[slot.spring])
+                stretch = prepared.x[k] - rest
+                Q[i] -= times(grows, parameters.stiffness[slot.spring] * stretch)
+            if slot.damper is not None and damping is not None:
+                rate = times(grows, v[i])
+                Q[i] -= times(grows, damping[slot.damper] * rate)
+            if slot.torque is not None:
+                Q[i] += times(grows, times(slot.sense, parameters.torque[slot.torque]))
+        pull(plan, parameters, prepared, q, v, Q)
+        return Q
+
+    return forces
+
+
+def weigh(plan: Plan, parameters: Any, prepared: Any, Q: Any) -> None:
+    """Add what gravity does to Q (n,), its forces and moments passed on from tips to ground."""
+    frames, g = placed(plan, parameters, prepared), vector(parameters.gravity)
+    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    for b, (arm, _) in enumerate(centers(plan, parameters, frames)):
+        k = plan.carriers[b]
+        force[k] = scaled(parameters.mass[b], g)
+        moment[k] = cross(arm, force[k])
+    for k in reversed(range(len(frames))):
+        slot, frame = plan.slots[k], frames[k]
+        work = dot(frame.axis, force[k] if slot.slides else moment[k])
+        if work is not None:
+            Q[slot.coordinate] += work
+        if slot.parent >= 0:
+            passed = NOTHING if slot.absolute else moment[k]
+            passed = added(passed, cross(frame.arm, force[k]))
+            moment[slot.parent] = added(moment[slot.parent], passed)
+            force[slot.parent] = added(force[slot.parent], force[k])

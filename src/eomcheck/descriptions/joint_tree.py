@@ -1,0 +1,333 @@
+"""Tree of links and joints: ordered depth first, split into joints with one coordinate each.
+
+`hanging` orders the joints from the ground outwards, or refuses links that are no tree. `Frames`
+splits each joint into slots and places every link on one; bodies that are fixed to each other are
+joined to one `Rigid`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.descriptions.elements import COORDINATES, Joint, Link
+from eomcheck.descriptions.quaternions import ONE, Quaternion, multiplied, rotation, to_z, turns
+from eomcheck.descriptions.topology import Slot
+from eomcheck.errors import InputError
+from eomcheck.numbers.generic import Array
+
+# ---- Rigid bodies --------------------------------------------------------------------------------
+
+ROUNDED = 1e-12
+"""Relative to the largest moment of inertia, what rounding may have made of 0."""
+TOUCHING = 1e-9
+"""Relative: a plate's largest moment is the sum of the others, and files have few digits."""
+
+
+class Rigid(NamedTuple):
+    """A body in the frame of its slot."""
+
+    mass: float
+    center: Array
+    inertia: Array
+    """About its centre of mass (3, 3), kg m²."""
+
+
+def together(bodies: list[Rigid]) -> Rigid:
+    """Return several bodies that are fixed to each other as one."""
+    if len(bodies) == 1:
+        return bodies[0]
+    mass = sum(one.mass for one in bodies)
+    center, inertia = np.zeros(3), np.zeros((3, 3))
+    for one in bodies:
+        center += one.mass / (mass or 1.0) * one.center
+    for one in bodies:
+        away = one.center - center
+        inertia += one.inertia + one.mass * (away @ away * np.eye(3) - np.outer(away, away))
+    return Rigid(mass, center, inertia)
+
+
+def rigid(link: Link, turn: Quaternion, offset: Array) -> Rigid | None:
+    """Return a link in the frame of the slot on which it sits; None where it has no inertia."""
+    if not any((link.mass, *link.moments, *link.products)):
+        return None
+    R, (xy, xz, yz) = rotation(turn), link.products
+    inertia = np.diag(link.moments) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+    return Rigid(link.mass, offset + R @ np.array(link.center), R @ inertia @ R.T)
+
+
+def impossible(link: Link) -> bool:
+    """Return whether no body has the moments of inertia: one exceeds the sum of the others."""
+    (x, y, z), (xy, xz, yz) = link.moments, link.products
+    moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+    # One below 0 too, but for rounding: the sum of the lower two is then below the larger of them.
+    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
+
+
+def doubtful(links: Iterable[Link]) -> str:
+    """Return in one sentence which links have moments of inertia that no body has; "" of none."""
+    names = ", ".join(repr(link.name) for link in links if impossible(link))
+    if not names:
+        return ""
+    return f"No body has the moments of inertia of {names}: one exceeds the sum of the others."
+
+
+def check_positive(bodies: dict[str, Rigid]) -> None:
+    """Refuse a moment of inertia below 0, but for rounding of the largest one.
+
+    Args:
+        bodies: name of the joint that carries it -> body.
+    """
+    moments = {name: np.linalg.eigvalsh(one.inertia) for name, one in bodies.items()}
+    largest = max((float(np.abs(one).max()) for one in moments.values()), default=0.0)
+    for name, one in moments.items():
+        if one[0] < -ROUNDED * largest:
+            raise InputError(
+                f"the body behind joint {name!r} has the principal moment of inertia "
+                f"{one[0]:.6g} kg m², expected none below 0"
+            )
+
+
+# ---- Order of joints -----------------------------------------------------------------------------
+
+
+def hanging(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list[Joint]]:
+    """Return the link that is the ground, and the joints from it outwards.
+
+    What hangs on a joint follows it before anything else does.
+
+    Raises:
+        InputError: they are no tree.
+    """
+    children: dict[str, list[Joint]] = {name: [] for name in links}
+    child_of: dict[str, str] = {}
+    for joint in joints.values():
+        for what, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise InputError(f"joint {joint.name!r} has the {what} {name!r}, no such link")
+        if joint.child in child_of:
+            both = f"{child_of[joint.child]!r} and {joint.name!r}"
+            raise InputError(f"link {joint.child!r} is the child of two joints, {both}")
+        child_of[joint.child] = joint.name
+        children[joint.parent].append(joint)
+    roots = [name for name in links if name not in child_of]
+    if len(roots) > 1:
+        said = ", ".join(map(repr, roots[:3])) + (", ..." if len(roots) > 3 else "")
+        raise InputError(f"{len(roots)} links are no joint's child ({said}), expected one root")
+    if not links:
+        raise InputError("there is no link")
+    if not roots:
+        around = _circle(next(iter(links)), joints, child_of)
+        raise InputError(f"every link is a joint's child: {around}")
+    found, waiting = [], deque(children[roots[0]])
+    while waiting:
+        joint = waiting.popleft()
+        found.append(joint)
+        waiting.extendleft(reversed(children[joint.child]))
+    if len(found) < len(joints):
+        reached = {roots[0], *(joint.child for joint in found)}
+        left = next(name for name in links if name not in reached)
+        raise InputError(f"links go round in a circle: {_circle(left, joints, child_of)}")
+    return roots[0], found
+
+
+def _circle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
+    """Return the links in a circle that hang on each other, at most five of them."""
+    seen: dict[str, None] = {}
+    while at not in seen:
+        seen[at] = None
+        at = joints[child_of[at]].parent
+    around = list(seen)
+    around = around[around.index(at) :]
+    said = " <- ".join(map(repr, around[:4]))
+    return said + (" <- ..." if len(around) > 4 else f" <- {at!r}")
+
+
+def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
+    """Return links or joints by their names.
+
+    Raises:
+        InputError: two have the same.
+    """
+    found: dict[str, Any] = {}
+    for one in things:
+        if one.name in found:
+            raise InputError(f"two {what}s have the name {one.name!r}")
+        found[one.name] = one
+    return found
+
+
+# ---- Slots ---------------------------------------------------------------------------------------
+
+MOST = 200
+"""Coordinates that a description may have: identities of more are not proved in reasonable time."""
+
+
+def check_coordinates(coordinates: int) -> None:
+    """Check that a description has no more coordinates than `MOST`.
+
+    Raises:
+        InputError: it has.
+    """
+    if coordinates > MOST:
+        raise InputError(
+            f"{coordinates} coordinates, expected at most {MOST}: what is larger is "
+            "not checked in reasonable time"
+        )
+
+
+PRIMITIVE = {
+    "revolute": ("r",),
+    "prismatic": ("p",),
+    "planar": ("px", "py", "rz"),
+    "spherical": ("rz", "ry", "rx"),
+    "floating": ("px", "py", "pz", "rz", "ry", "rx"),
+}
+
+STRAIGHT = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
+
+
+class Place(NamedTuple):
+    """Where a link is: on a slot (-1: the ground), displaced and turned."""
+
+    slot: int
+    turn: Quaternion
+    offset: Array
+
+
+class Frames:
+    """The slots of a tree of links, and the numbers that they are at.
+
+    Raises:
+        InputError: links and joints are no tree, or a joint contradicts itself.
+    """
+
+    def __init__(self, links: tuple[Link, ...], joints: tuple[Joint, ...]):
+        self.links, self.joints = by_name("link", links), by_name("joint", joints)
+        self.coordinates = self._coordinates()
+        self.place_of = {name: i for i, name in enumerate(self.coordinates)}
+        self.numbers: dict[str, list[Any]] = {}
+        """Name of a parameter -> what there is of it, by place."""
+        self._places: dict[Any, int | None] = {}
+        self.slots: list[Slot] = []
+        self.rigid: dict[int, list[Rigid]] = {}
+        """Slot -> what is fixed to it."""
+        root, order = hanging(self.links, self.joints)
+        self.places = {root: Place(-1, ONE, np.zeros(3))}
+        """Name of a link -> where it is."""
+        for joint in order:
+            self._hang(joint)
+        if not self.coordinates:
+            raise InputError("no joint of it moves: there are no coordinates")
+
+    def number(self, name: str, value: Any) -> int | None:
+        """Keep a parameter and return its place; None where there is none."""
+        if value is None:
+            return None
+        kept = self.numbers.setdefault(name, [])
+        kept.append(value)
+        return len(kept) - 1
+
+    def shared(self, name: str, value: Any) -> int | None:
+        """Keep a parameter, once for all that share it, and return its place."""
+        if (name, value) not in self._places:
+            self._places[name, value] = self.number(name, value)
+        return self._places[name, value]
+
+    def _coordinates(self) -> list[str]:
+        found: list[str] = []
+        for joint in self.joints.values():
+            if joint.kind not in COORDINATES:
+                kinds = ", ".join(COORDINATES)
+                said = f"joint {joint.name!r} has the kind {joint.kind!r}, expected one of: {kinds}"
+                raise InputError(said)
+            if joint.follows is None:
+                found += [joint.name + part for part in COORDINATES[joint.kind]]
+        check_coordinates(len(found))
+        for name in found:
+            if found.count(name) > 1:
+                raise InputError(f"two coordinates have the name {name!r}")
+        return found
+
+    def _hang(self, joint: Joint) -> None:
+        """Place the child of a joint, on slots of its own where it moves."""
+        before = self.places[joint.parent]
+        turn = multiplied(before.turn, joint.turn)
+        offset = before.offset + rotation(before.turn) @ np.array(joint.place)
+        if joint.kind == "fixed":
+            self.places[joint.child] = Place(before.slot, turn, offset)
+        else:
+            # The frame of the slots has the axis along x, y or z, if need be a turned one's z.
+            axis, sense, tilt = self._axis(joint)
+            turn = multiplied(turn, tilt)
+            self._add_slots(joint, before.slot, turn, offset, axis, sense)
+            back = tilt[0], -tilt[1], -tilt[2], -tilt[3]
+            self.places[joint.child] = Place(len(self.slots) - 1, back, np.zeros(3))
+        slot, turn, offset = self.places[joint.child]
+        if (body := rigid(self.links[joint.child], turn, offset)) is not None and slot >= 0:
+            self.rigid.setdefault(slot, []).append(body)
+
+    def _axis(self, joint: Joint) -> tuple[str, int, Quaternion]:
+        if joint.kind in ("spherical", "floating"):
+            return "z", 1, ONE
+        x, y, z = joint.axis
+        if joint.kind != "planar":
+            for sense in (1, -1):
+                if (found := STRAIGHT.get((sense * x, sense * y, sense * z))) is not None:
+                    return found, sense, ONE
+        return "z", 1, to_z(joint.axis)
+
+    def _add_slots(
+        self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
+    ) -> None:
+        kinds = PRIMITIVE[joint.kind]
+        names = [joint.name + part for part in COORDINATES[joint.kind]]
+        forces = joint.damping, joint.stiffness, joint.armature, joint.follows
+        if len(kinds) > 1 and any(one is not None for one in forces):
+            raise InputError(
+                f"joint {joint.name!r} is {joint.kind}: damping, stiffness, armature and a joint "
+                "that it follows are for joints with one coordinate"
+            )
+        for place, (kind, name) in enumerate(zip(kinds, names, strict=True)):
+            last = len(self.slots)
+            self.slots.append(
+                Slot(
+                    parent if place == 0 else last - 1,
+                    kind if len(kind) == 2 else kind + axis,
+                    *self._coordinate(joint, name, sense),
+                    turn=self.number("orientation", turn) if place == 0 and turns(turn) else None,
+                    offset=self.number("offset", tuple(offset.tolist())) if place == 0 else None,
+                    damper=self.number("damping", joint.damping),
+                    spring=self._spring(joint),
+                    rotor=self.number("armature", joint.armature),
+                    name=name,
+                )
+            )
+
+    def _coordinate(self, joint: Joint, name: str, sense: int) -> tuple[int, int, int | None]:
+        if joint.follows is None:
+            return self.place_of[name], sense, None
+        seen, ratio, shift, at = {joint.name}, 1.0, 0.0, joint
+        while at.follows is not None:
+            other, factor, more = at.follows
+            ratio, shift = ratio * factor, shift + ratio * more
+            if other not in self.joints:
+                raise InputError(f"joint {at.name!r} follows {other!r}, no such joint")
+            if other in seen:
+                raise InputError(f"joint {joint.name!r} follows itself, by way of {at.name!r}")
+            seen.add(other)
+            at = self.joints[other]
+        if len(COORDINATES[at.kind]) != 1:
+            raise InputError(f"joint {joint.name!r} follows {at.name!r}, which is {at.kind}")
+        follows = self.number("ratio", ratio)
+        self.number("shift", shift)
+        return self.place_of[at.name], sense, follows
+
+    def _spring(self, joint: Joint) -> int | None:
+        if joint.stiffness is None:
+            return None
+        self.number("relaxed", joint.relaxed)
+        return self.number("stiffness", joint.stiffness)

@@ -1,0 +1,524 @@
+"""Scene classes of descriptions: a `Mechanism` class for each topology, all numbers its parameters.
+
+`kind_of` makes the class from a `Made`, the record of all that it is made of. Before it stand the
+parts of the class: its parameters, the state in which it starts (the pose, closed, as slow as its
+constraints allow), its `Tree` for engines that build models of their own, and its `Sketch`: links
+from joint to joint, axes, centres of mass.
+"""
+
+from __future__ import annotations
+
+import copyreg
+from abc import ABCMeta
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from eomcheck.descriptions import second_derivation
+from eomcheck.descriptions.constraint_rows import KINDS, constraints_of, rows_of, with_sines
+from eomcheck.descriptions.first_derivation import (
+    jacobians_of,
+    placed,
+    point_of,
+    prepare_of,
+    terms_of,
+)
+from eomcheck.descriptions.forces import forces_of, stored, taken, with_lengths
+from eomcheck.descriptions.optional_algebra import plus, vector
+from eomcheck.descriptions.quaternions import rotations
+from eomcheck.descriptions.topology import Plan, Topology
+from eomcheck.mechanics.derived_functions import support_of
+from eomcheck.mechanics.parameters import Parametric, parameter
+from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
+from eomcheck.mechanics.scene import Scene, nothing_moving
+from eomcheck.mechanics.sketch import (
+    Arrow,
+    Body,
+    Center,
+    Constraint,
+    Joint,
+    Part,
+    Sketch,
+    Trail,
+    fixed_axes,
+)
+from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
+from eomcheck.numbers.linear import least_squares
+
+# ---- Parameters ----------------------------------------------------------------------------------
+
+DRAWN: dict[str, tuple[str, str, Any, Any]] = {
+    "orientation": ("quaternions of seats that are turned, of any length", "1", "", (0.1, 1.0)),
+    "offset": ("positions of seats", "m", "", (-1.0, 1.0)),
+    "mass": ("of bodies", "kg", ">= 0", (0.1, 10.0)),
+    "center": ("centres of mass", "m", "", (-1.0, 1.0)),
+    "moments": ("I, central, about the axes", "kg m²", "", (0.6, 1.0)),
+    "products": ("entries xy, xz, yz of I, central", "kg m²", "", (-0.02, 0.02)),
+    "gravity": ("acceleration", "m/s²", "", (-20.0, 20.0, None)),
+    "ratio": ("of joints that follow others", "1", "", (0.2, 2.0)),
+    "shift": ("their position where the other's is 0", "rad or m", "", (-1.0, 1.0)),
+    "stiffness": ("of springs at joints", "N m/rad or N/m", ">= 0", (0.0, 100.0)),
+    "relaxed": ("where they rest", "rad or m", "", (-1.0, 1.0)),
+    "damping": ("of dampers at joints", "N m s/rad or N s/m", ">= 0", (0.0, 10.0, None)),
+    "armature": ("inertia of rotors", "kg m² or kg", ">= 0", (0.01, 1.0)),
+    "points": ("of closures", "m", "", (-1.0, 1.0)),
+    "directions": ("of closures, of any length", "1", "", (0.1, 1.0)),
+    "lengths": ("of rods", "m", "> 0", (0.5, 2.0)),
+    "surfaces": ("three bends, three slopes and a level", "1/m, 1, m", "", (0.1, 1.0)),
+    "couplings": ("ratio and shift", "1, rad or m", "", (0.2, 2.0)),
+    "drives": ("position, rate, acceleration", "rad or m, /s, /s²", "", (-1.0, 1.0)),
+}
+"""Name -> what it is, its unit, its sign, what it is drawn from."""
+
+GEOMETRY = frozenset(
+    {"orientation", "offset", "points", "directions", "lengths", "surfaces", "couplings"}
+)
+"""What decides whether a mechanism closes."""
+
+NOT_READ = ("orientation", "moments", "products", "armature")
+"""What equations read as something else."""
+
+OPTIONAL = frozenset({"gravity", "damping"})
+
+
+def fields_of(made: Made) -> dict[str, Any]:
+    """Return the fields of the class of a description, its parameters."""
+    found = {}
+    for name, value in made.defaults:
+        what, unit, sign, drawn = DRAWN[name]
+        among = None if made.closed and name in GEOMETRY else drawn
+        shape = (2 if made.topology.planar else 3,) if name == "gravity" else np.shape(value)
+        found[name] = parameter(
+            *(what, unit, sign, among, shape),
+            default=value,
+            optional=name in OPTIONAL,
+            read=name not in NOT_READ,
+        )
+    return found
+
+
+@generic
+def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
+    """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
+    counts = [0 if one is None else one.shape[0] for one in (moments, armature)]
+    bodies, rotors = counts
+    inertia = np.zeros((bodies + rotors, e, e), (armature if bodies == 0 else moments).dtype)
+    for k in range(bodies):
+        for i in range(e):
+            inertia[k, i, i] = moments[k] if e == 1 else moments[k, i]
+    for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)) if e == 3 else ()):
+        for k in range(bodies):
+            inertia[k, i, j] = inertia[k, j, i] = products[k, place]
+    for k in range(rotors):
+        inertia[bodies + k, e - 1, e - 1] = armature[k]
+    return inertia
+
+
+# ---- Initial state -------------------------------------------------------------------------------
+
+STEPS = 30
+"""Of Newton's method, which takes ten or does not arrive."""
+
+
+def numbers_of(scene: Mechanism) -> Any:
+    """Return the parameters of a scene as the equations read them, in doubles."""
+    return scene.parameters(FLOAT64)
+
+
+def started(scene: Mechanism) -> tuple[Array, Array]:
+    """Return the pose (n,) closed by Newton's method, and the least v (n,) with a v + b = 0.
+
+    A pose that does not close nearby is returned as it is.
+    """
+    pose = np.array(scene.made.pose, np.float64)
+    if not scene.r:
+        return pose, np.zeros(scene.n)
+    given, q = numbers_of(scene), pose
+    for _ in range(STEPS):
+        a, _, residual = _held(scene, given, q)
+        if residual is None:
+            break
+        step = least_squares(a[scene.holonomic], residual)
+        q = q - step
+        if not np.isfinite(q).all() or np.abs(q - pose).max() > 10.0:
+            q = pose
+            break
+        if np.abs(step).max() <= 4 * np.finfo(np.float64).eps * max(1.0, np.abs(q).max()):
+            break
+    a, b, _ = _held(scene, given, q)
+    return q, np.zeros(scene.n) if b is None else least_squares(a, -b)
+
+
+def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
+    """Return a, b and how far positions are from closed, None where none is held."""
+    prepared = scene.prepare(FLOAT64, given, q, 0.0)
+    a, b = scene.constraints(given, prepared, q)
+    held = scene.position_residual
+    return a, b, None if held is None else held(given, prepared, q)
+
+
+# ---- Tree of bodies ------------------------------------------------------------------------------
+
+
+def tree_of(scene: Mechanism) -> Tree:
+    """Return the bodies of a mechanism, joint by joint."""
+    return tree_by(scene.plan, numbers_of(scene))
+
+
+def doubles(entries: Any) -> Array:
+    """Return entries as doubles, what is absent as 0."""
+    given = np.asarray(entries, object)
+    return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
+
+
+def tree_by(plan: Plan, given: Any) -> Tree:
+    """Return the bodies of a plan by its numbers; absolute joints must be in the plane."""
+    slots, joints = plan.slots, len(plan.slots)
+    rotation = np.tile(np.eye(3), (joints, 1, 1))
+    offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))
+    mass, shift, armature = np.zeros((3, joints))
+    coordinates = np.zeros((joints, plan.n))
+    for k, slot in enumerate(slots):
+        coordinates[k, slot.coordinate] = slot.sense
+        if slot.absolute:  # a joint's own coordinate is that less all turns before
+            for before in plan.on_the_way(slot.parent):
+                coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
+        if slot.follows is not None:
+            coordinates[k] *= given.ratio[slot.follows]
+            shift[k] = slot.sense * given.shift[slot.follows]
+        if slot.turn is not None:
+            rotation[k] = doubles(given.rotation[slot.turn])
+        if slot.offset is not None:
+            offset[k, : plan.d] = doubles(given.offset[slot.offset])[: plan.d]
+    for b, k in enumerate(plan.carriers):
+        mass[k], center[k, : plan.d] = given.mass[b], doubles(given.center[b])[: plan.d]
+        # In the plane one moment counts, and is given to all axes, so that such a body can be.
+        inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
+    for b, k in enumerate(plan.rotors, len(plan.carriers)):
+        armature[k] = given.inertia[b, -1, -1]
+    parent, kinds = tuple(slot.parent for slot in slots), tuple(slot.kind for slot in slots)
+    return Tree(
+        parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature
+    )
+
+
+# ---- Sketch --------------------------------------------------------------------------------------
+
+NEAR = 1e-9
+"""Points are one that are nearer than this share of the whole."""
+
+
+def _place(a: Any, d: int) -> Array:
+    return np.array([0.0 if x is None else float(x) for x in a[:d]])
+
+
+def sketched(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
+    """Return the mechanism in the pose q (n,)."""
+    plan, given = scene.plan, numbers_of(scene)
+    prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
+    frames, d = placed(plan, given, prepared), plan.d
+    at = [_place(frame.origin, d) for frame in frames]
+    centers = {
+        k: _place(point_of(frames, k, vector(given.center[b]))[1], d)
+        for b, k in enumerate(plan.carriers)
+    }
+    everything = np.array([np.zeros(d), *at, *centers.values()])
+    size = float(np.ptp(everything, axis=0).max()) or 1.0
+    parts: list[Part] = [*fixed_axes(0.15 * size, d)]
+    for k, slot in enumerate(plan.slots):
+        # From joint to joint, which is a line of the body before, or of the ground.
+        start = at[slot.parent] if slot.parent >= 0 else np.zeros(d)
+        if slot.parent >= 0 and np.abs(at[k] - start).max() > NEAR * size:
+            parts.append(Body((start, at[k])))
+        axis, name = _place(frames[k].axis, d), slot.name.replace("_", " ")
+        if slot.slides:
+            along = 0.12 * size * axis / (np.linalg.norm(axis) or 1.0)
+            parts.append(Arrow(name, at[k], along, frame=False))
+        else:
+            parts.append(Joint(at[k], slot.parent < 0, name, None if d == 2 else axis))
+        if k in centers:
+            parts.append(Center(centers[k]))
+            if all(other.parent != k for other in plan.slots):
+                parts += [Body((at[k], centers[k])), Trail(centers[k])]
+    row = 0
+    for closure in plan.topology.closures:
+        rows = tuple(range(row, row := row + rows_of(closure, plan.topology.planar)))
+        if closure.points:
+            k, i = closure.points[0]
+            held = point_of(frames, k, vector(given.points[i]))[1]
+            parts.append(Constraint(closure.name, _place(held, d), rows))
+            if k >= 0:
+                parts.append(Body((at[k], _place(held, d))))
+    if given.gravity is not None and np.any(given.gravity):
+        along = 0.2 * size * given.gravity / np.linalg.norm(given.gravity)
+        parts.append(Arrow("g", np.zeros(d) - 0.2 * size * np.eye(d)[0], along, frame=False))
+    return Sketch(tuple(parts), up=2 if d == 3 else 1)
+
+
+# ---- The class -----------------------------------------------------------------------------------
+
+SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
+"""m; rad, for a hinge between two others that it could bring in line."""
+
+
+class Made(NamedTuple):
+    """All that a kind of mechanism is made of, in numbers and names."""
+
+    key: str
+    """Also the name of the class."""
+    topology: Topology
+    defaults: tuple[tuple[str, Any], ...]
+    """Parameters, by name."""
+    pose: tuple[float, ...]
+    """q at t = 0."""
+    several: tuple[str, ...] = ()
+    """Coordinates of joints that have more than one."""
+    away: tuple[int, ...] = ()
+    """Coordinates of hinges that ordinary states keep away from their singularity."""
+    closed: bool = False
+    """Whether geometry keeps its numbers, because others might not close."""
+    code: str = ""
+    """Python that makes the scene; by default the name of the class, called."""
+    imported: str = ""
+    """What that Python imports."""
+    module: str = __name__
+    left_out: str = ""
+    """What of its source is not in it, in one sentence."""
+    doubtful: str = ""
+    """What of its numbers no body has, in one sentence."""
+    source: str = ""
+    """The file that it was read from."""
+    format: str = ""
+    """Of that file: "urdf" or "mjcf"."""
+    floating: str = ""
+    """Name of the link of the file that is free to move because that was asked for."""
+    base: Any = None
+    """The class that it derives from and has its `key` of; by default `Mechanism`."""
+    description: Any = None
+    """What it was made of, where that is kept."""
+
+    def kind(self) -> type[Mechanism]:
+        """Return the class of these scenes; the same one for the same description."""
+        return kind_of(self)
+
+
+class _Kind(ABCMeta):
+    """The class of kinds of mechanisms, which pickle finds by what they are made of."""
+
+
+def _reduced(kind: Any) -> Any:
+    made = vars(kind).get("made")
+    return kind.__qualname__ if made is None else (kind_of, (made,))
+
+
+copyreg.pickle(_Kind, _reduced)
+
+
+class Mechanism(Parametric, metaclass=_Kind):
+    """A tree of rigid bodies with what closes it; `kind_of` makes the classes that have any."""
+
+    made: ClassVar[Made]
+    plan: ClassVar[Plan]
+    conserves_energy = True
+
+    def __post_init__(self):
+        super().__post_init__()
+        damping: Any = getattr(self, "damping", None)
+        if self.conserves_energy and damping is not None and np.any(damping):
+            object.__setattr__(self, "conserves_energy", False)
+            object.__setattr__(self, "why_not_conserved", "dampers in the joints take it")
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Those of the joints."""
+        return self.made.topology.coordinates
+
+    def coordinate_ranges(self) -> tuple[Range, ...]:
+        """Return any angle, but for hinges that have to stay away; 1 m to either side."""
+        return self._coordinate_ranges
+
+    _coordinate_ranges: ClassVar[tuple[Range, ...]] = ()
+
+    def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
+        """Return rotations of seats, masses and inertias, rotors among them."""
+        found, given = {}, {}
+        for name in NOT_READ:
+            value = getattr(self, name, None)
+            given[name] = None if value is None else arithmetic.numbers(value)
+        if given["orientation"] is not None:
+            found["rotation"] = _rotations_in(arithmetic, given["orientation"])
+        parts = given["moments"], given["products"], given["armature"]
+        found["inertia"] = inertias(*parts, self.plan.e)
+        if self.plan.rotors:
+            mass: Any = getattr(self, "mass", None)
+            of_bodies = arithmetic.numbers(np.zeros(0) if mass is None else mass)
+            none = np.zeros(len(self.plan.rotors), of_bodies.dtype)
+            found["mass"] = np.concatenate((of_bodies, none))
+        return found
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Return the pose of the description, closed, and the slowest velocity there is."""
+        return started(self)
+
+    @property
+    def as_described(self) -> bool:
+        """Whether all parameters are those of the description."""
+        return Parametric.__repr__(self) == f"{type(self).__name__}()"
+
+    def changed(self, **parameters: Any) -> Self:
+        """Return the same mechanism with other parameters."""
+        return replace(self, **parameters)
+
+    def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
+        """Yield one turn by 2π about every hinge that has no spring and is followed by none."""
+        told = {slot.coordinate for slot in self.plan.slots if slot.slides}
+        told |= {slot.coordinate for slot in self.plan.slots if slot.spring is not None}
+        told |= {slot.coordinate for slot in self.plan.slots if slot.follows is not None}
+        for closure in self.made.topology.closures:
+            told |= set(closure.coordinates)
+        turns = np.array([i not in told for i in range(self.n)])
+        if turns.any():
+            yield Symmetry("full turns", self, q + 2.0 * np.pi * turns, v, np.eye(self.n))
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Scene]:
+        """Yield the mechanism of the description, and one without gravity."""
+        yield from super().structures(links)
+        plain = cls()
+        if getattr(plain, "gravity", None) is not None:
+            yield plain.changed(gravity=None)
+
+    @property
+    def support(self) -> Array | None:
+        """Which generalized speeds can move each body, bool (n_b, p)."""
+        return support_of(self, self.plan.support)
+
+    def tree(self) -> Tree:
+        """Return its bodies, joint by joint."""
+        return tree_of(self)
+
+    def sketch(self, q: Array, t: float = 0.0) -> Sketch:
+        """Return links from joint to joint, joints with their axes, centres of mass."""
+        return sketched(self, q, t)
+
+    def __repr__(self) -> str:
+        """Return the Python that makes it again: that of its kind, and what is changed."""
+        made, plain = self.made, Parametric.__repr__(self)
+        if not made.code:
+            return plain
+        arguments = plain.partition("(")[2]
+        return made.code if arguments == ")" else f"{made.code}.changed({arguments}"
+
+
+def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
+    slides = {slot.coordinate for slot in plan.slots if slot.slides and slot.follows is None}
+    found = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
+    for i in made.away:
+        found[i] = AWAY
+    if made.closed:
+        found = [Range(x - 0.3, x + 0.3) for x in made.pose]
+    return tuple(found)
+
+
+def functions_of(plan: Plan) -> dict[str, Callable]:
+    """Return the functions of a scene."""
+    functions = {
+        "prepare": with_sines(plan, with_lengths(plan, prepare_of(plan))),
+        "jacobians": jacobians_of(plan),
+        "forces": forces_of(plan),
+        "velocities": second_derivation.velocities_of(plan),
+        "potential": potential_of(plan),
+        "dissipation": dissipation_of(plan),
+        **constraints_of(plan),
+    }
+    constraints = functions.get("constraints", _no_constraints)
+    drift = functions.get("drift", nothing_moving)
+    functions["terms"] = terms_of(plan, functions["forces"], constraints, drift)
+    return {name: generic(one) for name, one in functions.items() if one is not None}
+
+
+def potential_of(plan: Plan) -> Callable:
+    """Return the function `potential` of a scene."""
+    rest = second_derivation.potential_of(plan)
+    if not plan.topology.springs:
+        return rest
+
+    def potential(parameters, prepared, q):
+        return plus(rest(parameters, prepared, q), stored(plan, parameters, prepared))
+
+    return potential
+
+
+def dissipation_of(plan: Plan) -> Callable | None:
+    """Return the function `dissipation` of a scene, or None without dampers."""
+    rest = second_derivation.dissipation_of(plan)
+    if not plan.topology.springs:
+        return rest
+
+    def dissipation(parameters, prepared, q, v):
+        R = None if rest is None else rest(parameters, prepared, q, v)
+        return plus(R, taken(plan, parameters, prepared, q, v))
+
+    return dissipation
+
+
+def _rotations_in(arithmetic: Arithmetic, orientation: Array) -> Array:
+    """Rotations (k, 3, 3) of quaternions (k, 4), of which doubles are rounded once, at the end.
+
+    A perturbed sample changes each entry by a share of itself. Where squares cancel, as for a
+    quarter turn, rounding them would leave an error larger than the entry.
+    """
+    if arithmetic is not FLOAT64:
+        return rotations(orientation)
+    exact = np.array([Fraction(x) for x in orientation.ravel()], object).reshape(orientation.shape)
+    return np.asarray(rotations(exact), np.float64)
+
+
+def _no_constraints(parameters, prepared, q):
+    return None, None
+
+
+@lru_cache(256)
+def planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
+    """Return the plan of a topology and the functions of its scenes, made once."""
+    plan = Plan(topology)
+    return plan, functions_of(plan)
+
+
+@lru_cache(256)
+def kind_of(made: Made) -> type[Mechanism]:
+    """Return the class of scenes of a description; the same one for the same description."""
+    plan, functions = planned(made.topology)
+    planar, closures = made.topology.planar, made.topology.closures
+    names = [
+        name if count == 1 else f"{name} {i + 1}"
+        for name, count in ((one.name, rows_of(one, planar)) for one in closures)
+        for i in range(count)
+    ]
+    held = sum(rows_of(one, planar) for one in closures if KINDS[one.kind].holonomic)
+    turned = sorted({slot.coordinate for slot in plan.slots if not slot.slides})
+    body = {
+        "__doc__": f"{made.key}, made of a description. {made.left_out}".strip(),
+        "__module__": made.module,
+        "made": made,
+        "plan": plan,
+        **({"key": made.key} if made.base is None else {}),
+        "named_constraints": tuple(names),
+        "holonomic": slice(0, held),
+        "depends_on_time": any(one.kind == "drive" for one in closures),
+        "_coordinate_ranges": _ranges_of(made, plan),
+        **{name: staticmethod(one) for name, one in functions.items()},
+        **fields_of(made),
+    }
+    if turned == list(range(plan.n)):
+        body["angle_coordinates"] = slice(0, None)
+    body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
+    if body["depends_on_time"]:
+        body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
+    found: Any = _Kind(made.key, (made.base or Mechanism,), body)
+    return found

@@ -1,0 +1,575 @@
+"""Reader of MJCF files: compiled by MuJoCo, then elements of a description and a scene of ours.
+
+Defaults, classes, inertias that follow from shapes and the many ways to write an orientation are
+left to MuJoCo, which comes with an extra. A file is compiled once it is known to be of bounded size
+and is stripped bare. MuJoCo's model is written in elements of a description: the equations are as
+much ours as those of any other. Its equalities become constraints by declaration, which hold
+exactly here.
+
+A body may have several joints in a row, each about a point of its own: between them are links
+without inertia. The frame of a link is that of the body, moved to the point of its last joint.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+
+from eomcheck.calls import call, foreign
+from eomcheck.descriptions.build import described
+from eomcheck.descriptions.elements import (
+    COORDINATES,
+    Constraint,
+    Joint,
+    Link,
+    Triple,
+    coupling,
+    drive,
+    pin,
+    weld,
+)
+from eomcheck.descriptions.joint_tree import check_coordinates
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.quaternions import (
+    ONE,
+    Quaternion,
+    multiplied,
+    roll_pitch_yaw_of,
+    rotation,
+)
+from eomcheck.descriptions.urdf_reader import (
+    MOST,
+    Element,
+    Format,
+    Unreadable,
+    decimal,
+    gravity_of,
+    identifier,
+    left_out,
+    number,
+    root_of,
+)
+from eomcheck.errors import InputError, message_of, required
+from eomcheck.numbers.generic import FLOAT64, Array
+
+# ---- File ----------------------------------------------------------------------------------------
+
+MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
+
+NOT_UNDERSTOOD = frozenset(
+    {"attach", "composite", "extension", "flex", "flexcomp", "model", "plugin", "replicate"}
+)
+"""Elements that bring more than they say, or bodies that are not rigid."""
+
+JOINTS = "joint", "freejoint"
+
+FORCELESS = {
+    "sensors": "sensors",
+    "actuators": "actuators",
+    "tendons": "tendons",
+    "keys": "keyframes",
+    "skins": "",
+    "pairs": "",
+    "excludes": "",
+    "tuples": "",
+    "numerics": "",
+    "texts": "",
+}
+"""What a model has that no body is made of -> what it is called where it is left out."""
+
+LARGEST_SIZE = 2000
+"""Of fields of heights and of data of users, for which MuJoCo makes room while it reads."""
+
+FINEST = 100
+"""Largest parameter of a mesh that MuJoCo makes; 300 by 300 faces take it 9 s."""
+
+SIZES = {"hfield": ("nrow", "ncol"), "size": ("nuser_",)}
+"""Element -> how its attributes begin that are such sizes."""
+
+MOST_FILES = 100
+"""Files that may be included, this one among them."""
+
+
+def compiled(path: Path) -> tuple[Any, Counter[str]]:
+    """Return MuJoCo's model of a file without what is left out, and how much of that there was.
+
+    Raises:
+        InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
+        EngineError: MuJoCo is not installed.
+    """
+    joints = 0
+    for root in _roots(path):
+        _check(root, path)
+        joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
+    _check_coordinates(path, joints)  # at least a coordinate each
+    foreign()
+    library = required("mujoco", "mujoco")
+    try:
+        return call(f"MuJoCo, reading {path.name},", _compiled, library, path, slow=True)
+    except Unreadable:
+        raise
+    except Exception as error:  # its own kinds, and those of Python
+        raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
+
+
+def _check_coordinates(path: Path, coordinates: int) -> None:
+    """Check the number of coordinates before MuJoCo takes minutes over a large file."""
+    try:
+        check_coordinates(coordinates)
+    except InputError as error:
+        raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
+def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
+    spec = _read(library, path)
+    kinds = library.mjtJoint
+    several = {kinds.mjJNT_FREE: 6, kinds.mjJNT_BALL: 3}
+    _check_coordinates(path, sum(several.get(joint.type, 1) for joint in spec.joints))
+    out = _strip(library, spec, str(path))
+    return spec.compile(), out
+
+
+def _read(library: Any, path: Path) -> Any:
+    """Return a file as MuJoCo reads it, which by itself reads only what is called .xml."""
+    if path.suffix == ".xml":
+        return library.MjSpec.from_file(str(path))
+    spec = library.MjSpec.from_string(path.read_text(encoding="utf-8"))
+    spec.modelfiledir = str(path.parent)
+    return spec
+
+
+def _roots(path: Path) -> Iterator[Element]:
+    """Yield the root of a file and of all that it includes, wherever that is included."""
+    left, seen = [path], set[Path]()
+    while left:
+        one = left.pop()
+        if one in seen:
+            raise Unreadable(f"{str(path)!r} includes {one.name!r} twice")
+        seen.add(one)
+        if len(seen) > MOST_FILES:
+            raise Unreadable(f"{str(path)!r} includes more than {MOST_FILES} files")
+        root = root_of(one, MJCF)
+        left += [path.parent / element.get("file", "") for element in root.iter("include")]
+        yield root
+
+
+def _check(root: Element, path: Path) -> None:
+    counts = Counter(element.tag for element in root.iter())
+    if strange := sorted(NOT_UNDERSTOOD & counts.keys()):
+        raise Unreadable(f"{str(path)!r} holds <{strange[0]}>, which is not understood here")
+    for tag in ("body", "joint"):
+        if counts[tag] > MOST:
+            found = f"{counts[tag]} elements <{tag}>"
+            raise Unreadable(f"{str(path)!r} has {found}, expected at most {MOST}")
+    where = repr(str(path))
+    for mesh in root.iter("mesh"):
+        for value in mesh.get("params", "").split():
+            if not abs(decimal(value, f"{where}: params of <mesh>")) <= FINEST:
+                size = f"a parameter of <mesh> is {value}"
+                raise Unreadable(f"{where}: {size}, expected at most {FINEST}")
+    for tag, beginnings in SIZES.items():
+        for element in root.iter(tag):
+            for name in element.attrib:
+                if name.startswith(beginnings) and number(element, name, where) > LARGEST_SIZE:
+                    size = f"{name} of <{tag}> is {element.get(name)}"
+                    raise Unreadable(f"{str(path)!r}: {size}, expected at most {LARGEST_SIZE}")
+
+
+def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
+    """Take out of a model what no equation needs: no mesh of it is then looked for.
+
+    What is counted is what a motion would notice.
+
+    Raises:
+        InputError: it has an equality that is not understood.
+    """
+    out: Counter[str] = Counter()
+    kinds = library.mjtEq
+    for one in spec.equalities:
+        if one.type not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT):
+            what = kinds(one.type).name.removeprefix("mjEQ_").lower()
+            said = f"is of the kind {what}, expected connect, weld, joint"
+            raise Unreadable(f"{path!r}: equality {one.name!r} {said}")
+    out["drag of a fluid"] += bool(spec.option.density or spec.option.viscosity)
+    spec.option.density = spec.option.viscosity = 0.0
+    for name, called in FORCELESS.items():
+        parts = list(getattr(spec, name))
+        if called:
+            out[called] += len(parts)
+        for part in parts:
+            spec.delete(part)
+    by_shape = spec.compiler.inertiafromgeom == library.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    for body in spec.bodies:
+        out["compensation of gravity"] += bool(body.gravcomp)
+        body.gravcomp = 0.0
+        needed = by_shape or not body.explicitinertial
+        for geom in list(body.geoms):
+            out["shapes to collide"] += bool(geom.contype or geom.conaffinity)
+            geom.material = geom.hfieldname = ""
+            if not needed or body is spec.worldbody or body.name == "world":
+                spec.delete(geom)
+    for light in spec.lights:
+        light.texture = ""
+    for site in spec.sites:
+        site.material = ""
+    kept = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name not in kept:
+            spec.delete(mesh)
+    for name in ("materials", "textures", "hfields"):
+        for part in list(getattr(spec, name)):
+            spec.delete(part)
+    spec.nuserdata = spec.nkey = 0
+    spec.memory = -1
+    return out
+
+
+# ---- Equalities ----------------------------------------------------------------------------------
+
+CONNECT, WELD, JOINT = range(3)
+
+SITE = 6
+"""MuJoCo's number for that kind of object."""
+
+
+class Read(NamedTuple):
+    """What of a model has been read."""
+
+    model: Any
+    where: str
+    """The file, in what is refused."""
+    bodies: list[str]
+    """Names of their links; the ground first."""
+    joints: list[str]
+    anchors: list[Array]
+    """Origin of each body's link in the frame of the body (3,), m."""
+    reference: dict[str, float]
+    """Coordinate of joints that have one, where the file draws them."""
+
+
+def equality(read: Read, i: int) -> Constraint:
+    """Return equality number i of a model.
+
+    Raises:
+        InputError: it is between other things, or no linear one.
+    """
+    m = read.model
+    name, kind = m.equality(i).name or f"equality{i}", int(m.eq_type[i])
+    first, second, data = int(m.eq_obj1id[i]), int(m.eq_obj2id[i]), m.eq_data[i]
+    if kind == JOINT:
+        other = None if second < 0 else read.joints[second]
+        return _coupled(read, name, read.joints[first], other, data)
+    if m.eq_objtype[i] == SITE:
+        at, at_other = m.site_pos[first], m.site_pos[second]
+        w, x, y, z = m.site_quat[second]
+        turn = multiplied(tuple(m.site_quat[first].tolist()), (w, -x, -y, -z))
+        first, second = int(m.site_bodyid[first]), int(m.site_bodyid[second])
+    elif kind == CONNECT:
+        at, at_other, turn = data[:3], data[3:6], ONE
+    else:
+        at, at_other, turn = data[3:6], data[:3], data[6:10]
+    ends = read.bodies[first], read.bodies[second]
+    points = triple_of(at - read.anchors[first]), triple_of(at_other - read.anchors[second])
+    if kind == CONNECT:
+        return pin(name, *ends, *points)
+    return weld(name, *ends, *points, quaternion_of(turn))
+
+
+def _coupled(read: Read, name: str, joint: str, other: str | None, data: Array) -> Constraint:
+    for one in (joint, other):
+        if one is not None and one not in read.reference:
+            several = f"joint {one!r}, which has several coordinates"
+            raise Unreadable(f"{read.where}: equality {name!r} is of {several}")
+    here = read.reference[joint] + data[0]
+    if other is None:
+        return drive(name, joint, float(here))
+    if np.any(data[2:5]):
+        raise Unreadable(f"{read.where}: equality {name!r} is not linear")
+    shift = here - data[1] * read.reference[other]
+    return coupling(name, joint, other, float(data[1]), float(shift))
+
+
+def triple_of(a: Any) -> Triple:
+    """Return three numbers of an array."""
+    x, y, z = (float(part) for part in a)
+    return x, y, z
+
+
+def quaternion_of(a: Any) -> Quaternion:
+    """Return four numbers of an array."""
+    w, x, y, z = (float(part) for part in a)
+    return w, x, y, z
+
+
+# ---- Elements ------------------------------------------------------------------------------------
+
+GROUND = "world"
+"""What MuJoCo calls it, and no other body."""
+
+FREE_JOINT, BALL_JOINT, SLIDE, HINGE = range(4)
+"""MuJoCo's numbers for kinds of joints."""
+
+STEEPEST = 1.2
+"""rad; a pose that is turned further about y is left at 0, near where such angles are singular."""
+
+
+class Model(NamedTuple):
+    """What a file says."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    constraints: tuple[Constraint, ...]
+    gravity: Triple | None
+    pose: dict[str, float]
+    left_out: str
+    compiled: Any
+    """MuJoCo's own model."""
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates, in the order of the file."""
+        return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
+
+
+def read_mjcf(path: Path) -> Model:
+    """Return what an MJCF file says.
+
+    Raises:
+        InputError, EngineError: see `from_mjcf`.
+    """
+    model, out = compiled(path)
+    return _Reading(path, model, out).model()
+
+
+class _Reading:
+    """A model of MuJoCo's while it is read."""
+
+    def __init__(self, path: Path, model: Any, out: Counter[str]):
+        self.where, self.m, self.out, self.path = repr(str(path)), model, out, path
+        self.bodies = _names([model.body(i).name for i in range(model.nbody)], "body")
+        self.names = _names([model.joint(i).name for i in range(model.njnt)], "joint")
+        self.reference: dict[str, float] = {}
+        """Coordinate at which a joint of one coordinate is where the file draws it."""
+        self.links, self.joints = [Link(GROUND)], []
+        self.anchors: list[Array] = [np.zeros(3)]
+        """Origin of a body's link in the frame of the body."""
+        self.pose: dict[str, float] = {}
+        off = int(model.opt.disableflags)
+        self.off = {name: bool(off & bit) for name, bit in DISABLED.items()}
+
+    def model(self) -> Model:
+        """Return all of it."""
+        m = self.m
+        self._refuse()
+        for body in range(1, m.nbody):
+            self._add_body(body)
+        held = not (self.off["equality"] or self.off["constraint"])
+        read = Read(m, self.where, self.bodies, self.names, self.anchors, self.reference)
+        constraints = [equality(read, i) for i in range(m.neq) if held and m.eq_active0[i]]
+        self.out["limits of joints"] += int(np.count_nonzero(m.jnt_limited))
+        self.out["friction of joints"] += int(np.count_nonzero(m.dof_frictionloss))
+        x, y, z = m.opt.gravity.tolist()
+        return Model(
+            identifier(self.path.stem),
+            tuple(self.links),
+            tuple(self.joints),
+            tuple(constraints),
+            None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
+            self.pose,
+            left_out(self.out),
+            m,
+        )
+
+    def _refuse(self) -> None:
+        """Refuse forces that are not linear, and what else is no part of a description."""
+        for name in ("jnt_stiffnesspoly", "dof_dampingpoly"):
+            if np.any(getattr(self.m, name, 0)):
+                raise Unreadable(f"{self.where}: springs or dampers that are not linear")
+        if getattr(self.m, "nplastic", 0):
+            raise Unreadable(f"{self.where}: joints that yield are not understood here")
+
+    def _add_body(self, body: int) -> None:
+        m, name = self.m, self.bodies[body]
+        parent = int(m.body_parentid[body])
+        place, turn = m.body_pos[body] - self.anchors[parent], m.body_quat[body]
+        before, anchor = self.bodies[parent], np.zeros(3)
+        first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
+        for joint in range(first, first + count):
+            last = joint == first + count - 1
+            after = name if last else f"{name} after {self.names[joint]}"
+            if not last:
+                self.links.append(Link(after))
+            if m.jnt_type[joint] == FREE_JOINT:
+                place, turn = np.zeros(3), np.array(ONE)
+            step = m.jnt_pos[joint] - anchor
+            self._add_joint(joint, before, after, place + rotation(tuple(turn)) @ step, turn)
+            before, anchor = after, m.jnt_pos[joint]
+            place, turn = np.zeros(3), np.array(ONE)
+        if not count:  # it is part of the body that it is on
+            self.joints.append(
+                Joint(f"{name} fixed", "fixed", before, name, triple_of(place), quaternion_of(turn))
+            )
+        self.anchors.append(anchor)
+        self.links.append(self._link(body, anchor))
+
+    def _link(self, body: int, anchor: Array) -> Link:
+        m = self.m
+        R = rotation(quaternion_of(m.body_iquat[body]))
+        I = R @ np.diag(m.body_inertia[body]) @ R.T  # noqa: E741
+        center = triple_of(m.body_ipos[body] - anchor)
+        moments, products = triple_of(np.diagonal(I)), (I[0, 1], I[0, 2], I[1, 2])
+        return Link(
+            self.bodies[body], float(m.body_mass[body]), center, moments, triple_of(products)
+        )
+
+    def _add_joint(self, joint: int, before: str, after: str, place: Array, turn: Array) -> None:
+        m, name = self.m, self.names[joint]
+        kind, dof, at = int(m.jnt_type[joint]), int(m.jnt_dofadr[joint]), m.jnt_qposadr[joint]
+        stiffness = 0.0 if self.off["spring"] else float(m.jnt_stiffness[joint])
+        if kind in (FREE_JOINT, BALL_JOINT):
+            count = 6 if kind == FREE_JOINT else 3
+            damping = 0.0 if self.off["damper"] else m.dof_damping[dof : dof + count]
+            if np.any(damping) or stiffness or m.dof_armature[dof : dof + count].any():
+                raise Unreadable(
+                    f"{self.where}: joint {name!r} is free or a ball, with damping, stiffness or "
+                    "armature: these are for joints with one coordinate"
+                )
+            self._start(name, m.qpos0[at : at + count + 1])
+            called = "floating" if kind == FREE_JOINT else "spherical"
+            self.joints.append(
+                Joint(name, called, before, after, triple_of(place), quaternion_of(turn))
+            )
+            return
+        axis, rest = m.jnt_axis[joint], float(m.qpos0[at])
+        self.reference[name] = rest
+        if rest:  # the coordinate is not 0 where the file draws the joint
+            self.pose[name] = rest
+            if kind == SLIDE:
+                place = place - rest * (rotation(quaternion_of(turn)) @ axis)
+            else:
+                back = np.cos(rest / 2), *(-np.sin(rest / 2) * axis)
+                turn = np.array(multiplied(quaternion_of(turn), quaternion_of(np.array(back))))
+        damping = 0.0 if self.off["damper"] else float(m.dof_damping[dof])
+        self.joints.append(
+            Joint(
+                name,
+                "prismatic" if kind == SLIDE else "revolute",
+                before,
+                after,
+                triple_of(place),
+                quaternion_of(turn),
+                triple_of(axis),
+                damping=damping or None,
+                stiffness=stiffness or None,
+                relaxed=float(m.qpos_spring[at]) if stiffness else 0.0,
+                armature=float(m.dof_armature[dof]) or None,
+            )
+        )
+
+    def _start(self, name: str, told: Array) -> None:
+        """Keep where a free joint is at first; a ball joint is at 0."""
+        if len(told) < 7:
+            return
+        self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", told, strict=False)}
+        turns = roll_pitch_yaw_of(rotation(quaternion_of(told[3:])))
+        if abs(turns[1]) <= STEEPEST:
+            names = "roll", "pitch", "yaw"
+            self.pose |= {f"{name}_{n}": float(x) for n, x in zip(names, turns, strict=True)}
+
+
+DISABLED = {
+    "constraint": 1 << 0,
+    "equality": 1 << 1,
+    "spring": 1 << 5,
+    "damper": 1 << 6,
+    "gravity": 1 << 7,
+}
+"""What an option of the file may switch off -> MuJoCo's bit."""
+
+
+def _names(given: list[str], called: str) -> list[str]:
+    """Return a name for each, numbered where the file has none."""
+    known = set(given)
+    found = []
+    for i, name in enumerate(given):
+        new = name or f"{called}{i}"
+        while not name and new in known:
+            new += "_"
+        known.add(new)
+        found.append(new)
+    return found
+
+
+# ---- Scene ---------------------------------------------------------------------------------------
+
+FILES: Any = "the file's own"
+
+
+def from_mjcf(path: str | os.PathLike[str], *, gravity: Triple | str | None = FILES) -> Mechanism:
+    """Return the robot in an MJCF file, with the parameters of the file.
+
+    Its coordinates are those of the file's joints, in their order, but for those that constraints
+    determine, which come first; a free joint has three slides
+    along axes of the ground, then turns about z, y and x, a ball joint such turns. Equalities
+    between bodies, sites and joints are constraints that hold exactly. Its `made.left_out` says
+    what of the file is left out.
+
+    Args:
+        path: the file.
+        gravity: acceleration, m/s², or None without; by default that of the file.
+
+    Raises:
+        InputError: the file cannot be read, is no MJCF, is refused by MuJoCo, has something that is
+            not understood here, or more than 200 coordinates.
+        EngineError: MuJoCo is not installed.
+    """
+    return mjcf_kind(path, gravity=gravity)()
+
+
+def mjcf_kind(
+    path: str | os.PathLike[str], *, gravity: Triple | str | None = FILES
+) -> type[Mechanism]:
+    """Return the kind of scene of which `from_mjcf` returns the one with the file's parameters."""
+    try:
+        file = Path(path)
+    except TypeError:
+        raise InputError(f"path = {path!r}, expected the path of an MJCF file") from None
+    changed = not isinstance(gravity, str)
+    pulls = gravity_of(gravity) if changed else None
+    model = read_mjcf(file)
+    try:
+        words = model.name, model.links, model.joints, model.constraints
+        more = {"gravity": pulls if changed else model.gravity, "pose": model.pose}
+        made = described(*words, **more)
+        if model.constraints:
+            made = described(*words, **more, first=_determined(made.kind()()))
+        return made._replace(
+            code=f"from_mjcf({str(path)!r}{f', gravity={pulls!r}' if changed else ''})",
+            imported="from eomcheck.scenes import from_mjcf",
+            left_out=model.left_out,
+            source=str(file),
+            format="mjcf",
+        ).kind()
+    except Unreadable:
+        raise
+    except InputError as error:
+        raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
+def _determined(scene: Mechanism) -> list[str]:
+    """Return names of as many coordinates as there are constraints, which these determine."""
+    q = scene.initial_state()[0]
+    # Beside the pose, which may be a singular one: many are drawn stretched.
+    q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
+    given = scene.parameters(FLOAT64)
+    a, _ = scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)
+    found: Any = qr(a, mode="r", pivoting=True)
+    order = found[-1]
+    return [scene.coordinate_names[i] for i in order[: scene.r]]

@@ -1,0 +1,177 @@
+"""Scalars and vectors with absent components, so that a term that is not there costs no operation.
+
+An absent number is None and stands for 0; the literals 1 and -1 stand for themselves. A vector has
+three components, each a number or absent: of what moves in the plane the third one always is.
+Nothing here looks at the value of a number of the model, which is never an `int`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from eomcheck.numbers.generic import generic
+
+Vector = tuple[Any, Any, Any]
+
+NOTHING: Vector = (None, None, None)
+AXES: tuple[Vector, Vector, Vector] = ((1, None, None), (None, 1, None), (None, None, 1))
+"""Those of the ground."""
+
+
+# ---- Numbers -------------------------------------------------------------------------------------
+
+
+@generic
+def negative(x):
+    """Return -x."""
+    return None if x is None else -x
+
+
+@generic
+def plus(x, y):
+    """Return x + y."""
+    if x is None:
+        return y
+    if y is None:
+        return x
+    return _literal(x + y)
+
+
+@generic
+def minus(x, y):
+    """Return x - y."""
+    if y is None:
+        return x
+    if x is None:
+        return -y
+    return _literal(x - y)
+
+
+@generic
+def times(x, y):
+    """Return x y."""
+    if x is None or y is None:
+        return None
+    if type(x) is int:
+        return y if x == 1 else -y if x == -1 else x * y
+    if type(y) is int:
+        return x if y == 1 else -x if y == -1 else x * y
+    return x * y
+
+
+def _literal(x: Any) -> Any:
+    return None if type(x) is int and x == 0 else x
+
+
+@generic
+def total(terms):
+    """Return the sum of numbers, absent if all are."""
+    found = None
+    for one in terms:
+        found = plus(found, one)
+    return found
+
+
+# ---- Vectors -------------------------------------------------------------------------------------
+
+
+@generic
+def added(a, b):
+    """Return a + b."""
+    return plus(a[0], b[0]), plus(a[1], b[1]), plus(a[2], b[2])
+
+
+@generic
+def subtracted(a, b):
+    """Return a - b."""
+    return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
+
+
+@generic
+def scaled(x, a):
+    """Return x a."""
+    return times(x, a[0]), times(x, a[1]), times(x, a[2])
+
+
+@generic
+def dot(a, b):
+    """Return a · b."""
+    return plus(plus(times(a[0], b[0]), times(a[1], b[1])), times(a[2], b[2]))
+
+
+@generic
+def cross(a, b):
+    """Return a × b."""
+    return (
+        minus(times(a[1], b[2]), times(a[2], b[1])),
+        minus(times(a[2], b[0]), times(a[0], b[2])),
+        minus(times(a[0], b[1]), times(a[1], b[0])),
+    )
+
+
+@generic
+def centripetal(omega, arm):
+    """Return ω × (ω × arm)."""
+    return cross(omega, cross(omega, arm))
+
+
+@generic
+def levelled(axes, a):
+    """Return a vector given along `axes` in the directions in which these are given."""
+    x, y, z = axes
+    return added(added(scaled(a[0], x), scaled(a[1], y)), scaled(a[2], z))
+
+
+@generic
+def along(axes, a):
+    """Return the components of a vector along `axes`."""
+    return dot(axes[0], a), dot(axes[1], a), dot(axes[2], a)
+
+
+@generic
+def turned_back(a, axis, cos, sin):
+    """Return a vector along axes that are turned about their `axis`-th, of which it is given."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    return _with(
+        a,
+        {
+            i: plus(times(cos, a[i]), times(sin, a[j])),
+            j: minus(times(cos, a[j]), times(sin, a[i])),
+        },
+    )
+
+
+@generic
+def turned(a, axis, cos, sin):
+    """Return a vector that is turned about the `axis`-th axis."""
+    return turned_back(a, axis, cos, negative(sin))
+
+
+@generic
+def unit(axis, x):
+    """Return x times the `axis`-th axis."""
+    return _with(NOTHING, {axis: x})
+
+
+def _with(a: Vector, parts: dict[int, Any]) -> Vector:
+    x, y, z = (parts.get(i, a[i]) for i in range(3))
+    return x, y, z
+
+
+def vector(entries: Iterable[Any]) -> Vector:
+    """Return the vector of two or three numbers."""
+    x, y, *rest = entries
+    return x, y, (rest[0] if rest else None)
+
+
+def put(array: Any, place: Any, x: Any) -> None:
+    """Write a number, if it is there, into an array of zeros."""
+    if x is not None:
+        array[place] = x
+
+
+def put_vector(array: Any, place: tuple[Any, ...], a: Vector, size: int = 3) -> None:
+    """Write the first `size` components of a vector, where they are there, along the axis None."""
+    for i in range(size):
+        put(array, tuple(i if one is None else one for one in place), a[i])

@@ -1,0 +1,224 @@
+"""Random mechanisms: scene classes of which every draw has another topology (`RANDOM`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from typing import Any, Self
+
+import numpy as np
+
+from eomcheck.descriptions.constraint_rows import KINDS
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.random_constraints import closed, posed, rows_of
+from eomcheck.descriptions.random_elements import Description
+from eomcheck.descriptions.random_trees import PLANE, SPACE, Room, measured, rooms, tree, tree_ways
+from eomcheck.errors import InputError, RefusedError, whole_number
+from eomcheck.mechanics.random_source import Choices, FromGenerator, Ways
+from eomcheck.mechanics.records import Range
+from eomcheck.mechanics.scene import Scene
+
+CONSTRAINTS, MOTION = "constraints", "motion"
+NOTHING = "nothing"
+
+MOST = 30
+"""Links that a random scene may have: a floating joint has six coordinates, and they have 200."""
+
+PROVED = 3
+"""Scenes of each number of links that `structures` yields."""
+
+
+class Random(Mechanism):
+    """A mechanism that was drawn with its description; a class of its own for each.
+
+    What is drawn is all in the description, so that its parameters have no ranges.
+    """
+
+    has_links = True
+    most_links = MOST
+
+    @property
+    def links(self) -> int:
+        """N, the ground not counted."""
+        return len(self.made.description.joints)
+
+    @property
+    def name(self) -> str:
+        """The key with N."""
+        return f"{self.key}[{self.links}]"
+
+    @property
+    def structure(self) -> str:
+        """The name, every joint and where it is, the constraints, what is there besides."""
+        given: Description = self.made.description
+        places = {link.name: str(i) for i, link in enumerate(given.links)}
+        joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in given.joints)
+        there = self.topology
+        more = [name for name, way in there.items() if way in ("present", "oblique", PLANE)]
+        return "; ".join(
+            [f"{self.name}: {joints}"]
+            + [f"{one.kind} {'-'.join(places[x] for x, _ in one.points)}".strip()
+               for one in given.constraints]
+            + [", ".join(more)] * bool(more)
+        )  # fmt: skip
+
+    @property
+    def topology(self) -> dict[str, str]:
+        """The ways in which it is, as its description says; see `topologies`."""
+        return measured(self.made.description, self.made.topology.planar)
+
+    @classmethod
+    def ranges(cls, links: int | None = None) -> dict[str, Range]:
+        """Return none."""
+        return {}
+
+    @classmethod
+    def example(cls) -> Scene:
+        """Return the one scene that is always looked at first, whichever class is asked."""
+        return _example(_base(cls))
+
+    @classmethod
+    def structures(cls, links: int | None = None) -> Iterator[Any]:
+        """Yield a few scenes with so many links, always the same; none is like another.
+
+        Raises:
+            InputError: there are no scenes with so many links.
+        """
+        links = checked_links(links)
+        random = np.random.default_rng(links)
+        known: set[str] = set()
+        choices = FromGenerator(random)
+        # Entries that have more kinds of constraints count more.
+        entries = [x for x in cls.topologies(links) for _ in x.get(CONSTRAINTS, ("",))]
+        while len(known) < PROVED:
+            ways = {name: choices.one_of(of) for name, of in choices.one_of(entries).items()}
+            try:
+                scene = cls.of_topology(links, ways, choices)()
+            except RefusedError:
+                continue
+            if scene.structure not in known:
+                known.add(scene.structure)
+                yield scene
+
+    @classmethod
+    def described_so(cls, description: Description) -> type[Self]:
+        """Return the kind of the scene of a description."""
+        made = description.made(_class_name(cls.key))
+        return made._replace(base=_base(cls), description=description).kind()  # type: ignore
+
+
+class RandomTree(Random):
+    """A random tree of rigid bodies."""
+
+    key = "random-trees"
+
+    @classmethod
+    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+        """Return in which ways trees of so many links may be."""
+        links = checked_links(links)
+        return [tree_ways(room, links) for room in rooms(links)]
+
+    @classmethod
+    def of_topology(
+        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+    ) -> type[Self]:
+        """Return the kind of one tree."""
+        return cls.described_so(tree(ways, checked_links(links), choices))
+
+
+class RandomMechanism(Random):
+    """A random tree with loops, wheels, couplings or drives, their rows independent."""
+
+    key = "random-mechanisms"
+
+    @property
+    def topology(self) -> dict[str, str]:
+        """The ways in which it is, the kind of its first constraint among them."""
+        first = self.made.description.constraints[:1]
+        return super().topology | {CONSTRAINTS: first[0].kind if first else NOTHING}
+
+    @classmethod
+    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+        """Return in which ways mechanisms of so many links may be.
+
+        What a clock drives is never at rest.
+        """
+        links = checked_links(links)
+        found = []
+        for room in rooms(links):
+            ways, fitting = tree_ways(room, links), _fitting(room)
+            still = tuple(kind for kind in fitting if kind != "drive")
+            if still:
+                found.append(ways | {CONSTRAINTS: still})
+            if "drive" in fitting:
+                found.append(ways | {CONSTRAINTS: fitting, MOTION: ("moving",)})
+        return found
+
+    @classmethod
+    def of_topology(
+        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+    ) -> type[Self]:
+        """Return the kind of one mechanism.
+
+        Raises:
+            RefusedError: no independent constraints are found.
+        """
+        kind, planar = ways[CONSTRAINTS], ways[SPACE] == PLANE
+        least = rows_of(kind, planar) + 1
+        turning = kind == "square"
+        grown = tree(ways, checked_links(links), choices, least, turning=turning)
+        grown = posed(grown, choices)
+        found = closed(grown, kind, planar, choices)
+        if kind == "drive" or not choices.one_of((False, False, True)):
+            return cls.described_so(found)
+        left = len(found.coordinates) - rows_of(kind, planar)
+        among = [one for one in _kinds(planar) if rows_of(one, planar) < left and one != "drive"]
+        if among:
+            with suppress(RefusedError):  # one constraint will do
+                found = closed(found, choices.one_of(among), planar, choices)
+        return cls.described_so(found)
+
+
+def _kinds(planar: bool) -> list[str]:
+    return [kind for kind in KINDS if rows_of(kind, planar) > 0]
+
+
+def _fitting(room: Room) -> tuple[str, ...]:
+    """Return the kinds of constraints for which there is room, one motion left."""
+    planar = room.space == PLANE
+    return tuple(kind for kind in _kinds(planar) if rows_of(kind, planar) < room.coordinates)
+
+
+def checked_links(links: object, name: str = "links") -> int:
+    """Return a number of links.
+
+    Raises:
+        InputError: no random scene has so many.
+    """
+    number = whole_number(name, links)
+    if number > MOST:
+        raise InputError(f"{name} = {number}, expected at most {MOST} of a random scene")
+    return number
+
+
+def _class_name(key: str) -> str:
+    return "".join(part.capitalize() for part in key.split("-"))
+
+
+@cache
+def _example(kind: type[Random]) -> Scene:
+    return next(kind.structures(3))
+
+
+def _base(kind: type[Random]) -> type[Random]:
+    """Return the class that all scenes of a random kind derive from."""
+    return next(one for one in kind.__mro__ if "made" not in vars(one))
+
+
+RANDOM: dict[str, type[Scene]] = {
+    kind.key: type(kind.example()) for kind in (RandomTree, RandomMechanism)
+}
+"""Key -> class: that of its example, for only such a class has equations."""
+
+__all__ = ["RANDOM", "RandomMechanism", "RandomTree"]

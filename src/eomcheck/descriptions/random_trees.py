@@ -1,0 +1,441 @@
+"""Random trees of rigid bodies: their properties, a tree that has those asked for, its URDF text.
+
+URDF texts are for `from_urdf`, and for the parsers of engines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from eomcheck.descriptions import random_elements
+from eomcheck.descriptions.elements import COORDINATES, Joint, Link, Triple
+from eomcheck.descriptions.quaternions import ONE, roll_pitch_yaw_of, rotation
+from eomcheck.descriptions.random_elements import GROUND, Description
+from eomcheck.mechanics.random_source import Choices, Ways
+
+SPACE, ROOT, SHAPE, AXES, FIXED = "space", "root joint", "shape", "axes", "fixed links"
+CARRIERS, FOLLOWERS = "massless carriers", "mimic joints"
+SPRINGS, DAMPERS, ROTORS, GRAVITY = "springs", "dampers", "rotors", "gravity"
+ABSENT, PRESENT = "absent", "present"
+PLANE, SOLID = "plane", "in space"
+CHAIN, BRANCHED, OBLIQUE, STRAIGHT = "chain", "branched", "oblique", "straight"
+
+SINGLE = ("revolute", "prismatic")
+"""Kinds of joints with one coordinate."""
+
+KINDS = {
+    PLANE: ("revolute", "prismatic", "planar"),
+    SOLID: ("revolute", "prismatic", "planar", "spherical", "floating"),
+}
+"""Kinds of joints that move."""
+
+ALL = frozenset({*KINDS[SOLID], "fixed"})
+"""Kinds of joints that a tree may have."""
+
+TURNING = ALL - {"fixed", "prismatic"}
+"""Kinds of joints that turn links against each other."""
+
+PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
+"""What only joints with one coordinate have."""
+
+
+class Room(NamedTuple):
+    """How many joints there are, and of which kinds they have to be."""
+
+    space: str
+    root: str
+    fixed: int
+    """Joints that are fixed for sure."""
+    singles: int
+    """Joints with one coordinate that there are for sure, the root among them; 2 suffice."""
+    free: int
+    """Joints of any kind."""
+
+    @property
+    def coordinates(self) -> int:
+        """So many at least can be had, one joint with one coordinate following another."""
+        followed = int(self.singles > 1)
+        most = 3 if self.space == PLANE else 6
+        return len(COORDINATES[self.root]) + self._others - followed + most * self.free
+
+    @property
+    def _others(self) -> int:
+        return self.singles - int(self.root in SINGLE)
+
+
+def rooms(links: int, among: frozenset[str] = ALL) -> Iterator[Room]:
+    """Yield what there is room for with so many links, on joints of these kinds."""
+    for space, kinds in KINDS.items():
+        for root in (kind for kind in kinds if kind in among):
+            for fixed in (0, 1) if links > 1 and "fixed" in among else (0,):
+                others, own = links - 1 - fixed, int(root in SINGLE)
+                needed = min(2 - own, others)
+                yield Room(space, root, fixed, own + needed, others - needed)
+
+
+def tree_ways(room: Room, links: int) -> Ways:
+    """Return the ways in which trees of so many links may be, with this room."""
+    either = ABSENT, PRESENT
+    single, pair = ((either if room.singles >= count else (ABSENT,)) for count in (1, 2))
+    some_axis = room.singles > 0 or room.root == "planar"
+    return {
+        SPACE: (room.space,),
+        ROOT: (room.root,),
+        FIXED: (PRESENT if room.fixed else ABSENT,),
+        SHAPE: (CHAIN, BRANCHED) if links > 2 else (CHAIN,),
+        AXES: (STRAIGHT, OBLIQUE) if room.space == SOLID and some_axis else (STRAIGHT,),
+        CARRIERS: pair,
+        FOLLOWERS: pair,
+        **dict.fromkeys(PROPERTIES, single),
+        GRAVITY: either,
+    }
+
+
+def measured(description: Description, planar: bool) -> dict[str, str]:
+    """Return the ways in which a description is, whatever was asked for."""
+    joints, links = description.joints, {one.name: one for one in description.links}
+    parents = [one.parent for one in joints]
+    axes = [one.axis for one in joints if one.kind in (*SINGLE, "planar")]
+    moving = {one.child for one in joints if one.kind != "fixed"}
+
+    def there(*flags: bool) -> str:
+        return PRESENT if any(flags) else ABSENT
+
+    return {
+        SPACE: PLANE if planar else SOLID,
+        ROOT: joints[0].kind,
+        FIXED: there(*(one.kind == "fixed" for one in joints)),
+        SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
+        AXES: STRAIGHT if all(one in random_elements.STRAIGHT for one in axes) else OBLIQUE,
+        CARRIERS: there(*(links[name].mass == 0 for name in moving)),
+        FOLLOWERS: there(*(one.follows is not None for one in joints)),
+        SPRINGS: there(*(one.stiffness is not None for one in joints)),
+        DAMPERS: there(*(one.damping is not None for one in joints)),
+        ROTORS: there(*(one.armature is not None for one in joints)),
+        GRAVITY: there(description.gravity is not None),
+    }
+
+
+# ---- A tree --------------------------------------------------------------------------------------
+
+
+def tree(
+    ways: Mapping[str, str],
+    links: int,
+    choices: Choices,
+    least: int = 1,
+    among: frozenset[str] = ALL,
+    turning: bool = False,
+) -> Description:
+    """Return a tree that is in all `ways`.
+
+    Args:
+        ways: one of each property of an entry of `tree_ways`.
+        links: number of links, the ground not counted.
+        choices: what chooses all else.
+        least: number of coordinates that it has at least, if there is room for them.
+        among: kinds of joints that there may be, one with one coordinate among them.
+        turning: whether some joint has to turn; there is a second one that moves, or the root does.
+    """
+    return _Tree(ways, links, choices, least, among, turning).description()
+
+
+@dataclass
+class _Tree:
+    """A tree while it grows. Links are numbered as their joints are, from 1; the ground is 0."""
+
+    ways: Mapping[str, str]
+    links: int
+    choices: Choices
+    least: int
+    among: frozenset[str]
+    turning: bool
+    kinds: list[str] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    carrier: int | None = None
+    """Position of the joint whose link has no mass; the next joint is on it."""
+    follower: int | None = None
+    last_axis: Triple = (0.0, 0.0, 1.0)
+    """Of the joint before."""
+
+    def __post_init__(self):
+        self.planar = self.ways[SPACE] == PLANE
+        self._choose_kinds()
+        self._choose_parents()
+        if self._has(FOLLOWERS):
+            self.follower = self.choices.one_of(self._singles()[1:])
+
+    def _has(self, name: str) -> bool:
+        return self.ways[name] == PRESENT
+
+    def _singles(self) -> list[int]:
+        return [i for i, kind in enumerate(self.kinds) if kind in SINGLE]
+
+    # ---- Kinds of joints, and how they hang together ---------------------------------------------
+
+    def _choose_kinds(self) -> None:
+        root, fixed = self.ways[ROOT], int(self._has(FIXED))
+        singles = [kind for kind in SINGLE if kind in self.among]
+        (room,) = (
+            one
+            for one in rooms(self.links, self.among)
+            if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
+        )
+        no_axis = self.ways[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
+        wanted = no_axis or any(map(self._has, PROPERTIES))
+        pair = self._has(CARRIERS) or self._has(FOLLOWERS)
+        # Joints with one coordinate that are needed beside the root.
+        single = max(0, min(2 if pair else int(wanted), room.singles) - int(root in SINGLE))
+        free = self.links - 1 - fixed - single
+        blocks = [["fixed"]] * fixed + self._free_kinds(free, room, root, single)
+        on_root = self._has(CARRIERS) and root in SINGLE
+        if self._has(CARRIERS) and not on_root:
+            blocks.append([self.choices.one_of(singles) for _ in range(2)])
+        elif not on_root:
+            blocks += [[self.choices.one_of(singles)] for _ in range(single)]
+        shuffled = []
+        while blocks:
+            shuffled.append(blocks.pop(self.choices.whole(0, len(blocks) - 1)))
+        self.kinds = [root]
+        if on_root:
+            self.carrier = 0
+            self.kinds.append(self.choices.one_of(singles))
+        for block in shuffled:
+            if len(block) == 2:
+                self.carrier = len(self.kinds)
+            self.kinds += block
+        if self.carrier is not None and self.kinds[self.carrier] == "prismatic":
+            # Two slides may be along one line.
+            self.kinds[self.carrier + 1] = "revolute"
+        if self.turning and TURNING.isdisjoint(self.kinds):
+            self.kinds[self._singles()[-1]] = "revolute"
+
+    def _free_kinds(self, free: int, room: Room, root: str, single: int) -> list[list[str]]:
+        """Return kinds of joints that may be any, with as many coordinates as are wanted."""
+        kinds = [kind for kind in KINDS[room.space] if kind in self.among]
+        among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
+        found = [self.choices.one_of(among) for _ in range(free)]
+        sizes = {kind: len(parts_) for kind, parts_ in COORDINATES.items()}
+        known = sizes[root] + single - int(self._has(FOLLOWERS))
+        for i in range(free):
+            if known + sum(sizes[kind] for kind in found) >= self.least:
+                break
+            found[i] = kinds[-1]
+        return [[kind] for kind in found]
+
+    def _choose_parents(self) -> None:
+        branched = self.ways[SHAPE] == BRANCHED
+        self.parents = list(range(self.links))
+        if not branched:
+            return
+        for i in range(1, self.links):
+            if not self._is_carried(i):
+                self.parents[i] = self.choices.whole(0, i)
+        if len(set(self.parents)) == self.links:
+            i = max(i for i in range(1, self.links) if not self._is_carried(i))
+            self.parents[i] = 0 if i == 1 else i - 1
+
+    def _is_carried(self, i: int) -> bool:
+        return self.carrier is not None and i == self.carrier + 1
+
+    # ---- What they are in numbers ----------------------------------------------------------------
+
+    def description(self) -> Description:
+        """Return the description."""
+        joints = tuple(map(self._joint, range(self.links)))
+        links = tuple(map(self._link, range(self.links)))
+        gravity = (
+            random_elements.direction(self.choices, self.planar, 10.0)
+            if self._has(GRAVITY)
+            else None
+        )
+        return Description((Link(GROUND), *links), joints, gravity=gravity)
+
+    def _link(self, i: int) -> Link:
+        frame = self.kinds[i] == "fixed" and self.choices.one_of((False, True))
+        if i == self.carrier or frame:
+            return Link(_link_name(i + 1))
+        return random_elements.body(self.choices, _link_name(i + 1), self.planar)
+
+    def _joint(self, i: int) -> Joint:
+        kind, at, choices = (
+            self.kinds[i],
+            random_elements.place(self.choices, self.planar),
+            self.choices,
+        )
+        axis = self._axis(i)
+        if self._is_carried(i):
+            at = self._off_axis(at, i - 1)
+        self.last_axis = axis
+        turn = ONE if self.planar else random_elements.turn(choices)
+        between = _link_name(self.parents[i]), _link_name(i + 1)
+        joint = Joint(f"j{i + 1}", kind, *between, at, turn, axis)
+        if kind not in SINGLE:
+            return joint
+        if self._is_there(SPRINGS, i):
+            joint = joint._replace(
+                stiffness=random_elements.size(choices, 0.0, 2.0), relaxed=choices.number(-1.0, 1.0)
+            )
+        if self._is_there(DAMPERS, i):
+            joint = joint._replace(damping=random_elements.size(choices, -1.0, 1.0))
+        if self._is_there(ROTORS, i):
+            joint = joint._replace(armature=random_elements.size(choices, -2.0, 0.0))
+        if i == self.follower:
+            leader = choices.one_of([k for k in self._singles() if k != i])
+            ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
+            return joint._replace(follows=(f"j{leader + 1}", ratio, choices.number(-1.0, 1.0)))
+        return joint
+
+    def _is_there(self, name: str, i: int) -> bool:
+        if not self._has(name):
+            return False
+        return i == self._singles()[0] or self.choices.one_of((False, True))
+
+    def _axis(self, i: int) -> Triple:
+        kind, choices = self.kinds[i], self.choices
+        if kind in ("fixed", "spherical", "floating"):
+            return 0.0, 0.0, 1.0
+        if self.planar:
+            return choices.one_of(
+                {"prismatic": random_elements.IN_PLANE, "revolute": random_elements.ACROSS}.get(
+                    kind, random_elements.ACROSS[:1]
+                )
+            )
+        first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
+        oblique = self.ways[AXES] == OBLIQUE
+        if oblique and (i == first or choices.one_of((False, True))):
+            x, y, z = random_elements.direction(choices, planar=False)
+            # Never along an axis of the frame, also where the numbers are as simple as can be.
+            return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
+        return choices.one_of(random_elements.STRAIGHT)
+
+    def _off_axis(self, at: Triple, before: int) -> Triple:
+        """Return a place away from the axis of the joint before, so that two hinges differ."""
+        axis, place = np.asarray(self.last_axis), np.asarray(at)
+        away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
+        if self.kinds[before] != "revolute" or away >= random_elements.SMALLEST:
+            return at
+        return (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
+
+
+def _link_name(i: int) -> str:
+    return GROUND if i == 0 else f"link{i}"
+
+
+# ---- Trees as URDF texts -------------------------------------------------------------------------
+
+EVERYWHERE = ("revolute", "prismatic", "fixed")
+"""Kinds of joints that all parsers know."""
+
+URDF_JOINTS = frozenset({*EVERYWHERE, "planar", "floating"})
+"""Kinds of joints that a URDF may have."""
+
+
+def urdf_tree(
+    links: int,
+    choices: Choices,
+    joints: tuple[str, ...] = EVERYWHERE,
+    mimic: bool = True,
+    massless: bool = True,
+    dampers: bool = True,
+) -> Description:
+    """Return a tree in space of which a URDF can tell everything, its joints in any order.
+
+    Args:
+        links: number of links, the ground not counted.
+        choices: what chooses.
+        joints: kinds that there may be, "revolute" among them.
+        mimic: whether some joints may follow others.
+        massless: whether some links may have no inertia.
+        dampers: whether some joints may have dampers.
+    """
+    among = frozenset(joints)
+    either = (room for room in rooms(links, among) if room.space == SOLID)
+    entry = choices.one_of([tree_ways(room, links) for room in either])
+    ways = {name: choices.one_of(of) for name, of in entry.items()}
+    ways |= dict.fromkeys((*PROPERTIES, GRAVITY), ABSENT)
+    if dampers and PRESENT in entry[DAMPERS]:
+        ways[DAMPERS] = choices.one_of((ABSENT, PRESENT))
+    ways |= {} if mimic else {FOLLOWERS: ABSENT}
+    ways |= {} if massless else {CARRIERS: ABSENT}
+    found = tree(ways, links, choices, among=among)
+    left, order = list(found.joints), []
+    while left:
+        order.append(left.pop(choices.whole(0, len(left) - 1)))
+    frames = found.links if massless else tuple(_with_inertia(one) for one in found.links)
+    return found._replace(links=frames, joints=tuple(order))
+
+
+def _with_inertia(link: Link) -> Link:
+    if link.mass > 0 or link.name == GROUND:
+        return link
+    return link._replace(mass=0.1, moments=(0.01, 0.01, 0.01))
+
+
+def urdf_text(description: Description, name: str = "robot") -> str:
+    """Return the URDF of a tree, every number with all its digits.
+
+    What a URDF cannot tell is not in it: gravity, springs, rotors, constraints. Of a revolute joint
+    without limits it says that it is continuous; where joints slide limits have to be given, and
+    mean nothing here.
+    """
+    robot = ElementTree.Element("robot", name=name)
+    for link in description.links:
+        _add_link(robot, link)
+    for joint in description.joints:
+        _add_joint(robot, joint)
+    ElementTree.indent(robot)  # some parsers cut long lines off
+    return ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_link(robot: ElementTree.Element, link: Link) -> None:
+    element = _child(robot, "link", name=link.name)
+    if not any((link.mass, *link.moments, *link.products)):
+        return
+    inertial = _child(element, "inertial")
+    _child(inertial, "origin", xyz=_text(link.center), rpy="0 0 0")
+    _child(inertial, "mass", value=repr(float(link.mass)))
+    entries = (*link.moments, *link.products)
+    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    _child(
+        inertial, "inertia", **{of: repr(float(x)) for of, x in zip(names, entries, strict=True)}
+    )
+
+
+def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
+    kind = {"revolute": "continuous"}.get(joint.kind, joint.kind)
+    element = _child(robot, "joint", name=joint.name, type=kind)
+    _child(element, "parent", link=joint.parent)
+    _child(element, "child", link=joint.child)
+    _child(
+        element,
+        "origin",
+        xyz=_text(joint.place),
+        rpy=_text(roll_pitch_yaw_of(rotation(joint.turn))),
+    )
+    if joint.kind not in ("fixed", "floating", "spherical"):
+        size = math.hypot(*joint.axis)  # parsers do not all make it 1
+        _child(element, "axis", xyz=_text(tuple(x / size for x in joint.axis)))
+    if joint.kind == "prismatic":
+        _child(element, "limit", lower="-10", upper="10", effort="1e3", velocity="1e3")
+    if joint.damping is not None:
+        _child(element, "dynamics", damping=repr(float(joint.damping)), friction="0")
+    if joint.follows is not None:
+        leader, ratio, shift = joint.follows
+        _child(
+            element, "mimic", joint=leader, multiplier=repr(float(ratio)), offset=repr(float(shift))
+        )
+
+
+def _child(element: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(element, tag, attributes)
+
+
+def _text(numbers: tuple[float, ...]) -> str:
+    return " ".join(repr(float(x)) for x in numbers)

@@ -1,0 +1,177 @@
+"""Second derivation of a mechanism: velocities, energies and dissipation, along axes that turn.
+
+Velocities are passed on from frame to frame. Nothing is shared with the first derivation but the
+numbers and the algebra of vectors: no axis is seen from the ground, no column is formed, and
+positions are found from the outside inwards.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from eomcheck.descriptions.first_derivation import Prepared, factor
+from eomcheck.descriptions.optional_algebra import (
+    NOTHING,
+    Vector,
+    added,
+    along,
+    cross,
+    dot,
+    levelled,
+    put,
+    put_vector,
+    times,
+    turned,
+    turned_back,
+    unit,
+    vector,
+)
+from eomcheck.descriptions.topology import Plan
+from eomcheck.numbers.generic import generic
+
+
+def _seat(parameters: Any, turn: int) -> tuple[Vector, Vector, Vector]:
+    """Return the columns of the rotation of a seat."""
+    R = parameters.rotation[turn]
+    return vector(R[:, 0]), vector(R[:, 1]), vector(R[:, 2])
+
+
+@generic
+def passed_on(plan, parameters, prepared, v):
+    """Return (V of the origin, ω) of each frame, along its own axes."""
+    found = []
+    for k, slot in enumerate(plan.slots):
+        V, omega = found[slot.parent] if slot.parent >= 0 else (NOTHING, NOTHING)
+        if slot.offset is not None:
+            V = added(V, cross(omega, vector(parameters.offset[slot.offset])))
+        if slot.absolute:
+            V, omega = level(plan, parameters, prepared, slot.parent, V), NOTHING
+        if slot.turn is not None:
+            seat = _seat(parameters, slot.turn)
+            V, omega = along(seat, V), along(seat, omega)
+        own = unit(slot.axis, times(v[slot.coordinate], factor(slot, parameters)))
+        if slot.slides:
+            V = added(added(V, own), cross(omega, unit(slot.axis, prepared.x[k])))
+        else:
+            at, axis = plan.hinge[k], slot.axis
+            cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
+            V, omega = turned_back(V, axis, cos, sin), turned_back(omega, axis, cos, sin)
+            omega = added(omega, own)
+        found.append((V, omega))
+    return found
+
+
+def level(plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector) -> Vector:
+    """Return a vector given along the axes of frame k along those of the ground."""
+    return _outwards(plan, parameters, prepared, k, a, False)
+
+
+def place(plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector) -> Vector:
+    """Return where a point a of frame k is, seen from the ground."""
+    return _outwards(plan, parameters, prepared, k, a, True)
+
+
+def _outwards(
+    plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector, point: bool
+) -> Vector:
+    while k >= 0:
+        slot = plan.slots[k]
+        if not slot.slides:
+            at = plan.hinge[k]
+            a = turned(a, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
+        elif point:
+            a = added(a, unit(slot.axis, prepared.x[k]))
+        if slot.turn is not None:
+            a = levelled(_seat(parameters, slot.turn), a)
+        if slot.absolute:
+            if not point:
+                return a
+            seat = NOTHING if slot.offset is None else vector(parameters.offset[slot.offset])
+            return added(place(plan, parameters, prepared, slot.parent, seat), a)
+        if point and slot.offset is not None:
+            a = added(a, vector(parameters.offset[slot.offset]))
+        k = slot.parent
+    return a
+
+
+def moved_point(rates: list[tuple[Vector, Vector]], k: int, a: Vector) -> Vector:
+    """Return the velocity of a point a of frame k, along its axes; -1 is the ground."""
+    V, omega = rates[k] if k >= 0 else (NOTHING, NOTHING)
+    return added(V, cross(omega, a))
+
+
+def velocities_of(plan: Plan) -> Any:
+    """Return the function `velocities` of a scene."""
+
+    def velocities(parameters, prepared, q, v):
+        rates = passed_on(plan, parameters, prepared, v)
+        V = np.zeros((plan.bodies, plan.d), v.dtype)
+        omega = np.zeros((plan.bodies, plan.e), v.dtype)
+        for b, k in enumerate(plan.carriers):
+            moved = moved_point(rates, k, vector(parameters.center[b]))
+            put_vector(V, (b, None), level(plan, parameters, prepared, k, moved), plan.d)
+            put_vector(omega, (b, None), rates[k][1][3 - plan.e :], plan.e)
+        for b, k in enumerate(plan.rotors, len(plan.carriers)):
+            slot = plan.slots[k]
+            rate = times(v[slot.coordinate], factor(slot, parameters))
+            put(omega, (b, plan.e - 1), rate)
+        return V, omega
+
+    return velocities
+
+
+# ---- Forces and what they do ---------------------------------------------------------------------
+
+
+def potential_of(plan: Plan) -> Any:
+    """Return the function `potential` of a scene but for springs between points."""
+    sprung = [k for k, slot in enumerate(plan.slots) if slot.spring is not None]
+    driven = [k for k, slot in enumerate(plan.slots) if slot.torque is not None]
+
+    def own(k, prepared):
+        # The coordinate of a joint, which turns or slides against its slot on a negative axis.
+        return times(plan.slots[k].sense, prepared.x[k])
+
+    def potential(parameters, prepared, q):
+        U = None
+        if parameters.gravity is not None:
+            g = vector(parameters.gravity)
+            for b, k in enumerate(plan.carriers):
+                at = place(plan, parameters, prepared, k, vector(parameters.center[b]))
+                U = _less(U, times(parameters.mass[b], dot(g, at)))
+        for k in sprung:
+            i = plan.slots[k].spring
+            stretch = own(k, prepared) - parameters.relaxed[i]
+            U = _less(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
+        for k in driven:
+            U = _less(U, parameters.torque[plan.slots[k].torque] * own(k, prepared))
+        return U
+
+    return potential
+
+
+def _less(U: Any, x: Any) -> Any:
+    if x is None:
+        return U
+    return -x if U is None else U - x
+
+
+def dissipation_of(plan: Plan) -> Any:
+    """Return the function `dissipation` of a scene but for springs, or None without dampers."""
+    damped = [k for k, slot in enumerate(plan.slots) if slot.damper is not None]
+    if not damped:
+        return None
+
+    def dissipation(parameters, prepared, q, v):
+        if parameters.damping is None:
+            return None
+        R = 0
+        for k in damped:
+            slot = plan.slots[k]
+            rate = times(v[slot.coordinate], factor(slot, parameters))
+            R += parameters.damping[slot.damper] * rate * rate
+        return R / 2
+
+    return dissipation

@@ -1,0 +1,433 @@
+"""Reader of URDF files: the robot in a file as elements of a description, and as a scene.
+
+The XML of a robot is read with care: of bounded size, nothing expanded, every number a number. The
+reader is our own, on the XML parser of the standard library: models that other libraries make of
+the same file are something to compare with. What a file holds beside rigid bodies and ideal joints
+is left out, and named in one sentence; what is not understood is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from eomcheck.atomic_write import check_regular
+from eomcheck.descriptions.build import described
+from eomcheck.descriptions.elements import ORIGIN, Joint, Link, Triple
+from eomcheck.descriptions.joint_tree import doubtful
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.quaternions import ONE, Quaternion, multiplied, roll_pitch_yaw, rotation
+from eomcheck.errors import InputError
+from eomcheck.mechanics.scene import finite_array
+
+# ---- XML -----------------------------------------------------------------------------------------
+
+LARGEST = 20_000_000
+"""Bytes that a file may have."""
+
+MOST_ELEMENTS, DEEPEST = 200_000, 60
+
+Element = ElementTree.Element
+
+
+class Unreadable(InputError):
+    """A robot description that is none, or not one that is understood."""
+
+
+class Format(NamedTuple):
+    """What a file should hold."""
+
+    name: str
+    roots: tuple[str, ...]
+    """Tags that its root may have."""
+    deepest: int = DEEPEST
+    """Elements inside each other."""
+
+
+URDF = Format("URDF", ("robot",))
+
+
+def root_of(path: Path, expected: Format = URDF) -> Element:
+    """Return the root of a file, <robot> of a URDF.
+
+    Raises:
+        InputError: it is no file, cannot be read, is empty, too large or no XML, declares entities,
+            or holds something else.
+    """
+    check_regular(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST + 1)
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        raise Unreadable(f"{str(path)!r} cannot be read: {why}") from None
+    if len(data) > LARGEST:
+        raise Unreadable(f"{str(path)!r} has more than {LARGEST // 10**6} million bytes")
+    if not data.strip():
+        raise Unreadable(f"{str(path)!r} is empty")
+    try:
+        _look_through(data, str(path), expected.deepest)
+        root = ElementTree.fromstring(data)
+    except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise Unreadable(f"{str(path)!r} is no XML: {error}") from None
+    if root.tag not in expected.roots:
+        wanted = f"expected <{expected.roots[0]}>: no {expected.name}"
+        raise Unreadable(f"{str(path)!r} holds <{root.tag}>, {wanted}")
+    return root
+
+
+def _look_through(data: bytes, name: str, deepest: int) -> None:
+    """Refuse what could grow while it is parsed, before it is."""
+    parser, count, depth = expat.ParserCreate(), 0, 0
+
+    def declared(*_: object) -> None:
+        raise Unreadable(f"{name!r} declares a document type: entities are not expanded here")
+
+    def opened(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > MOST_ELEMENTS or depth > deepest:
+            raise Unreadable(
+                f"{name!r} has more than {MOST_ELEMENTS} elements, or more than {deepest} inside "
+                "each other"
+            )
+        if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):
+            raise Unreadable(f"{name!r} is a template for xacro: have it expanded first")
+
+    def closed(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.StartDoctypeDeclHandler = declared
+    parser.StartElementHandler, parser.EndElementHandler = opened, closed
+    parser.Parse(data, True)
+
+
+# ---- Attributes ----------------------------------------------------------------------------------
+
+
+def text(element: Element, name: str, where: str) -> str:
+    """Return an attribute that has to be there."""
+    value = element.get(name)
+    if value is None or not value.strip():
+        raise Unreadable(f"{where}: <{element.tag}> has no attribute {name!r}")
+    return value.strip()
+
+
+def number(element: Element, name: str, where: str, default: float | None = None) -> float:
+    """Return an attribute as a number."""
+    if default is not None and element.get(name) is None:
+        return default
+    return decimal(text(element, name, where), f"{where}: {name} of <{element.tag}>")
+
+
+def triple(
+    element: Element, name: str, where: str, default: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return an attribute of three numbers."""
+    value = element.get(name)
+    if value is None:
+        return default
+    said = f"{where}: {name} of <{element.tag}>"
+    parts = value.split()
+    if len(parts) != 3:
+        raise Unreadable(f"{said} is {value!r}, expected three numbers")
+    x, y, z = (decimal(part, said) for part in parts)
+    return x, y, z
+
+
+def decimal(value: str, said: str) -> float:
+    """A finite number of its text.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        if "_" in value:
+            raise ValueError
+        found = float(value)
+    except ValueError:
+        raise Unreadable(f"{said} is {value!r}, expected a number") from None
+    if not math.isfinite(found):
+        raise Unreadable(f"{said} is {value!r}, expected a finite number")
+    return found
+
+
+def only(element: Element, tag: str, where: str) -> Element | None:
+    """Return the one child of this tag, None without any."""
+    found = element.findall(tag)
+    if len(found) > 1:
+        raise Unreadable(f"{where} has {len(found)} of <{tag}>, expected one")
+    return found[0] if found else None
+
+
+def others(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
+    """Yield the tags of children that are known to be left out.
+
+    Raises:
+        InputError: one is not known at all.
+    """
+    for child in element:
+        if child.tag not in known:
+            raise Unreadable(f"{where} holds <{child.tag}>, which is no part of a URDF known here")
+        yield child.tag
+
+
+# ---- Elements ------------------------------------------------------------------------------------
+
+KINDS = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "floating",
+    "planar": "planar",
+    "spherical": "spherical",
+}
+
+MOST = 5000
+"""Links or joints that a file may have, those that are fixed included."""
+
+READ = frozenset({"link", "joint"})
+OF_ROBOT = frozenset(
+    {"material", "transmission", "gazebo", "sensor", "ros2_control", "mujoco", "deformable"}
+)
+OF_LINK = frozenset(
+    {"visual", "collision", "contact", "self_collision_checking", "collision_checking",
+     "self_filter", "surface", "kinematic", "gravity", "origin", "gazebo"}
+)  # fmt: skip
+OF_JOINT = frozenset({"limit", "safety_controller", "calibration", "joint_properties", "gazebo"})
+
+
+class Robot(NamedTuple):
+    """What a file says."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    left_out: str
+    """What of the file is not in it, in one sentence; "" if all is."""
+
+
+def read_urdf(path: Path) -> Robot:
+    """Return what a URDF file says.
+
+    Raises:
+        InputError: see `from_urdf`.
+    """
+    root, where = root_of(path), str(path)
+    links, joints = root.findall("link"), root.findall("joint")
+    for what, found in (("links", links), ("joints", joints)):
+        if len(found) > MOST:
+            raise Unreadable(f"{where!r} has {len(found)} {what}, expected at most {MOST}")
+    if not links:
+        raise Unreadable(f"{where!r} has no link")
+    out = Counter(others(root, READ | OF_ROBOT, repr(where)))
+    out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
+    name = identifier(root.get("name", "") or path.stem)
+    read_links = tuple(_link(one, where, out) for one in links)
+    read_joints = tuple(_joint(one, where, out) for one in joints)
+    return Robot(name, read_links, read_joints, left_out(out))
+
+
+def identifier(name: str) -> str:
+    """Return what a robot of this name is called in Python."""
+    name = re.sub(r"\W+", "_", name).strip("_") or "robot"
+    return name if name.isidentifier() else f"robot_{name}"
+
+
+def left_out(counts: Counter[str]) -> str:
+    """Return in one sentence what of a file is left out, and how much of it; "" of nothing."""
+    some = sorted((tag, count) for tag, count in counts.items() if count)
+    said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
+    return f"Left out: {said}." if said else ""
+
+
+_PLURAL = {
+    "limit": "limits of joints",
+    "damping": "dampers of joints with several coordinates",
+    "friction": "friction of joints",
+    "transmission": "transmissions",
+    "material": "materials",
+    "visual": "shapes to be seen",
+    "collision": "shapes to collide",
+    "contact": "contacts",
+    "gazebo": "settings of Gazebo",
+    "sensor": "sensors",
+    "safety_controller": "safety controllers",
+    "calibration": "calibrations",
+}
+
+
+def _link(element: Element, file: str, out: Counter[str]) -> Link:
+    name = text(element, "name", repr(file))
+    where = f"{file!r}: link {name!r}"
+    out.update(tag for tag in others(element, OF_LINK | {"inertial"}, where) if tag != "inertial")
+    inertial = only(element, "inertial", where)
+    if inertial is None:
+        return Link(name)
+    mass, inertia = (only(inertial, tag, where) for tag in ("mass", "inertia"))
+    if mass is None or inertia is None:
+        missing = "mass" if mass is None else "inertia"
+        raise Unreadable(f"{where}: <inertial> has no <{missing}>")
+    center, turn = _origin(inertial, where)
+    heavy = number(mass, "value", where)
+    if heavy < 0:
+        said = "expected a number that is not negative"
+        raise Unreadable(f"{where}: mass = {heavy:g} kg, {said}")
+    xx, yy, zz, xy, xz, yz = (
+        number(inertia, f"i{axes}", where) for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
+    )
+    if turn != ONE:
+        R = rotation(turn)
+        I = (R @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ R.T).tolist()  # noqa: E741
+        xx, yy, zz, xy, xz, yz = I[0][0], I[1][1], I[2][2], I[0][1], I[0][2], I[1][2]
+    return Link(name, heavy, center, (xx, yy, zz), (xy, xz, yz))
+
+
+def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
+    name = text(element, "name", repr(file))
+    where = f"{file!r}: joint {name!r}"
+    known = frozenset({"parent", "child", "origin", "axis", "dynamics", "mimic"})
+    out.update(tag for tag in others(element, OF_JOINT | known, where) if tag not in known)
+    kind = text(element, "type", where)
+    if kind not in KINDS:
+        raise Unreadable(f"{where} has the type {kind!r}, expected one of: {', '.join(KINDS)}")
+    ends = [only(element, tag, where) for tag in ("parent", "child")]
+    for tag, end in zip(("parent", "child"), ends, strict=True):
+        if end is None:
+            raise Unreadable(f"{where} has no <{tag}>")
+    parent, child = (text(end, "link", where) for end in ends if end is not None)
+    place, turn = _origin(element, where)
+    axis = only(element, "axis", where)
+    more: dict[str, Any] = {}
+    if axis is not None:
+        more["axis"] = triple(axis, "xyz", where, (1.0, 0.0, 0.0))
+    else:
+        more["axis"] = (1.0, 0.0, 0.0)
+    dynamics, mimic = only(element, "dynamics", where), only(element, "mimic", where)
+    if dynamics is not None and kind != "fixed":
+        damping = number(dynamics, "damping", where, 0.0)
+        if damping < 0:
+            raise Unreadable(f"{where}: damping = {damping:g}, expected a number not below 0")
+        if kind in ("revolute", "continuous", "prismatic"):
+            more["damping"] = damping or None
+        elif damping:
+            out["damping"] += 1
+        if number(dynamics, "friction", where, 0.0):
+            out["friction"] += 1
+    if mimic is not None and kind != "fixed":
+        ratio, shift = (
+            number(mimic, what, where, default)
+            for what, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        more["follows"] = text(mimic, "joint", where), ratio, shift
+    return Joint(name, KINDS[kind], parent, child, place, turn, **more)
+
+
+def _origin(element: Element, where: str) -> tuple[Triple, Quaternion]:
+    origin = only(element, "origin", where)
+    if origin is None:
+        return ORIGIN, ONE
+    turn = roll_pitch_yaw(*triple(origin, "rpy", where, ORIGIN))
+    return triple(origin, "xyz", where, ORIGIN), multiplied(ONE, turn)
+
+
+# ---- Scene ---------------------------------------------------------------------------------------
+
+FLOATING = "floating"
+
+
+def from_urdf(
+    path: str | os.PathLike[str],
+    *,
+    floating: bool = False,
+    gravity: Triple | None = (0.0, 0.0, -9.81),
+) -> Mechanism:
+    """Return the robot in a URDF file, with the parameters of the file.
+
+    Its coordinates are those of the file's joints, in their order; fixed joints have none, nor have
+    joints that mimic others. Its `made.left_out` says what of the file is left out, `made.doubtful`
+    which of its numbers no body has: they are taken as they are.
+
+    Args:
+        path: the file.
+        floating: whether its root is free to move: three slides, then turns about z, y and x, come
+            first. Otherwise the root is fixed to the ground.
+        gravity: acceleration, m/s², or None without.
+
+    Raises:
+        InputError: the file cannot be read, is no URDF, contradicts itself, has more than
+            200 coordinates, or a joint that moves nothing.
+    """
+    return urdf_kind(path, floating=floating, gravity=gravity)()
+
+
+def urdf_kind(
+    path: str | os.PathLike[str],
+    *,
+    floating: bool = False,
+    gravity: Triple | None = (0.0, 0.0, -9.81),
+) -> type[Mechanism]:
+    """Return the kind of scene of which `from_urdf` returns the one with the file's parameters."""
+    try:
+        file = Path(path)
+    except TypeError:
+        raise InputError(f"path = {path!r}, expected the path of a URDF file") from None
+    gravity = gravity_of(gravity)
+    robot = read_urdf(file)
+    if not (robot.joints or floating):
+        name = str(path)
+        raise Unreadable(f"{name!r} has no joint; {f'{name}:{FLOATING}'!r} sets its link free")
+    options = (", floating=True" if floating else "") + (
+        "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
+    )
+    links, joints = _floating(robot) if floating else (robot.links, robot.joints)
+    name = f"{robot.name}_{FLOATING}" if floating else robot.name
+    try:
+        made = described(name, links, joints, gravity=gravity)
+        return made._replace(
+            code=f"from_urdf({str(path)!r}{options})",
+            imported="from eomcheck.scenes import from_urdf",
+            left_out=robot.left_out,
+            doubtful=doubtful(robot.links),
+            source=str(file),
+            format="urdf",
+            floating=joints[0].name if floating else "",
+        ).kind()
+    except Unreadable:
+        raise
+    except InputError as error:
+        raise Unreadable(f"{str(path)!r}: {error}") from None
+
+
+def gravity_of(given: Triple | None) -> Triple | None:
+    """Return gravity as three numbers, or None.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if given is None:
+        return None
+    x, y, z = finite_array("gravity", given, (3,)).tolist()
+    return x, y, z
+
+
+def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """Return links and joints with the root on a floating joint of its name, which comes first."""
+    children = {joint.child for joint in robot.joints}
+    roots = [link.name for link in robot.links if link.name not in children]
+    if len(roots) != 1:
+        return robot.links, robot.joints  # which is refused there
+    ground = "the ground"
+    joint = Joint(roots[0], "floating", ground, roots[0])
+    return (Link(ground), *robot.links), (joint, *robot.joints)
