@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, trial
+from eomcheck.claims import CLAIMS, Case, run, trial
 from eomcheck.claims.finding import Finding
-from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine
+from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine, answers
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
@@ -34,21 +34,21 @@ def somewhere(**more: Any) -> Any:
 
 
 def test_inertia_forces_are_the_largest_momentum_times_all_rates_of_angles():
-    assert trial.inertia_size(somewhere()) == (2 + 1) * (3 + 3 * 5 + 0.25)
+    assert answers.inertia_size(somewhere()) == (2 + 1) * (3 + 3 * 5 + 0.25)
     slow = somewhere(v=np.array([0.5, 0.0, 0.0, -7.0]))
-    assert trial.inertia_size(slow) == 7 * 35.0
+    assert answers.inertia_size(slow) == 7 * 35.0
 
 
 def test_drift_is_the_largest_sum_of_a_row_in_which_every_angle_turns_as_fast_as_all():
-    assert trial.drift_size(somewhere()) == 3 * max(3 + 10 + 0.5 * 3 + 4 * 3, 5 + 9 + 1.5)
+    assert answers.drift_size(somewhere()) == 3 * max(3 + 10 + 0.5 * 3 + 4 * 3, 5 + 9 + 1.5)
     free = somewhere()
     free.terms.a = None
-    assert trial.drift_size(free) == 0.0
+    assert answers.drift_size(free) == 0.0
 
 
 def test_the_size_of_a_state_leaves_it_as_it_is():
     at = somewhere()
-    trial.drift_size(at)
+    answers.drift_size(at)
     assert at.v.tolist() == [3.0, -5.0, 2.0, -1.0]
 
 
@@ -58,9 +58,9 @@ def test_mass_is_summed_of_bodies_as_the_engine_has_them():
     at.terms.M = np.array([[7.0, 3.0], [3.0, 2.0]])
     S = np.array([[1.0, 0.0], [-1.0, 1.0]])
     # M_x of absolute rates is [[15, 5], [5, 2]], and |S| adds what S takes off.
-    assert trial.mass_size(at, S) == pytest.approx(15 + 5 + 5 + 2)
-    assert trial.mass_size(at, np.eye(2)) == 0.0
-    assert trial.mass_size(at, 2 * np.eye(2)) == pytest.approx(7.0)
+    assert answers.mass_size(at, S) == pytest.approx(15 + 5 + 5 + 2)
+    assert answers.mass_size(at, np.eye(2)) == 0.0
+    assert answers.mass_size(at, 2 * np.eye(2)) == pytest.approx(7.0)
 
 
 def tree(**more: Any) -> Any:
@@ -92,7 +92,7 @@ def tree(**more: Any) -> Any:
 def test_weights_pull_at_arms_as_long_as_the_tree(more: dict, longest: float):
     hanging = SimpleNamespace(tree=lambda: tree(**more), gravity=np.array([0.0, 6.0, -8.0]))
     at = somewhere(scene=hanging, q=np.array([1.0, 5.0, 7.0, -3.0]))
-    assert trial.weight_size(at) == pytest.approx(6.5 * 10 * longest)
+    assert answers.weight_size(at) == pytest.approx(6.5 * 10 * longest)
 
 
 def test_nothing_weighs_without_a_tree_or_without_gravity():
@@ -101,7 +101,7 @@ def test_nothing_weighs_without_a_tree_or_without_gravity():
         SimpleNamespace(tree=tree),
         SimpleNamespace(tree=tree, gravity=None),
     ):
-        assert trial.weight_size(somewhere(scene=scene)) == 0.0
+        assert answers.weight_size(somewhere(scene=scene)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -114,13 +114,13 @@ def test_nothing_weighs_without_a_tree_or_without_gravity():
     ],
 )
 def test_a_state_overflows_by_any_of_its_numbers(more: dict, said: bool):
-    assert trial.overflows(somewhere(**more)) == said
+    assert answers.overflows(somewhere(**more)) == said
 
 
 def test_a_scene_overflows_by_any_of_its_numbers():
     at = somewhere()
     at.parameters = (np.ones(3), None, np.array([1.0, 1e101, 1.0]), np.ones(2))
-    assert trial.overflows(at)
+    assert answers.overflows(at)
 
 
 def test_each_question_has_the_size_of_its_own_terms():
@@ -133,14 +133,14 @@ def test_each_question_has_the_size_of_its_own_terms():
         for method in ("bias", "forces", "constraint_drift", "mass_matrix", "constraint_jacobian")
     }
     at = case.at
-    assert sizes["bias"] == trial.inertia_size(at) + engine.bias_size(q, v, 0.0)
-    assert sizes["forces"] == trial.weight_size(at) > 0
+    assert sizes["bias"] == answers.inertia_size(at) + engine.bias_size(q, v, 0.0)
+    assert sizes["forces"] == answers.weight_size(at) > 0
     S = engine.velocity_map(q, v).S
-    assert sizes["mass_matrix"] == trial.mass_size(at, S)
-    assert sizes["constraint_drift"] == trial.drift_size(at)
+    assert sizes["mass_matrix"] == answers.mass_size(at, S)
+    assert sizes["constraint_drift"] == answers.drift_size(at)
     assert sizes["constraint_jacobian"] == 0.0
     assert trial.size_of(case, type("Tried", (CasadiEngine,), {})(scene), "bias") == (
-        trial.inertia_size(at)
+        answers.inertia_size(at)
     )
 
 
@@ -155,8 +155,8 @@ def of_links(*links: int) -> Any:
 
 @pytest.mark.parametrize(("links", "said"), [((1,), True), ((3,), True), ((4,), False)])
 def test_a_kind_is_represented_where_some_small_scene_of_it_is(links, said):
-    assert trial.represents_some(of_links(*links), Snake) == said
-    assert not trial.represents_some(of_links(*links), Sleigh)
+    assert answers.represents_some(of_links(*links), Snake) == said
+    assert not answers.represents_some(of_links(*links), Sleigh)
 
 
 def test_one_engine_of_several_is_enough_for_a_kind_of_scene():
@@ -164,9 +164,9 @@ def test_one_engine_of_several_is_enough_for_a_kind_of_scene():
         "Own", (CasadiEngine,), {"represents": classmethod(lambda cls, x: isinstance(x, Sleigh))}
     )
     kinds = (ChainPendulum, Sleigh, Snake)
-    assert trial.represented([of_links(2), sleighs], kinds) == (Sleigh, Snake)
+    assert answers.represented([of_links(2), sleighs], kinds) == (Sleigh, Snake)
     with pytest.raises(InputError, match="engine of, of represents none of the scenes chain-pend"):
-        trial.represented([of_links(2), of_links(3)], kinds[:2])
+        answers.represented([of_links(2), of_links(3)], kinds[:2])
 
 
 def said(claim: str, subject: str, verdict: Any) -> Finding:
@@ -177,7 +177,7 @@ def test_an_engine_is_compared_where_a_claim_that_asks_it_is_decided():
     one, other = CasadiEngine, MujocoEngine
     bias = said("bias", "casadi", "passed")
     both = [bias, said("engine-acceleration", "au ~ mujoco", "failed")]
-    trial.check_compared([one, other], both)
+    run.check_compared([one, other], both)
     for findings, missed in (
         ([bias], "mujoco"),
         (both[1:], "casadi"),
@@ -186,7 +186,7 @@ def test_an_engine_is_compared_where_a_claim_that_asks_it_is_decided():
         ([bias, said("kinetic-energy", "mujoco", "passed")], "mujoco"),
     ):
         with pytest.raises(InputError, match=f"engine {missed}: nothing could be compared"):
-            trial.check_compared([one, other], findings)
+            run.check_compared([one, other], findings)
 
 
 # ---- What is said --------------------------------------------------------------------------------

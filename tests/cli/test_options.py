@@ -87,7 +87,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.store.validation.look_at_kinds": None,
         "eomcheck.lab.report.findings.print_runs": None,
         "eomcheck.lab.report.document.write_json": None,
-        "eomcheck.claims.trial.check_compared": None,
+        "eomcheck.claims.run.check_compared": None,
         "eomcheck.cli.check_commands._write_page": None,
     },
     "prove": {

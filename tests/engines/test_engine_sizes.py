@@ -10,10 +10,10 @@ from tests.scenes.test_not_rational import Blade
 import eomcheck
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.strata import scene_cases
-from eomcheck.claims.trial import inertia_size, mass_size
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
 from eomcheck.engines import ENGINES, Answers, Engine, represents
+from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest

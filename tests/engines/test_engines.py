@@ -12,9 +12,9 @@ import pytest
 
 from eomcheck import velocity
 from eomcheck.claims.selection import Selection
-from eomcheck.claims.trial import inertia_size, mass_size
 from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
+from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.errors import EngineError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import Run
-from eomcheck.claims.trial import weight_size
 from eomcheck.cli import app
 from eomcheck.descriptions.quaternions import rotation
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers, VelocityMap
+from eomcheck.engines.answers import weight_size
 from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.files.description import described
 from eomcheck.engines.files.free import AXES, BaseVelocity, free_base

@@ -26,8 +26,8 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.claims.trial import answer, compared, is_on_trial, size_of, unseen
-from eomcheck.engines import Answers, Engine, EngineFault
+from eomcheck.claims.trial import answer, compared, size_of, unseen
+from eomcheck.engines import Answers, Engine, EngineFault, is_on_trial
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of

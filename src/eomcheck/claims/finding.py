@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -42,24 +42,6 @@ class Proof:
     primes: tuple[int, ...]
     draws: int
     failure_probability: float
-
-
-class Subject(Protocol):
-    """What is on trial where it is no scene."""
-
-    @property
-    def name(self) -> str:
-        """What reports call it."""
-        ...
-
-    @property
-    def structure(self) -> str:
-        """What it is, apart from numbers."""
-        ...
-
-    def as_python(self, state: State | None) -> str:
-        """Return Python code that shows what fails in a state, or in all where it is None."""
-        ...
 
 
 @dataclass(frozen=True)

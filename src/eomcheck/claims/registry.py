@@ -9,20 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from eomcheck.claims.finding import Finding
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import doubles, lanes_in, where
-
-if TYPE_CHECKING:
-    from eomcheck.claims.case import Case
-    from eomcheck.claims.finding import Finding
 
 Names = tuple[tuple[str, ...], ...]
 
@@ -170,7 +167,7 @@ class Claim:
     statement: str
     equations: str
     term: str
-    check: Callable[[Case], Iterator[Finding]] | None = field(default=None, repr=False)
+    check: Callable[[Any], Iterator[Finding]] | None = field(default=None, repr=False)
     sides: Callable[[Any, Any], Iterator[Sides | Skipped]] | None = field(default=None, repr=False)
     rate_of: str = ""
     asks: str = ""
@@ -190,7 +187,7 @@ CLAIMS: dict[str, Claim] = {}
 def check(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
     """Register the decorated check under `id`; it is called with the `Case`, bound to the claim."""
 
-    def register(function: Callable[[Case], Iterator[Finding]]) -> Callable:
+    def register(function: Callable[[Any], Iterator[Finding]]) -> Callable:
         CLAIMS[id] = Claim(id, statement, equations, term, function, asks=asks)
         return function
 

@@ -8,7 +8,7 @@ import sysconfig
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 
 if TYPE_CHECKING:
-    from eomcheck.claims.finding import Subject
+    pass
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
 """Folders from which any Python imports."""
@@ -137,3 +137,21 @@ def _same(x: Any, y: Any) -> bool:
     if isinstance(x, np.ndarray):
         return np.array_equal(x, y)
     return bool(x == y)
+
+
+class Subject(Protocol):
+    """What is on trial where it is no scene."""
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        ...
+
+    @property
+    def structure(self) -> str:
+        """What it is, apart from numbers."""
+        ...
+
+    def as_python(self, state: State | None) -> str:
+        """Return Python code that shows what fails in a state, or in all where it is None."""
+        ...

@@ -21,6 +21,7 @@ from eomcheck.claims import CLAIMS, Case, Finding, State
 from eomcheck.claims.blame import raised_in
 from eomcheck.claims.case import OFTEN, ONCE
 from eomcheck.claims.entries import listed, unresolved
+from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.own import broken_on_doubles
 from eomcheck.claims.proof import by_proof
 from eomcheck.claims.refusals import Drawn, coverage
@@ -31,7 +32,7 @@ from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import measured, scene_cases, state_cases
 from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine
-from eomcheck.errors import EomcheckError
+from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -360,3 +361,16 @@ def validate(
     run = Run()
     run.look_at_scene(scene, selection, examples, seed)
     return run.finish(selection)
+
+
+def check_compared(engines: Sequence[type[Engine]], findings: Iterable[Finding]) -> None:
+    """Raise InputError if an engine was compared with nothing: that is no pass."""
+    decided = {
+        word
+        for finding in findings
+        if finding.verdict in DECIDED and CLAIMS[finding.claim].asks
+        for word in finding.subject.split(" ~ ")
+    }
+    for kind in engines:
+        if kind.key not in decided:
+            raise InputError(f"engine {kind.key}: nothing could be compared with it")

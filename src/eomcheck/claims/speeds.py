@@ -23,7 +23,8 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
-from eomcheck.claims.trial import answer, compared, inertia_size
+from eomcheck.claims.trial import answer, compared
+from eomcheck.engines.answers import inertia_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities

@@ -6,27 +6,23 @@ engine that somebody else wrote, "found" is what the engine says and "expected" 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eomcheck.claims.finding import DECIDED, Finding, resembles, told_apart, worst_of
-from eomcheck.claims.registry import CLAIMS
+from eomcheck.claims.finding import Finding, resembles, told_apart, worst_of
 from eomcheck.engines import (
-    ENGINES,
     Answers,
     Engine,
     EngineFault,
+    is_on_trial,
+    kind_of,
     made,
-    represents,
     version_of,
 )
-from eomcheck.errors import InputError
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.tolerance import HUGE, largest
-from eomcheck.mechanics.scene import Scene
+from eomcheck.engines.answers import drift_size, inertia_size, mass_size, overflows, weight_size
+from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.generic import Array
 
 if TYPE_CHECKING:
@@ -39,88 +35,6 @@ BETWEEN = 0.25
 
 FLOAT32 = 2.0**-19
 """A relative error below this, and above that of doubles, is one of single precision."""
-
-
-def is_on_trial(kind: type[Engine]) -> bool:
-    """Return whether an engine is not one of ours, so that it is the one to judge."""
-    return kind not in ENGINES.values()
-
-
-def kind_of(engine: Engine | type[Engine]) -> type[Engine]:
-    """Return the class of an engine; of one that could not be made, that is all there is."""
-    return engine if isinstance(engine, type) else type(engine)
-
-
-def overflows(at: Evaluation) -> bool:
-    """Return whether the state or the scene is so large that products of it overflow."""
-    numbers = [x for x in at.parameters if x is not None] + [at.q, at.v]
-    return max(largest(x) for x in numbers) > HUGE
-
-
-def inertia_size(at: Evaluation) -> float:
-    """Return the size of the inertia forces ω × p that an engine may sum to B, N or N m.
-
-    Momenta |M| |v| times all rates of angles. In frames that turn with the bodies these forces
-    appear and cancel, also where B itself is small or vanishes: B does not depend on how fast the
-    whole scene translates. Of a scene that names no angles all velocities count.
-    """
-    return _turning(at) * largest(np.abs(at.terms.M) @ np.abs(at.v))
-
-
-def drift_size(at: Evaluation) -> float:
-    """Return the size of what an engine may sum to gamma, m/s².
-
-    Rates of the constraints in frames that turn: what translates appears in them and cancels, and
-    so does what turns about an axis that a constraint does not feel.
-    """
-    if at.terms.a is None:
-        return 0.0
-    turning, speeds = _turning(at), np.abs(at.v)
-    speeds[_angles(at)] = turning
-    return turning * largest(np.abs(at.terms.a) @ speeds)
-
-
-def _turning(at: Evaluation) -> float:
-    """Return how fast anything may turn, rad/s."""
-    return float(np.abs(at.v)[_angles(at)].sum())
-
-
-def _angles(at: Evaluation) -> slice:
-    """Return which velocities may be rates of angles: all of a scene that names none."""
-    named = at.scene.angle_coordinates
-    return named if at.v[named].size else slice(None)
-
-
-def mass_size(at: Evaluation, S: Array) -> float:
-    """Return the size of the terms that Sᵀ M_x S sums to M, kg m² or the like.
-
-    Relative angles carry all bodies behind, which cancels in M.
-    """
-    if np.array_equal(S, np.eye(at.scene.n)):
-        return 0.0
-    back, across = np.linalg.pinv(S), np.abs(S)
-    return largest(across.T @ np.abs(back.T @ at.terms.M @ back) @ across)
-
-
-def weight_size(at: Evaluation) -> float:
-    """Return the size of the moments of weights that an engine may sum to Q, N or N m.
-
-    The weight of all bodies, times how far from a joint they may be along the tree. About axes that
-    do not feel gravity such moments appear in frames that turn, and cancel. 0 of a scene that is no
-    tree, or has no gravity.
-    """
-    tree, gravity = at.scene.tree(), getattr(at.scene, "gravity", None)
-    if tree is None or not isinstance(gravity, float | int | np.ndarray):
-        return 0.0
-    slides = np.array([kind[0] == "p" for kind in tree.joint])
-    reach = np.abs(tree.coordinates @ at.q + tree.shift) * slides
-    reach += np.linalg.norm(tree.offset, axis=1)
-    for j, parent in enumerate(tree.parent):
-        reach[j] += reach[parent] if parent >= 0 else 0.0
-    arms = (reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0]
-    # What slides feels the weight itself.
-    longest = np.max(arms, initial=float(slides.any()))
-    return float(np.sum(tree.mass) * np.linalg.norm(gravity) * longest)
 
 
 def size_of(case: Case, engine: Engine, method: str) -> float:
@@ -139,51 +53,6 @@ def size_of(case: Case, engine: Engine, method: str) -> float:
         return mass_size(case.at, S)
     except UNABLE:
         return 0.0
-
-
-def represented(
-    engines: Sequence[type[Engine]], scenes: Sequence[type[Scene]]
-) -> tuple[type[Scene], ...]:
-    """Return the kinds of scenes of which one of `engines` represents a small one at least.
-
-    Raises:
-        InputError: there is none, or an engine cannot say so.
-    """
-    found = tuple(
-        kind for kind in scenes if any(represents_some(engine, kind) for engine in engines)
-    )
-    if not found:
-        who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
-        raise InputError(f"engine {who} represents none of the scenes {what}")
-    return found
-
-
-def represents_some(engine: type[Engine], kind: type[Scene]) -> bool:
-    """Return whether an engine represents a small scene of a kind at least.
-
-    Raises:
-        InputError: the engine cannot say so.
-    """
-    return any(represents(engine, scene) for scene in _small(kind))
-
-
-def _small(kind: type[Scene]) -> Iterator[Scene]:
-    for links in (1, 2, 3) if kind.has_links else (None,):
-        with suppress(InputError):  # no scene of the kind has so many
-            yield from kind.structures(links)
-
-
-def check_compared(engines: Sequence[type[Engine]], findings: Iterable[Finding]) -> None:
-    """Raise InputError if an engine was compared with nothing: that is no pass."""
-    decided = {
-        word
-        for finding in findings
-        if finding.verdict in DECIDED and CLAIMS[finding.claim].asks
-        for word in finding.subject.split(" ~ ")
-    }
-    for kind in engines:
-        if kind.key not in decided:
-            raise InputError(f"engine {kind.key}: nothing could be compared with it")
 
 
 def answer(

@@ -94,13 +94,13 @@ def validate(
         check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.run import Run
+    from eomcheck.claims.run import Run, check_compared
     from eomcheck.claims.selection import Selection
     from eomcheck.claims.strata import links_of
-    from eomcheck.claims.trial import check_compared, is_on_trial, represented
     from eomcheck.console import console, progress, stoppable, undisturbed
     from eomcheck.descriptions.random_mechanisms import RANDOM
-    from eomcheck.engines import engines_among, version_of
+    from eomcheck.engines import engines_among, is_on_trial, version_of
+    from eomcheck.engines.answers import represented
     from eomcheck.lab.report.document import write_json
     from eomcheck.lab.report.findings import print_runs
     from eomcheck.lab.store.executors import check_place

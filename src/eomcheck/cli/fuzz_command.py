@@ -238,8 +238,8 @@ def _selection(
     claim: list[str] | None,
 ) -> Selection:
     from eomcheck.claims.selection import Selection
-    from eomcheck.claims.trial import represented
     from eomcheck.engines import ALWAYS, version_of
+    from eomcheck.engines.answers import represented
 
     # Random robots have other parameters than their files, whose library could say nothing.
     engines = ALWAYS if engine is None else engines_asked(engine)

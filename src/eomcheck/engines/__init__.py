@@ -115,3 +115,13 @@ __all__ = [
     "represents",
     "version_of",
 ]
+
+
+def is_on_trial(kind: type[Engine]) -> bool:
+    """Return whether an engine is not one of ours, so that it is the one to judge."""
+    return kind not in ENGINES.values()
+
+
+def kind_of(engine: Engine | type[Engine]) -> type[Engine]:
+    """Return the class of an engine; of one that could not be made, that is all there is."""
+    return engine if isinstance(engine, type) else type(engine)

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eomcheck.claims.trial import inertia_size, weight_size
 from eomcheck.engines import Answers, EngineFault
+from eomcheck.engines.answers import inertia_size, weight_size
 from eomcheck.engines.files import FileEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation

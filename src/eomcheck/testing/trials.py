@@ -11,13 +11,13 @@ from typing import Any, NamedTuple, Protocol
 from eomcheck.claims import CLAIMS, Finding, State
 from eomcheck.claims.entries import lists
 from eomcheck.claims.finding import Verdict
-from eomcheck.claims.run import Run
+from eomcheck.claims.run import Run, check_compared
 from eomcheck.claims.selection import Selection
 from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
 from eomcheck.claims.strata import scene_cases, state_cases
-from eomcheck.claims.trial import check_compared, represents_some
 from eomcheck.claims.wide import with_wide
 from eomcheck.engines import Engine, represents
+from eomcheck.engines.answers import represents_some
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import kinds_of

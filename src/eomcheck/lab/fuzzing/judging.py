@@ -10,8 +10,7 @@ from typing import NamedTuple
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.proof import prove
 from eomcheck.claims.run import check
-from eomcheck.claims.trial import is_on_trial
-from eomcheck.engines import Engine
+from eomcheck.engines import Engine, is_on_trial
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.certified import TRUE_DIGITS, enclose, true_error
 from eomcheck.evaluation.dynamics import acceleration

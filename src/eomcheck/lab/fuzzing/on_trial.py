@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.claims.trial import is_on_trial
-from eomcheck.engines import ENGINES, Engine
+from eomcheck.engines import ENGINES, Engine, is_on_trial
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.mutation import Changed
 from eomcheck.mechanics.records import Range
