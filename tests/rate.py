@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.lanes import liftable
+from eomcheck.claims.batched_claims import liftable
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.draws import drawn
 from eomcheck.lab.fuzzing.families import ORDINARY

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.proof_jobs import proof_jobs
 from eomcheck.lab.proofs import Proofs
 from eomcheck.lab.store.record import Record

@@ -16,7 +16,7 @@ from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
 from eomcheck.errors import InputError, UnwrittenError
 from eomcheck.lab.store.records import Records
 from eomcheck.motion.reference_io import load_reference
-from eomcheck.testing.expected import expected_failures
+from eomcheck.testing.suite import read_expected_failures
 
 PACKAGE = Path(eomcheck.__file__).parent
 NAME = "kept.json"
@@ -204,7 +204,7 @@ def test_every_writer_writes_beside():
         lambda path: from_urdf(path.with_suffix(".urdf")),
         lambda path: from_mjcf(path.with_suffix(".xml")),
         load_reference,
-        expected_failures,
+        read_expected_failures,
         lambda path: Records(path, readonly=False),
     ],
     ids=["urdf", "mjcf", "reference", "expected", "records"],

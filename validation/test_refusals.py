@@ -6,9 +6,8 @@ from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
+from eomcheck.claims.run import Run, Selection
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, Finding, case, trial
+from eomcheck.claims import CLAIMS, Case, Finding, case
+from eomcheck.claims import case as trial
 from eomcheck.claims.registry import Claim, Sides, Skipped
 from eomcheck.engines import CasadiEngine, PinocchioEngine
 from eomcheck.errors import RefusedError

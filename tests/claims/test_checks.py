@@ -8,8 +8,7 @@ from tests.samples import NOT_OF_SNAKES
 import eomcheck
 from eomcheck.claims import accelerations
 from eomcheck.claims.finding import diagnose, judge, told_apart, worst_entry
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import ALWAYS
 from eomcheck.errors import InconsistentVelocityError, InputError, UnknownNameError
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error

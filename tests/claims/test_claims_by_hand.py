@@ -12,13 +12,12 @@ import pytest
 from hypothesis import find
 from hypothesis import strategies as st
 
-from eomcheck.claims import CLAIMS, Finding, State, blame, redundant, robot_file, smaller
-from eomcheck.claims.blame import raised_in
+from eomcheck.claims import CLAIMS, Finding, State, accelerations, run, user_scenes
+from eomcheck.claims.accelerations import redundant_rows
 from eomcheck.claims.case import ONCE
-from eomcheck.claims.redundant import redundant_rows
 from eomcheck.claims.registry import Sides, Skipped
-from eomcheck.claims.robot_file import of_file
-from eomcheck.claims.smaller import TRIES, no_larger, smallest_failure, states_of
+from eomcheck.claims.run import TRIES, no_larger, of_file, smallest_failure, states_of
+from eomcheck.claims.user_scenes import raised_in
 from eomcheck.errors import CallError, RefusedError
 from eomcheck.scenes import Sleigh, Snake
 
@@ -52,13 +51,13 @@ def finding(verdict: Any = "failed", k: float = 99, **more: Any) -> Finding:
 def test_smaller_scenes_have_no_more_links_than_there_are_and_than_were_asked_for(
     monkeypatch, scene, links, most
 ):
-    monkeypatch.setattr(smaller.strategies, "scenes", lambda *of: of)
-    monkeypatch.setattr(smaller.strategies, "scene_states", lambda of: of)
+    monkeypatch.setattr(run.strategies, "scenes", lambda *of: of)
+    monkeypatch.setattr(run.strategies, "scene_states", lambda of: of)
     assert no_larger(scene, links) == (type(scene), links[0], most)
 
 
 def test_states_of_a_scene_are_drawn_with_that_scene(monkeypatch):
-    monkeypatch.setattr(smaller.strategies, "states", lambda scene: st.just(("of", scene)))
+    monkeypatch.setattr(run.strategies, "states", lambda scene: st.just(("of", scene)))
     assert find(states_of(SLEIGH), lambda case: True) == (SLEIGH, ("of", SLEIGH))
 
 
@@ -76,9 +75,9 @@ def judged(monkeypatch) -> list[tuple]:
             : 3 if k >= 17 else 2
         ]
 
-    monkeypatch.setattr(smaller, "asked_of", lambda scene, selection: (scene, selection))
-    monkeypatch.setattr(smaller, "case_of", lambda asked, state, selection, again: (state, again))
-    monkeypatch.setattr(smaller, "of_file", of)
+    monkeypatch.setattr(run, "asked_of", lambda scene, selection: (scene, selection))
+    monkeypatch.setattr(run, "case_of", lambda asked, state, selection, again: (state, again))
+    monkeypatch.setattr(run, "of_file", of)
     return seen
 
 
@@ -129,7 +128,7 @@ def test_the_last_function_of_a_file_of_its_own_that_an_error_came_through_is_na
     where = f"(test_claims_by_hand.py, line {line})"
     assert said == f"Further.second raised LinAlgError: Singular matrix {where}"
     made = {"<string>"}  # by dataclasses
-    assert blame._files(Further) - made == {__file__} and blame._files(Sleigh) <= made
+    assert user_scenes._files(Further) - made == {__file__} and user_scenes._files(Sleigh) <= made
     assert raised_in(SLEIGH, error.value) == ""
 
 
@@ -167,7 +166,7 @@ def told(asked: Any, claim: Any, findings: list[Finding], monkeypatch) -> list[F
     case: Any = SimpleNamespace(look=lambda one: findings if one is claim else [])
     skipped = finding("not looked at", detail="", subject="?")
     monkeypatch.setattr(
-        robot_file,
+        run,
         "unseen",
         lambda of, kind, why: replace(skipped, engine=kind, detail=why) if of is case else None,
     )
@@ -228,7 +227,7 @@ def test_a_row_that_follows_from_others_changes_neither_motion_nor_forces(monkey
         return SimpleNamespace(key=key, solution=solution, redundant=takes)
 
     x = SimpleNamespace(vdot=np.array([1.0, 2.0, 3.0]), multipliers=np.array([0.5, 0.25]))
-    monkeypatch.setattr(redundant, "measured_where", lambda digits: ("where", digits))
+    monkeypatch.setattr(accelerations, "measured_where", lambda digits: ("where", digits))
     terms = M, None, None, a, gamma, None
     scene = SimpleNamespace(coordinate_names=("x", "y", "θ"))
     point: Any = SimpleNamespace(terms=terms, F=F, v=v, scene=scene, solved=at_solved)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, State, refusals
+from eomcheck.claims import CLAIMS, Case, State, numerical_accuracy
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
+from eomcheck.claims.numerical_accuracy import Drawn, coverage, independent_rcond
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
@@ -125,7 +125,7 @@ def chain_of(**more: Any) -> Any:
 
 
 def test_joints_of_a_chain_stand_in_the_columns_of_their_two_bodies():
-    assert refusals._joints(chain_of()).tolist() == [
+    assert numerical_accuracy._joints(chain_of()).tolist() == [
         [1.0, 2.0, 5.0, 6.0, 0.0, 0.0],
         [3.0, 4.0, 7.0, 8.0, 0.0, 0.0],
         [0.0, 0.0, 9.0, 10.0, 13.0, 14.0],
@@ -138,22 +138,22 @@ def test_a_chain_is_even_where_all_rows_of_its_equations_are_of_one_size():
     none = np.zeros((0, 2, 2))
     free = {"before": none, "after": none, "rest": np.zeros((0, 2))}
     even = chain_of(mass=np.array([1.0, 1.0]), force=np.array([3.0, -3.0]), **free)
-    assert refusals._evenness(even) == pytest.approx(1.0)
+    assert numerical_accuracy._evenness(even) == pytest.approx(1.0)
     uneven = chain_of(mass=np.array([1.0, 1.0]), force=np.array([3.0, -0.75]), **free)
-    assert refusals._evenness(uneven) == pytest.approx(0.25)
+    assert numerical_accuracy._evenness(uneven) == pytest.approx(0.25)
     still = chain_of(mass=np.array([1.0, 1.0]), force=None, **free)
-    assert refusals._evenness(still) == 1.0
+    assert numerical_accuracy._evenness(still) == 1.0
 
 
 def test_what_is_known_to_so_much_only_may_be_as_singular_as_that():
     matrix = np.diag([4.0, 2.0, 1.0])
-    assert refusals._rcond(matrix) == pytest.approx(0.25 / 3)
-    assert refusals._rcond(matrix, 0.25) == pytest.approx(0.75 / 4 / 3)
-    assert refusals._rcond(matrix, 2.0) == 0.0
-    assert refusals._rcond(np.zeros((0, 3))) == 1.0
-    assert refusals._rcond(np.zeros((2, 3))) == 0.0
+    assert numerical_accuracy._rcond(matrix) == pytest.approx(0.25 / 3)
+    assert numerical_accuracy._rcond(matrix, 0.25) == pytest.approx(0.75 / 4 / 3)
+    assert numerical_accuracy._rcond(matrix, 2.0) == 0.0
+    assert numerical_accuracy._rcond(np.zeros((0, 3))) == 1.0
+    assert numerical_accuracy._rcond(np.zeros((2, 3))) == 0.0
     for bad in (np.nan, np.inf):
-        assert refusals._rcond(np.array([[1.0, bad], [0.0, 1.0]])) == 0.0
+        assert numerical_accuracy._rcond(np.array([[1.0, bad], [0.0, 1.0]])) == 0.0
 
 
 # ---- What is said --------------------------------------------------------------------------------

@@ -11,10 +11,15 @@ import pytest
 from tests.claims.test_proof import ALL, wrong_block
 
 from eomcheck.claims import proof
-from eomcheck.claims.draws import Draws, _same
-from eomcheck.claims.point import Point
-from eomcheck.claims.proof import failure_probability, largest_bounds, new_seed, prove_structure
-from eomcheck.claims.registry import Sides
+from eomcheck.claims.proof import (
+    Draws,
+    _same,
+    failure_probability,
+    largest_bounds,
+    new_seed,
+    prove_structure,
+)
+from eomcheck.claims.registry import Point, Sides
 from eomcheck.formulations import FORMULATIONS, Partition
 from eomcheck.numbers.degree import Degrees
 from eomcheck.numbers.finite_field import FiniteField, random_prime

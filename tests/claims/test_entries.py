@@ -12,7 +12,7 @@ from tests.claims.wrong import with_entry
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding
-from eomcheck.claims.entries import (
+from eomcheck.claims.finding import (
     Entries,
     Left,
     entries_of,
@@ -24,8 +24,7 @@ from eomcheck.claims.entries import (
     unresolved,
 )
 from eomcheck.claims.proof import by_proof
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.report.findings import print_runs
@@ -33,7 +32,7 @@ from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import SCENES
-from eomcheck.testing.trials import SceneTrial
+from eomcheck.testing.suite import SceneTrial
 
 NAMES = (("a", "b", "c", "d"),)
 

@@ -34,13 +34,24 @@ from tests.claims.wrong import (
 from tests.samples import ordinary
 
 import eomcheck
-from eomcheck.claims import CLAIMS, Case, Finding, accelerations, speeds, truth
-from eomcheck.claims.draws import look_at
-from eomcheck.claims.entries import entry_name
-from eomcheck.claims.point import Point
-from eomcheck.claims.proof import prove_structure
-from eomcheck.claims.refusals import ENOUGH, MAY_REFUSE, Drawn, coverage, independent_rcond
-from eomcheck.claims.registry import Claim, Sides, Skipped, names_of_term
+from eomcheck.claims import (
+    CLAIMS,
+    Case,
+    Finding,
+    accelerations,
+    numerical_accuracy,
+    speeds_and_chains,
+)
+from eomcheck.claims.finding import entry_name
+from eomcheck.claims.numerical_accuracy import (
+    ENOUGH,
+    MAY_REFUSE,
+    Drawn,
+    coverage,
+    independent_rcond,
+)
+from eomcheck.claims.proof import look_at, prove_structure
+from eomcheck.claims.registry import Claim, Point, Sides, Skipped, names_of_term
 from eomcheck.engines import ALWAYS, ENGINES, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -225,8 +236,8 @@ def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Fin
             changed = wrong_result(getattr(accelerations, name), part, entry, k)
             stack.enter_context(patch.object(accelerations, name, changed))
         elif part == EMBEDDING:
-            changed = wrong_result(speeds.embedding, part, entry, k)
-            stack.enter_context(patch.object(speeds, "embedding", changed))
+            changed = wrong_result(speeds_and_chains.embedding, part, entry, k)
+            stack.enter_context(patch.object(speeds_and_chains, "embedding", changed))
         elif part.of not in ENGINES:
             scene = wrong_scene(scene, part, entry, k)
         engines = engines_for(scene)
@@ -326,7 +337,9 @@ def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     case = Shifted(Evaluation(scene, *state), formulations, engines)
     case.by, case.judged = by, []
-    with patch.object(truth, "Case", lambda *arguments: take_over(Shifted(*arguments), case)):
+    with patch.object(
+        numerical_accuracy, "Case", lambda *arguments: take_over(Shifted(*arguments), case)
+    ):
         case.look(CLAIMS[claim])
     return case.judged
 
@@ -378,8 +391,8 @@ def test_an_identity_is_disproved_where_any_number_that_it_is_about_is_wrong(cla
                 wrong = {part.of: wrong_formulation(part, entry, twice)}
                 stack.enter_context(patch.dict(FORMULATIONS, wrong))
             elif part == EMBEDDING:
-                changed = wrong_result(speeds.embedding, part, entry, twice)
-                stack.enter_context(patch.object(speeds, "embedding", changed))
+                changed = wrong_result(speeds_and_chains.embedding, part, entry, twice)
+                stack.enter_context(patch.object(speeds_and_chains, "embedding", changed))
             else:
                 scene = wrong_scene(scene, part, entry, twice)
             formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
@@ -479,7 +492,7 @@ def test_enclosures_ten_radii_apart_are_disjoint_and_a_tenth_of_a_radius_they_ar
         return replace(au, vdot=apart)
 
     formulations = FORMULATIONS["au"], FORMULATIONS["kane"]
-    with patch.object(truth, "_enclosed", of_au):
+    with patch.object(numerical_accuracy, "_enclosed", of_au):
         found = Case(moving(), formulations, ()).look(CLAIMS["enclosures"])
     (finding,) = found
     assert finding.verdict == verdict

@@ -10,8 +10,18 @@ import pytest
 from tests.claims.test_finding import FOUND, SCENE
 
 from eomcheck.claims import registry
-from eomcheck.claims.entries import Left, entries_of, entry_name, listed, unresolved
-from eomcheck.claims.finding import Finding, Proof, diagnose, judge, worst_of
+from eomcheck.claims.finding import (
+    Finding,
+    Left,
+    Proof,
+    diagnose,
+    entries_of,
+    entry_name,
+    judge,
+    listed,
+    unresolved,
+    worst_of,
+)
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake

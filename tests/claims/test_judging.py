@@ -10,7 +10,7 @@ import pytest
 from tests.claims.test_every_claim_fails import MOVING, SNAKE, moving, sample
 
 import eomcheck
-from eomcheck.claims import CLAIMS, Case, truth
+from eomcheck.claims import CLAIMS, Case, numerical_accuracy
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.evaluation import Evaluation
@@ -121,7 +121,7 @@ def test_the_truth_of_a_driven_scene_is_that_of_the_time_at_hand():
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     here = Case(at, formulations, ())
     for f in formulations:
-        enclosed = truth._enclosed(here, f, {})
+        enclosed = numerical_accuracy._enclosed(here, f, {})
         assert not isinstance(enclosed, Finding)
         assert enclosed.doubles() == pytest.approx(at.acceleration(f).vdot, rel=1e-9)
     at_start = Evaluation(scene, at.q, eomcheck.velocity(scene, at.q, at.u), 0.0)
@@ -133,13 +133,13 @@ def test_the_truth_of_a_driven_scene_is_that_of_the_time_at_hand():
 
 
 def test_true_errors_are_those_of_the_time_at_hand(monkeypatch):
-    times, right = [], truth.true_state
+    times, right = [], numerical_accuracy.true_state
 
     def recorded(scene, q, u, t):
         times.append(t)
         return right(scene, q, u, t)
 
-    monkeypatch.setattr(truth, "true_state", recorded)
+    monkeypatch.setattr(numerical_accuracy, "true_state", recorded)
     Case(driven()[1], (FORMULATIONS["au"],), ()).look(CLAIMS["true-error"])
     assert times == [0.7]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import State
+from eomcheck.claims.batched_claims import ABSENT, LaneCase, Outcome, lane_cases, liftable
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
-from eomcheck.claims.lanes import ABSENT, LaneCase, Outcome, lane_cases, liftable
 from eomcheck.claims.registry import CLAIMS, Sides
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
 from eomcheck.formulations import FORMULATIONS

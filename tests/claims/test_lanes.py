@@ -12,9 +12,9 @@ from tests.claims.wrong import Part, share, with_entry, wrong_formulation, wrong
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case
+from eomcheck.claims.batched_claims import ABSENT, lane_cases, liftable
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judge, judged
-from eomcheck.claims.lanes import ABSENT, lane_cases, liftable
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
 from eomcheck.engines import ENGINES

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims.physics import _Rates
-from eomcheck.claims.strata import state_cases
+from eomcheck.claims.accelerations import _Rates
+from eomcheck.claims.pairwise_design import state_cases
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_copies
 from eomcheck.formulations import FORMULATIONS

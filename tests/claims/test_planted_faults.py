@@ -15,8 +15,8 @@ import pytest
 from tests.faults import COMPOSED, DESCRIBED, FAULTS, PACKAGE, SHARED, Fault, changed
 from tests.samples import random_scene, random_state
 
-from eomcheck.claims import CLAIMS, Finding, speeds
-from eomcheck.claims.selection import Selection, case_at
+from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
+from eomcheck.claims.run import Selection, case_at
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
@@ -144,8 +144,8 @@ def test_a_planted_fault_is_caught_and_named(fault: Fault, monkeypatch: pytest.M
             failure = first_failure(kind_in(module, fault.file, fault.scene), FORMULATIONS)
         else:
             key = Path(fault.file).stem
-            if hasattr(speeds, key):
-                monkeypatch.setattr(speeds, key, module)
+            if hasattr(speeds_and_chains, key):
+                monkeypatch.setattr(speeds_and_chains, key, module)
             failure = first_failure(Snake, formulation_in(module, key))
     assert failure is not None, "not caught"
     assert failure.claim == fault.claim, str(failure)

@@ -16,7 +16,7 @@ from tests.claims.test_planted_faults import (
 from tests.faults import FAULTS, PARTS, SHARED, Fault
 from tests.samples import LINKS
 
-from eomcheck.claims import CLAIMS, Finding, speeds
+from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
 from eomcheck.claims.proof import prove_structure
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
@@ -76,8 +76,8 @@ def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytes
             failure = first_failure(structure(kind), FORMULATIONS)
         else:
             key = Path(fault.file).stem
-            if hasattr(speeds, key):
-                monkeypatch.setattr(speeds, key, module)
+            if hasattr(speeds_and_chains, key):
+                monkeypatch.setattr(speeds_and_chains, key, module)
             failure = first_failure(Snake.coil(LINKS), formulation_in(module, key))
     assert failure is not None, "not disproved"
     claim, says = expected(fault)

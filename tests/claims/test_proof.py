@@ -12,11 +12,10 @@ import pytest
 from tests.samples import NOT_OF_SNAKES
 from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 
-from eomcheck.claims import CLAIMS, Finding, draws, proof
-from eomcheck.claims.draws import look_at
-from eomcheck.claims.point import Point
-from eomcheck.claims.proof import failure_probability, prove, prove_structure
-from eomcheck.claims.registry import Sides
+from eomcheck.claims import CLAIMS, Finding, proof
+from eomcheck.claims import proof as draws
+from eomcheck.claims.proof import failure_probability, look_at, prove, prove_structure
+from eomcheck.claims.registry import Point, Sides
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split

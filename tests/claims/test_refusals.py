@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, Finding, State, refusals
-from eomcheck.claims.refusals import Drawn, coverage, independent_rcond
+from eomcheck.claims import CLAIMS, Case, Finding, State, numerical_accuracy
+from eomcheck.claims.numerical_accuracy import Drawn, coverage, independent_rcond
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -55,7 +55,7 @@ def test_a_refusal_above_its_threshold_is_in_vain(times: float, verdict: str):
 )
 def test_what_rounding_decides_is_inconclusive(rcond: float, verdict: str):
     refusal = RefusedError("M_Au", 0.0, EPS, "no")
-    assert refusals.judged(refusal, rcond * EPS)[0] == verdict
+    assert numerical_accuracy.judged(refusal, rcond * EPS)[0] == verdict
 
 
 @pytest.mark.parametrize(

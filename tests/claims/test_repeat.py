@@ -17,7 +17,7 @@ import pytest
 from tests.engines.planar import with_fault
 
 import eomcheck
-from eomcheck.claims.repeat import python_of, scene_code
+from eomcheck.claims.reproducer import python_of, scene_code
 from eomcheck.engines import engine_of
 from eomcheck.mechanics.records import State
 from eomcheck.scene_lookup import kinds_of

@@ -11,8 +11,7 @@ from tests.reports import Heavy
 
 import eomcheck
 from eomcheck.claims import State
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Sleigh, Snake

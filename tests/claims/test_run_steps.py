@@ -11,9 +11,8 @@ import pytest
 
 import eomcheck
 from eomcheck.claims import Finding, run
-from eomcheck.claims.entries import entries_of
-from eomcheck.claims.run import Look, Run
-from eomcheck.claims.selection import Asked, Selection
+from eomcheck.claims.finding import entries_of
+from eomcheck.claims.run import Asked, Look, Run, Selection
 from eomcheck.errors import InconsistentVelocityError
 from eomcheck.evaluation.dynamics import LETS_PASS
 from eomcheck.mechanics.records import State

@@ -13,10 +13,8 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims import strata as module
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.strata import (
+from eomcheck.claims import pairwise_design as module
+from eomcheck.claims.pairwise_design import (
     AT_REST,
     BOTH,
     LINKS,
@@ -37,6 +35,7 @@ from eomcheck.claims.strata import (
     strata_of,
     value_of,
 )
+from eomcheck.claims.run import Run, Selection
 from eomcheck.cli.check_commands import validate
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
@@ -129,7 +128,7 @@ def test_what_is_measured_is_what_was_drawn_not_what_was_meant():
 SAME = """
 import sys
 {more}
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.scenes import Snake
 for scene, state in scene_cases(Snake, (1, 12), 20, {seed}):
     print(repr(scene), state.q.tolist(), state.v.tolist())

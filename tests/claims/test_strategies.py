@@ -9,7 +9,7 @@ import pytest
 from hypothesis import Phase, given, settings
 
 from eomcheck import acceleration, strategies
-from eomcheck.claims.refusals import MAY_REFUSE
+from eomcheck.claims.numerical_accuracy import MAY_REFUSE
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import CLAIMS, Case, run, trial
+from eomcheck.claims import CLAIMS, Case, run
+from eomcheck.claims import case as trial
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine, answers
 from eomcheck.errors import InputError

@@ -8,16 +8,22 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.strata import scene_cases, state_cases
-from eomcheck.claims.wide import FAST, SLOW, TURNS, turning, with_wide
+from eomcheck.claims.pairwise_design import (
+    FAST,
+    SLOW,
+    TURNS,
+    scene_cases,
+    state_cases,
+    turning,
+    with_wide,
+)
+from eomcheck.claims.run import Run, Selection
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.engines import CasadiEngine
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import SCENES, Bricard, ChainPendulum, FlyballGovernor, Sleigh, Snake
-from eomcheck.testing.trials import SceneTrial
+from eomcheck.testing.suite import SceneTrial
 
 TURN = 2 * np.pi
 
@@ -112,7 +118,7 @@ def test_tests_of_an_engine_are_asked_at_wide_states_and_tests_of_a_scene_are_no
         return []
 
     monkeypatch.setattr(Run, "look_at", looked_at)
-    monkeypatch.setattr("eomcheck.testing.trials.check_compared", lambda *_: None)
+    monkeypatch.setattr("eomcheck.testing.suite.check_compared", lambda *_: None)
     for engine in (CasadiEngine, None):
         SceneTrial("rods", ChainPendulum.rods(2), engine).results(8, 0)
     assert max(far[True]) > TURN + 1 > max(far[False])

@@ -167,7 +167,7 @@ MANY, GIF, REPLAY = "0.1 --draws 2", "a.gif", "--replay f.json"
 FUNCTIONS = "--scene of_options.py:own --states 1"
 """Other words to begin with, for options that say nothing otherwise."""
 
-OWN = "from eomcheck.testing.subject import Functions\nown = Functions(1, M=lambda q: [[1.0]])\n"
+OWN = "from eomcheck.testing import Functions\nown = Functions(1, M=lambda q: [[1.0]])\n"
 """A file with functions."""
 
 Case = tuple[str, Seen] | tuple[str, Seen, str]

@@ -15,8 +15,7 @@ import pytest
 from tests.engines.planar import with_fault
 
 import eomcheck
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.class_lookup import in_file, outside
 from eomcheck.engines import Engine, engine_of, version_of
 from eomcheck.errors import InputError, described_error

@@ -11,8 +11,7 @@ from tests.engines.test_walk import link
 
 from eomcheck.engines import Answers, Engine, EngineFault, VelocityMap, made, represents, version_of
 from eomcheck.engines.casadi import CasadiEngine, _solved
-from eomcheck.engines.tree import TreeEngine, all_move
-from eomcheck.engines.walk import bodies_with_mass, links_of
+from eomcheck.engines.tree_engine import TreeEngine, all_move, bodies_with_mass, links_of
 from eomcheck.errors import CallError, EngineError, InputError
 from eomcheck.mechanics.tree import Tree
 from eomcheck.scenes import ChainPendulum, Snake

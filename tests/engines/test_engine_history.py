@@ -12,9 +12,8 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.claims import run
 from eomcheck.claims.case import OFTEN, ONCE
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.speeds import kane_system
+from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.speeds_and_chains import kane_system
 from eomcheck.engines import Answers, Engine
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State

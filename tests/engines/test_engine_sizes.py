@@ -9,7 +9,7 @@ from tests.scenes.test_not_rational import Blade
 
 import eomcheck
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
 from eomcheck.engines import ENGINES, Answers, Engine, represents

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eomcheck import velocity
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Selection
 from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.engines.answers import inertia_size, mass_size

@@ -13,15 +13,21 @@ from tests.robots import arm, body, joint
 
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers
+from eomcheck.engines.file_engine import (
+    Description,
+    FileEngine,
+    described,
+    few,
+    file_of,
+    is_free,
+    listening,
+)
 from eomcheck.engines.files import BY_FORMAT, DEFAULT, READERS, MjcfFile, default_reader
-from eomcheck.engines.files.base import FileEngine
-from eomcheck.engines.files.description import Description, described, few, file_of, is_free
-from eomcheck.engines.files.free import BaseVelocity, free_base
-from eomcheck.engines.files.idyntree import IdyntreeFile
-from eomcheck.engines.files.mujoco import MujocoFile
-from eomcheck.engines.files.pinocchio import PinocchioFile
-from eomcheck.engines.files.pybullet import PybulletFile
-from eomcheck.engines.files.said import listening
+from eomcheck.engines.floating_base import BaseVelocity, free_base
+from eomcheck.engines.idyntree import IdyntreeFile
+from eomcheck.engines.mujoco import MujocoFile
+from eomcheck.engines.pinocchio import PinocchioFile
+from eomcheck.engines.pybullet import PybulletFile
 from eomcheck.errors import EngineError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import ChainPendulum, from_urdf

@@ -10,8 +10,7 @@ from tests.engines.planar import PLANAR, planar, with_fault
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
 from eomcheck.descriptions.random_mechanisms import RANDOM

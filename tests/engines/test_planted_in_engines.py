@@ -12,8 +12,7 @@ from tests.engines.twisted import twisted
 from tests.samples import ordinary
 
 from eomcheck.engines import ENGINES, Engine, EngineAcceleration, VelocityMap
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Link
+from eomcheck.engines.tree_engine import Link, TreeEngine
 from eomcheck.mechanics.tree import Tree
 from eomcheck.scenes import SCENES
 

@@ -12,8 +12,7 @@ from eomcheck.descriptions import elements
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, distance
 from eomcheck.engines import ENGINES, Answers, Engine
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Link
+from eomcheck.engines.tree_engine import Link, TreeEngine
 from eomcheck.evaluation.dynamics import closed_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from eomcheck.engines import ENGINES
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Link, bodies_with_mass, links_of
+from eomcheck.engines.tree_engine import Link, TreeEngine, bodies_with_mass, links_of
 from eomcheck.scenes import SCENES
 
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.engines.walk import Link
+from eomcheck.engines.tree_engine import Link
 from eomcheck.mechanics.tree import PLANAR
 
 

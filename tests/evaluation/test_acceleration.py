@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
 from eomcheck import acceleration, check, enclose, simulate, speeds_of, strategies, velocity
-from eomcheck.claims.point import Point
+from eomcheck.claims.registry import Point
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, coupling
 from eomcheck.errors import (

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import RefusedError, acceleration, independent_constraints, with_constraints
 from eomcheck.claims.case import Case
-from eomcheck.claims.refusals import independent_rcond, judged
+from eomcheck.claims.numerical_accuracy import independent_rcond, judged
 from eomcheck.errors import InputError
 from eomcheck.evaluation import constraint_rank as rank_module
 from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of

@@ -19,10 +19,9 @@ from eomcheck.descriptions.quaternions import rotation
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.answers import weight_size
+from eomcheck.engines.file_engine import described, listening
 from eomcheck.engines.files import READERS, PinocchioFile
-from eomcheck.engines.files.description import described
-from eomcheck.engines.files.free import AXES, BaseVelocity, free_base
-from eomcheck.engines.files.said import listening
+from eomcheck.engines.floating_base import AXES, BaseVelocity, free_base
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import comparing

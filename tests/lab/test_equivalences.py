@@ -10,8 +10,7 @@ from tests import reports
 
 import eomcheck
 from eomcheck import CLAIMS
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
 from eomcheck.lab.proof_jobs import proof_jobs
 from eomcheck.lab.proofs import Proofs

@@ -15,7 +15,7 @@ from tests.lab.test_fuzzing import KEYS, STRATUM, plan
 from tests.lab.test_fuzzing_own import Rough, RoughAndWrong, planar
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.lanes import LaneCase
+from eomcheck.claims.batched_claims import LaneCase
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns

@@ -13,9 +13,9 @@ from tests.unmended import unmended
 
 from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
-from eomcheck.claims.lanes import NotInLanesError
+from eomcheck.claims.batched_claims import NotInLanesError
+from eomcheck.claims.pairwise_design import strata_of as measured_strata
 from eomcheck.claims.registry import Sides
-from eomcheck.claims.strata import strata_of as measured_strata
 from eomcheck.errors import InputError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent

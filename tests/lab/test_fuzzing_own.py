@@ -13,7 +13,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.entries import entries_of
+from eomcheck.claims.finding import entries_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import functions as fuzzed

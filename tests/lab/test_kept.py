@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from tests.lab.test_printed import at, finding
 
-from eomcheck.claims.refusals import Drawn
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.numerical_accuracy import Drawn
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine, version_of
 from eomcheck.errors import DiedError, InputError, UnwrittenError
 from eomcheck.lab.comparison import Comparison

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import Finding, State
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
 from eomcheck.lab.store.findings import PROOFS, RUNS, STATES, kept_in, kept_of, record_of
 from eomcheck.lab.store.groups import select

@@ -14,8 +14,8 @@ from tests.lab.test_comparing import Heavy, parting
 from tests.robots import arm
 
 from eomcheck.claims.finding import Finding
+from eomcheck.engines.file_engine import described
 from eomcheck.engines.files import PinocchioFile
-from eomcheck.engines.files.description import described
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import comparing, proof_jobs, proofs, run_time

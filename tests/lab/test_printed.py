@@ -15,11 +15,9 @@ import pytest
 from tests.lab.test_tables import kept, run_of, shown, table
 
 from eomcheck import __version__
-from eomcheck.claims.entries import Left
-from eomcheck.claims.finding import Finding
-from eomcheck.claims.refusals import Drawn
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.finding import Finding, Left
+from eomcheck.claims.numerical_accuracy import Drawn
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.finds import Find

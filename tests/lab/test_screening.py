@@ -11,8 +11,8 @@ from tests.claims.wrong import with_entry
 from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
 
 import eomcheck
+from eomcheck.claims.batched_claims import LaneCase, liftable
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.lanes import LaneCase, liftable
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import judging, rounds, screening

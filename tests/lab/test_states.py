@@ -11,9 +11,8 @@ import pytest
 from tests.engines.planar import planar
 
 from eomcheck.claims import run
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
+from eomcheck.claims.run import Run, Selection
 from eomcheck.lab.store import states
 from eomcheck.lab.store.findings import kept_in
 from eomcheck.lab.store.records import Records

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
 
+from eomcheck.claims.batched_claims import liftable
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.lanes import liftable
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import rounds
 from eomcheck.lab.fuzzing.draws import drawn

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from eomcheck.claims.finding import Finding, Proof
-from eomcheck.claims.refusals import Drawn
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.numerical_accuracy import Drawn
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine
 from eomcheck.lab.comparison import Comparison
 from eomcheck.lab.fuzzing.campaign import Campaign

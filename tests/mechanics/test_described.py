@@ -21,9 +21,8 @@ from tests.mechanics.descriptions import (
 
 import eomcheck
 from eomcheck.claims.proof import prove
-from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.reproducer import python_of
+from eomcheck.claims.run import Run, Selection
 from eomcheck.descriptions import (
     constraint_rows,
     elements,

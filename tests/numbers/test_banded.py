@@ -14,7 +14,7 @@ from tests.exact import ExactFloats, RandomFractions
 from tests.machine_code import MachineCode, in_machine_code
 
 from eomcheck import acceleration, enclose, simulate, velocity
-from eomcheck.claims.point import Point
+from eomcheck.claims.registry import Point
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import perturbed
 from eomcheck.evaluation.certified import true_error

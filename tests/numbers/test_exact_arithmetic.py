@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.exact import SMALL_SCENES, RandomFractions
 
-from eomcheck.claims.point import Point
+from eomcheck.claims.registry import Point
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition, kane
 from eomcheck.formulations.em import project

@@ -9,7 +9,7 @@ import flint
 import numpy as np
 import pytest
 
-from eomcheck.claims.point import Point
+from eomcheck.claims.registry import Point
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.dual import Recorder, Replay, duals, rate, value
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime

@@ -27,8 +27,8 @@ from tests.lines import PRIME, Line, numerator_degrees
 from tests.samples import NOT_OF_SNAKES
 
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.draws import Key, look_at
-from eomcheck.claims.point import Point
+from eomcheck.claims.proof import Key, look_at
+from eomcheck.claims.registry import Point
 from eomcheck.formulations import FORMULATIONS, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.degree import Bound, Degrees

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
-from eomcheck.claims import strata
+from eomcheck.claims import pairwise_design
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.errors import RefusedError
 
@@ -28,10 +28,12 @@ def drawn_again(examples: int, seed: int = 0) -> tuple[Counter, Counter]:
         return counted
 
     def watched(name: str, reason: str) -> Any:
-        return patch.object(strata, name, counting(reason, getattr(strata, name)))
+        return patch.object(pairwise_design, name, counting(reason, getattr(pairwise_design, name)))
 
     with watched("_scene", "no constraint"), watched("ordinary_state", "not closed"):
-        cases = list(strata.scene_cases(RANDOM["random-mechanisms"], (1, 12), examples, seed))
+        cases = list(
+            pairwise_design.scene_cases(RANDOM["random-mechanisms"], (1, 12), examples, seed)
+        )
     return why, Counter(scene.made.description.constraints[0].kind for scene, _ in cases)
 
 

@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 
 from eomcheck import check, validate
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree

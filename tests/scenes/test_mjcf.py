@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eomcheck.claims.proof import prove
-from eomcheck.claims.run import Run, validate
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection, validate
 from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims.own import not_rational
+from eomcheck.claims.user_scenes import not_rational
 from eomcheck.errors import InputError
 from eomcheck.mechanics.records import Jacobians, Terms
 from eomcheck.mechanics.scene import Scene

@@ -22,7 +22,7 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.claims.blame import raised_in
+from eomcheck.claims.user_scenes import raised_in
 from eomcheck.engines import ALWAYS, ENGINES, Answers, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluation.evaluation import Evaluation

@@ -16,10 +16,7 @@ from hypothesis import Phase
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection, case_at
-from eomcheck.claims.strata import (
+from eomcheck.claims.pairwise_design import (
     AT_REST,
     LINKS,
     MOTION,
@@ -30,6 +27,8 @@ from eomcheck.claims.strata import (
     strata,
     strata_of,
 )
+from eomcheck.claims.reproducer import python_of
+from eomcheck.claims.run import Run, Selection, case_at
 from eomcheck.descriptions import first_derivation, random_constraints
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.constraint_rows import KINDS

@@ -11,7 +11,7 @@ from tests.samples import LINKS
 from tests.scenes.test_trailer import TRAILER, Q, trailer
 
 import eomcheck
-from eomcheck.claims.shapes import check_shapes
+from eomcheck.claims.user_scenes import check_shapes
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, FourBarChain, Sleigh, Snake

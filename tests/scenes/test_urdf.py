@@ -12,9 +12,8 @@ from tests.robots import arm, body
 
 import eomcheck
 from eomcheck.claims.proof import prove
-from eomcheck.claims.repeat import python_of
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.reproducer import python_of
+from eomcheck.claims.run import Run, Selection
 from eomcheck.descriptions.urdf_reader import urdf_kind
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.testing.subject import INPUTS
+from eomcheck.testing.equations_of_motion import INPUTS
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
 

@@ -22,8 +22,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake
 from eomcheck.testing import Functions, check_functions
-from eomcheck.testing.answers import Answers, BrokenError
-from eomcheck.testing.subject import ComparedFunctions
+from eomcheck.testing.equations_of_motion import Answers, BrokenError, ComparedFunctions
 
 CART = guide("cart")
 

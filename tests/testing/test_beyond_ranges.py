@@ -10,8 +10,8 @@ from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import Functions, check_functions
-from eomcheck.testing.run import WIDE
-from eomcheck.testing.trials import FunctionsTrial
+from eomcheck.testing.function_checks import WIDE
+from eomcheck.testing.suite import FunctionsTrial
 
 CART = guide("cart")
 CLAIMS = ["answers", "double-precision", "gravity-of-potential", "reference", "answers-repeat"]

@@ -12,10 +12,10 @@ from tests.testing.own import coriolis, given, guide
 
 from eomcheck.claims.finding import Finding, diagnose
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
-from eomcheck.testing.blame import READS, SETTLES, reads, settled_by
-from eomcheck.testing.of_terms import proportional
-from eomcheck.testing.subject import INPUTS
-from eomcheck.testing.trials import results_of
+from eomcheck.testing.claims_terms import proportional
+from eomcheck.testing.equations_of_motion import INPUTS
+from eomcheck.testing.fault_localization import READS, SETTLES, reads, settled_by
+from eomcheck.testing.suite import results_of
 
 CART, DRIVE = guide("cart"), guide("drive")
 PAIR = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])

@@ -11,14 +11,13 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, Functions
-from eomcheck.testing.answers import Answers
-from eomcheck.testing.measured import Measured
-from eomcheck.testing.of_motions import FORCES, of_violation, seen
-from eomcheck.testing.of_reference import check_reference
-from eomcheck.testing.of_terms import proportional
-from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Outcome, Sides, Skipped, Told
-from eomcheck.testing.run import outcomes
+from eomcheck.testing.claims_motions import FORCES, check_reference, of_violation, seen
+from eomcheck.testing.claims_terms import proportional
+from eomcheck.testing.equations_of_motion import Answers
+from eomcheck.testing.function_checks import outcomes
+from eomcheck.testing.function_claim import Outcome, Sides, Skipped, Told
+from eomcheck.testing.function_state import Point
+from eomcheck.testing.uncertain import Measured
 
 Q, V = np.array([0.3, 0.7, -0.4]), np.array([0.5, -0.8, 0.9])
 ROWS = ("q[0]", "q[1]", "q[2]")

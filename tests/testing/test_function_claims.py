@@ -15,8 +15,8 @@ from tests.testing.trees import random_tree
 from eomcheck.claims.finding import Finding
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
-from eomcheck.testing.run import caveats
-from eomcheck.testing.subject import INPUTS
+from eomcheck.testing.equations_of_motion import INPUTS
+from eomcheck.testing.function_checks import caveats
 
 CART, DRIVE = guide("cart"), guide("drive")
 REPEAT = ["answers-repeat"]

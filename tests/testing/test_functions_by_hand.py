@@ -13,10 +13,9 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake, TurntableBall
-from eomcheck.testing import Functions, registry, run
-from eomcheck.testing.reference import from_engine, from_scene, reference_of
-from eomcheck.testing.registry import FUNCTION_CLAIMS, FunctionClaim, claim, has_any
-from eomcheck.testing.subject import (
+from eomcheck.testing import Functions, function_checks, function_claim
+from eomcheck.testing.converters import from_engine, from_scene, reference_of
+from eomcheck.testing.equations_of_motion import (
     INPUTS,
     MAY_READ_MORE,
     MOST_STATES,
@@ -25,6 +24,7 @@ from eomcheck.testing.subject import (
     checked_states,
     functions_of,
 )
+from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, claim, has_any
 
 # ---- Functions -----------------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ def there(*names: str) -> Any:
 
 
 def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(monkeypatch):
-    monkeypatch.setattr(registry, "FUNCTION_CLAIMS", {})
+    monkeypatch.setattr(function_claim, "FUNCTION_CLAIMS", {})
 
     def look(at: Any) -> Any:
         yield from ()
@@ -135,7 +135,7 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
     how: dict[str, Any] = {"natural": True, "blind": ("x",)}
     register = claim("one", "M = Mᵀ", "M", ("M", "T|U"), without=("a", "b"), **how)
     assert register(look) is look
-    one = registry.FUNCTION_CLAIMS["one"]
+    one = function_claim.FUNCTION_CLAIMS["one"]
     assert one == FunctionClaim(
         "one",
         "M = Mᵀ",
@@ -148,7 +148,7 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
         look,  # type: ignore[arg-type]
     )
     claim("other", "s", "t", consistent=True)(look)
-    other = registry.FUNCTION_CLAIMS["other"]
+    other = function_claim.FUNCTION_CLAIMS["other"]
     assert other == FunctionClaim("other", "s", "t", (), (), False, True, (), look)
     for names, applies in (
         (("M", "T"), True),
@@ -167,7 +167,9 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
 
 
 def test_every_claim_needs_and_is_broken_by_what_there_is():
-    assert len(run.FUNCTION_CLAIMS) == len(FUNCTION_CLAIMS) > 20, "running them registers all"
+    assert len(function_checks.FUNCTION_CLAIMS) == len(FUNCTION_CLAIMS) > 20, (
+        "running them registers all"
+    )
     known = {*INPUTS, "against", "factory"}
     for one in FUNCTION_CLAIMS.values():
         for names in (*one.needs, *one.without):

@@ -11,11 +11,11 @@ from tests.testing.own import given, guide
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check, check_functions
-from eomcheck.testing.answers import Answers
-from eomcheck.testing.measured import Measured
-from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Sides
-from eomcheck.testing.run import RANKS, compared, decided, drawn, functions_at
+from eomcheck.testing.equations_of_motion import Answers
+from eomcheck.testing.function_checks import RANKS, compared, decided, drawn, functions_at
+from eomcheck.testing.function_claim import Sides
+from eomcheck.testing.function_state import Point
+from eomcheck.testing.uncertain import Measured
 
 CART = guide("cart")
 NAMES = ("x", "y"), ("a", "b", "c")

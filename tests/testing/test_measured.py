@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.testing.derivative import gradient, partial
-from eomcheck.testing.measured import Measured, contract, exact, zero
-from eomcheck.testing.noise import noise
+from eomcheck.testing.uncertain import Measured, contract, exact, gradient, noise, partial, zero
 
 EPS = np.finfo(np.float64).eps
 

@@ -10,7 +10,7 @@ import pytest
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import check_functions
-from eomcheck.testing.of_answers import NOISE
+from eomcheck.testing.claims_answers import NOISE
 
 EVEN, QUADRATIC = ["acceleration-even"], ["acceleration-quadratic"]
 M = np.array([[2.0, 0.3], [0.3, 1.0]])

@@ -15,16 +15,30 @@ from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import SCENES
 from eomcheck.testing import Functions, check_functions, from_scene
-from eomcheck.testing.answers import Answers, BrokenError
-from eomcheck.testing.derivative import partial
-from eomcheck.testing.derived import bias, clock_rate, differences, drift, inertia, why_no_bias
-from eomcheck.testing.expected import expected_failures
-from eomcheck.testing.measured import Measured, contract, exact, zero
-from eomcheck.testing.noise import jumps, jumps_on, opposite, size_of
-from eomcheck.testing.of_answers import NOISE
-from eomcheck.testing.point import Point
-from eomcheck.testing.registry import Blind
-from eomcheck.testing.trials import FunctionsTrial, result_of, without_hidden
+from eomcheck.testing.claims_answers import NOISE
+from eomcheck.testing.equations_of_motion import Answers, BrokenError
+from eomcheck.testing.function_claim import Blind
+from eomcheck.testing.function_state import (
+    Point,
+    bias,
+    clock_rate,
+    differences,
+    drift,
+    inertia,
+    why_no_bias,
+)
+from eomcheck.testing.suite import FunctionsTrial, read_expected_failures, result_of, without_hidden
+from eomcheck.testing.uncertain import (
+    Measured,
+    contract,
+    exact,
+    jumps,
+    jumps_on,
+    opposite,
+    partial,
+    size_of,
+    zero,
+)
 
 CART = guide("cart")
 
@@ -505,13 +519,13 @@ def test_why_a_claim_does_not_apply_names_what_is_missing_and_what_is_too_much()
 def test_a_file_of_expected_failures_is_read_line_by_line(tmp_path):
     path = tmp_path / "known.txt"
     path.write_text("# head\n\n  bias-x   the sign,  twice  \n   # note\nmass-y\tlater\n")
-    assert expected_failures(path) == {"bias-x": "the sign,  twice", "mass-y": "later"}
+    assert read_expected_failures(path) == {"bias-x": "the sign,  twice", "mass-y": "later"}
     path.write_text("# head\n\nbias-x one\nbias-y\n")
     with pytest.raises(InputError, match="line 4: 'bias-y' has no reason"):
-        expected_failures(path)
+        read_expected_failures(path)
     path.write_text("bias-x one\n\n# note\nbias-x two\n")
     with pytest.raises(InputError, match="line 4: 'bias-x' is there twice"):
-        expected_failures(path)
+        read_expected_failures(path)
 
 
 # ---- Scenes as functions -------------------------------------------------------------------------

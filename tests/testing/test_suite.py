@@ -17,9 +17,7 @@ import eomcheck
 from eomcheck import pytest_plugin, testing, validation
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.scenes import ChainPendulum, Snake
-from eomcheck.testing.once import done_once
-from eomcheck.testing.suite import Suite
-from eomcheck.testing.trials import FunctionsTrial, SceneTrial, Trial
+from eomcheck.testing.suite import FunctionsTrial, SceneTrial, Suite, Trial, done_once
 
 pytest_plugins = ["pytester"]
 
@@ -362,7 +360,7 @@ def test_processes_of_xdist_share_the_work(session, pytester):
 WORK = """
 import sys, time
 from pathlib import Path
-from eomcheck.testing.once import done_once
+from eomcheck.testing.suite import done_once
 
 folder, log = map(Path, sys.argv[1:])
 
@@ -663,7 +661,7 @@ def test_the_settings_allow_a_first_case_that_takes_long(session, pytester):
 
 
 def test_a_scene_of_its_own_is_judged_where_there_is_no_engine():
-    from eomcheck.testing.trials import SceneTrial
+    from eomcheck.testing.suite import SceneTrial
 
     trial = SceneTrial("rods", ChainPendulum.rods(2), None)
     verdicts = {id: one.verdict for id, one in trial.results(2, 0).items()}

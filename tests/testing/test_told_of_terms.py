@@ -11,11 +11,11 @@ from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import Functions, check_functions
-from eomcheck.testing.blame import SETTLES, reads, settled_by
-from eomcheck.testing.measured import Measured, exact
-from eomcheck.testing.of_terms import proportional
-from eomcheck.testing.polarized import SCALES, Degrees, coefficients, degrees_of
-from eomcheck.testing.subject import INPUTS
+from eomcheck.testing.claims_terms import proportional
+from eomcheck.testing.equations_of_motion import INPUTS
+from eomcheck.testing.fault_localization import SETTLES, reads, settled_by
+from eomcheck.testing.polarization import SCALES, Degrees, coefficients, degrees_of
+from eomcheck.testing.uncertain import Measured, exact
 
 CART = guide("cart")
 STATE = ([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])

@@ -11,11 +11,10 @@ from tests.testing.own import given, guide
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
-from eomcheck.testing.measured import Measured
-from eomcheck.testing.noise import noise
-from eomcheck.testing.registry import Sides
-from eomcheck.testing.run import BY_NUMBER, RANKS, compared
-from eomcheck.testing.trials import FunctionsTrial
+from eomcheck.testing.function_checks import BY_NUMBER, RANKS, compared
+from eomcheck.testing.function_claim import Sides
+from eomcheck.testing.suite import FunctionsTrial
+from eomcheck.testing.uncertain import Measured, noise
 
 CART = guide("cart")
 WHEEL = [(-100.0, 100.0), (-1.0, 1.0), (-50.0, 50.0), (-1.0, 1.0)]

@@ -13,7 +13,7 @@ from tests.testing.own import given
 from tests.trials.library_models import Model
 
 from eomcheck.testing import Functions
-from eomcheck.testing.subject import functions_of
+from eomcheck.testing.equations_of_motion import functions_of
 
 Energies = Callable[[Any, Any, Callable[[float, float], float]], tuple[Any, ...]]
 """(q, v, draw) -> T, U and R where there is damping; `draw(low, high)` draws a parameter."""

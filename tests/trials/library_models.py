@@ -16,7 +16,7 @@ from eomcheck.descriptions.random_trees import urdf_text, urdf_tree
 from eomcheck.errors import required
 from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.testing import Functions, from_kane, from_lagrange
-from eomcheck.testing.subject import functions_of
+from eomcheck.testing.equations_of_motion import functions_of
 
 MOST_COORDINATES = 12
 """Larger models take minutes and try nothing else."""

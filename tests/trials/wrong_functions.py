@@ -29,10 +29,9 @@ from tests.trials.progress import Progress, ignore_interrupts
 from eomcheck.claims.finding import Finding
 from eomcheck.lab.show.table import Sheet, print_sheets
 from eomcheck.testing import check
-from eomcheck.testing.answers import Answers
-from eomcheck.testing.point import Point
-from eomcheck.testing.run import drawn
-from eomcheck.testing.subject import INPUTS, Functions, functions_of
+from eomcheck.testing.equations_of_motion import INPUTS, Answers, Functions, functions_of
+from eomcheck.testing.function_checks import drawn
+from eomcheck.testing.function_state import Point
 
 VISIBLE = 1e-6
 CAUGHT, CAUGHT_RARE, NAMED = 0.99, 0.90, 0.90

@@ -1,17 +1,19 @@
-"""What is claimed: each file registers its claims in `CLAIMS`, each once, by both its sides.
+"""Claims about scenes: each file registers its claims in `CLAIMS`, each once, by both its sides.
 
-`run` judges them in doubles, at states; `proof` in finite fields, for all states at once.
+`run` checks them in float64 at sampled states; `proof` tests them in finite fields, for all states
+at once.
 """
 
 from __future__ import annotations
 
-# In the order in which a failure is closest to its cause: single terms, then identities between
-# them, then whole accelerations.
-from eomcheck.claims import terms, positions, speeds, chain  # isort: skip
-from eomcheck.claims import accelerations, redundant, physics, truth, refusals  # isort: skip
+from eomcheck.claims import single_terms, positions, speeds_and_chains  # isort: skip
+from eomcheck.claims import accelerations, numerical_accuracy  # isort: skip
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
 from eomcheck.claims.registry import CLAIMS, Claim
+
+# In the order in which a failure is closest to its cause: single terms, then identities between
+# them, then whole accelerations.
 
 __all__ = [
     "CLAIMS",
@@ -21,12 +23,8 @@ __all__ = [
     "Proof",
     "State",
     "accelerations",
-    "chain",
-    "physics",
+    "numerical_accuracy",
     "positions",
-    "redundant",
-    "refusals",
-    "speeds",
-    "terms",
-    "truth",
+    "single_terms",
+    "speeds_and_chains",
 ]

@@ -1,4 +1,4 @@
-"""Claims about mistakes shared by both derivations of a scene: positions of bodies, and T.
+"""Claims about positions of bodies and T: mistakes shared by both derivations of a scene.
 
 M and T may be made of the same wrong velocity V, and then agree. The positions of bodies, their
 heights in U and motions of the whole scene, which keep T, are independent of that velocity.

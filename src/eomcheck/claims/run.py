@@ -1,7 +1,13 @@
-"""Run the claims: on one state, on random states of a scene, on random scenes.
+"""A run of the claims: on one state, on random states of a scene, on random scenes.
 
-Cases are drawn by strata. When a claim fails hypothesis looks for smaller ones: the last Finding is
-then the smallest case found on which that same claim fails.
+A `Selection` says which formulations, engines and claims take part; `Asked` is a scene with the
+engines made for it. Cases are drawn by pairwise design. When a claim fails, hypothesis shrinks it:
+the last Finding is then the smallest case found on which that same claim fails.
+
+Both derivations of a robot are made of one description, so that no claim sees a misread file. The
+library of the file takes part by default, and is a second reader, not one that is always right: a
+difference is a failure of which either reading may be the cause, and quantities that the library
+leaves out are skipped with the reason.
 """
 
 from __future__ import annotations
@@ -10,32 +16,228 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
+import hypothesis
+from hypothesis import Phase, Verbosity
+from hypothesis.errors import Unsatisfiable
 from hypothesis.strategies import SearchStrategy
 
-from eomcheck.claims import CLAIMS, Case, Finding, State
-from eomcheck.claims.blame import raised_in
-from eomcheck.claims.case import OFTEN, ONCE
-from eomcheck.claims.entries import listed, unresolved
-from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.own import broken_on_doubles
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS, State
+from eomcheck.claims.case import OFTEN, ONCE, Case, unseen
+from eomcheck.claims.finding import DECIDED, Finding, listed, unresolved
+from eomcheck.claims.numerical_accuracy import Drawn, coverage
+from eomcheck.claims.pairwise_design import links_of, measured, scene_cases, state_cases, with_wide
 from eomcheck.claims.proof import by_proof
-from eomcheck.claims.refusals import Drawn, coverage
-from eomcheck.claims.robot_file import of_file
-from eomcheck.claims.selection import Asked, Selection, asked_of, case_of
-from eomcheck.claims.shapes import check_shapes
-from eomcheck.claims.smaller import no_larger, smallest_failure, states_of
-from eomcheck.claims.strata import measured, scene_cases, state_cases
-from eomcheck.claims.wide import with_wide
-from eomcheck.engines import Engine
-from eomcheck.errors import EomcheckError, InputError
+from eomcheck.claims.registry import Claim
+from eomcheck.claims.user_scenes import broken_on_doubles, check_shapes, raised_in
+from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
+from eomcheck.engines.files import FileEngine, default_reader
+from eomcheck.errors import EomcheckError, InputError, message_of, named, some
 from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.scenes import Snake
+
+# ---- Selection -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What takes part in a run: all that is installed in any case, unless named."""
+
+    formulations: tuple[Formulation, ...]
+    engines: tuple[type[Engine], ...]
+    claims: tuple[str, ...]
+    reader: type[FileEngine] | None = None
+    """The library among `engines` that reads a robot's file itself, where none were named."""
+    named: bool = False
+    """Whether engines were named: they are asked at states beyond the ordinary ones too."""
+
+    @classmethod
+    def of(
+        cls,
+        formulations: Iterable[str] | None = None,
+        engines: Iterable[str | type[Engine]] | None = None,
+        claims: Iterable[str] | None = None,
+        *,
+        scenes: Sequence[Scene | type[Scene]] = (Snake,),
+    ) -> Selection:
+        """Look the names up; None stands for all that apply to any scene, an empty list for none.
+
+        Engines that an extra installs take part when named; without names the library of a robot's
+        file does too, for which both derivations are made of one description.
+
+        Raises:
+            InputError: a formulation applies to none of `scenes`, or `claims` names none.
+            UnknownNameError: a name is not registered.
+        """
+        ids = tuple(CLAIMS if claims is None else some("claims", claims))
+        for one in ids:
+            named("claim", one, CLAIMS)
+        chosen, reader = engines_among(engines), None
+        if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
+            chosen = (*chosen, reader)
+        named_ones = engines is not None and bool(chosen)
+        return cls(formulations_among(scenes, formulations), chosen, ids, reader, named_ones)
+
+
+class Asked(NamedTuple):
+    """A scene, the engines made for it, and those that could not be made."""
+
+    scene: Scene
+    engines: tuple[Engine, ...]
+    broken: dict[type[Engine], str]
+    reader: FileEngine | None = None
+    """The one among them that reads the file of the scene because none were named."""
+    unread: tuple[type[FileEngine], str] | None = None
+    """The library that should and cannot, and why."""
+
+
+def asked_of(scene: Scene, selection: Selection) -> Asked:
+    """Return a scene with the engines of `selection` made for it.
+
+    Raises:
+        InputError: a function of the scene returns an array of wrong shape.
+    """
+    check_shapes(scene)
+    engines: list[Engine] = []
+    broken: dict[type[Engine], str] = {}
+    for kind in selection.engines:
+        if kind is not selection.reader and represents(kind, scene):
+            try:
+                engines.append(made(kind, scene))
+            except EngineFault as fault:
+                broken[kind] = fault.what
+    reader = unread = None
+    if selection.reader is not None and getattr(scene, "as_described", False):
+        try:
+            reader = selection.reader(scene)
+            engines.append(reader)
+        except Exception as error:  # whatever a library makes of a file it cannot read
+            unread = selection.reader, message_of(error)
+    return Asked(scene, tuple(engines), broken, reader, unread)
+
+
+def case_of(asked: Asked, state: State, selection: Selection, asked_again: int = OFTEN) -> Case:
+    """Case of a state, for the claims about a scene whose engines are made.
+
+    Args:
+        asked: the scene and its engines.
+        state: (q, v, t).
+        selection: what takes part.
+        asked_again: how often engines on trial are asked again for each answer.
+    """
+    formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
+    evaluation = Evaluation(asked.scene, *state)
+    return Case(
+        evaluation, formulations, asked.engines, broken=asked.broken, asked_again=asked_again
+    )
+
+
+def case_at(scene: Scene, state: State, selection: Selection) -> Case:
+    """Return what claims look at in a state; engines are made for it."""
+    return case_of(asked_of(scene, selection), state, selection)
+
+
+# ---- Findings by the library of a robot's file ---------------------------------------------------
+
+EITHER = "the file is read in two ways: either reading may be wrong"
+
+
+def of_file(asked: Asked, case: Case, claim: Claim) -> list[Finding]:
+    """Return the Findings of one claim; those by the file's library name no one to blame."""
+    findings = [_neutral(asked, case, claim, one) for one in case.look(claim)]
+    if asked.unread is not None and claim.asks == "mass_matrix":
+        kind, why = asked.unread
+        findings.append(unseen(case, kind, f"takes no part: {why}"))
+    return findings
+
+
+def _neutral(asked: Asked, case: Case, claim: Claim, finding: Finding) -> Finding:
+    reader = asked.reader
+    if reader is None or finding.engine is not type(reader) or finding.verdict != "failed":
+        return finding
+    if reason := reader.leaves_out(claim.asks):
+        skipped = unseen(case, type(reader), reason)
+        return replace(skipped, subject=finding.subject)
+    return finding.because(EITHER)
+
+
+# ---- Shrinking -----------------------------------------------------------------------------------
+
+TRIES = 50
+"""Cases looked at in search of a smaller one that fails, those met while shrinking not counted."""
+
+
+def no_larger(scene: Scene, links: tuple[int, int]) -> SearchStrategy[tuple[Scene, State]]:
+    """Return a strategy for scenes of the kind of `scene`, with at most as many links, in a state.
+
+    Args:
+        scene: the scene.
+        links: smallest and largest number of links, for a kind that has one.
+    """
+    most = max(links[0], min(links[1], links_of(scene) or links[1]))
+    return strategies.scene_states(strategies.scenes(type(scene), links[0], most))
+
+
+def states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
+    """Return a strategy for `scene` with each of its ordinary states."""
+    return strategies.states(scene).map(lambda state: (scene, state))
+
+
+class _Falsified(AssertionError):
+    def __init__(self, finding: Finding):
+        self.finding = finding
+        super().__init__(str(finding))
+
+
+def smallest_failure(
+    failed: Finding,
+    cases: SearchStrategy[tuple[Scene, State]],
+    selection: Selection,
+    seed: int,
+) -> Finding:
+    """Return the smallest failure of the same claim among `cases`, or the one there is.
+
+    Args:
+        failed: a failure.
+        cases: among which a smaller one is looked for.
+        selection: what takes part.
+        seed: of the search.
+    """
+
+    def examine(drawn: tuple[Scene, State]) -> None:
+        asked = asked_of(drawn[0], selection)
+        case = case_of(asked, drawn[1], selection, ONCE)
+        for finding in of_file(asked, case, CLAIMS[failed.claim]):
+            if finding.verdict == "failed":
+                raise _Falsified(finding)
+
+    settings = hypothesis.settings(
+        strategies.settings,
+        max_examples=TRIES,
+        database=None,
+        derandomize=False,
+        report_multiple_bugs=False,
+        phases=(Phase.generate, Phase.shrink),
+        verbosity=Verbosity.quiet,
+    )
+    try:
+        hypothesis.seed(seed)(settings(hypothesis.given(cases)(examine)))()
+    except _Falsified as falsified:
+        return falsified.finding
+    except Unsatisfiable:
+        pass  # none of them could be closed
+    return failed
+
+
+# ---- Runs ----------------------------------------------------------------------------------------
 
 
 class Look(NamedTuple):
@@ -108,7 +310,7 @@ class Run:
 
     @property
     def strata(self) -> dict[str, dict[str, int]]:
-        """Number of drawn states in each stratum, see `eomcheck.claims.strata.measured`."""
+        """Number of drawn states by stratum, see `eomcheck.claims.pairwise_design.measured`."""
         return measured((one.scene, one.state) for one in self.drawn)
 
     def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
@@ -200,7 +402,7 @@ class Run:
             looks: who looks at the random cases, by default this process.
 
         Raises:
-            InputError: see `eomcheck.claims.strata.scene_cases`.
+            InputError: see `eomcheck.claims.pairwise_design.scene_cases`.
         """
         example = kind.example()
         self.look_at(example, State(*example.initial_state()), selection)
@@ -230,7 +432,7 @@ class Run:
             looks: who looks at the random cases, by default this process.
 
         Raises:
-            InputError: see `eomcheck.claims.strata.state_cases`.
+            InputError: see `eomcheck.claims.pairwise_design.state_cases`.
         """
         drawn = state_cases(scene, examples, seed)
         drawn = with_wide(drawn, seed) if selection.named else drawn

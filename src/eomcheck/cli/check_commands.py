@@ -94,9 +94,8 @@ def validate(
         check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.run import Run, check_compared
-    from eomcheck.claims.selection import Selection
-    from eomcheck.claims.strata import links_of
+    from eomcheck.claims.pairwise_design import links_of
+    from eomcheck.claims.run import Run, Selection, check_compared
     from eomcheck.console import console, progress, stoppable, undisturbed
     from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.engines import engines_among, is_on_trial, version_of

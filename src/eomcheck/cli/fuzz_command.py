@@ -27,7 +27,7 @@ from eomcheck.lab.options import SCENE_HELP, check_count, interval, listed
 from eomcheck.safe_output import counted
 
 if TYPE_CHECKING:
-    from eomcheck.claims.selection import Selection
+    from eomcheck.claims.run import Selection
     from eomcheck.lab.fuzzing.functions import FunctionsPlan
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
     from eomcheck.lab.fuzzing.rounds import Plan
@@ -237,7 +237,7 @@ def _selection(
     formulation: list[str] | None,
     claim: list[str] | None,
 ) -> Selection:
-    from eomcheck.claims.selection import Selection
+    from eomcheck.claims.run import Selection
     from eomcheck.engines import ALWAYS, version_of
     from eomcheck.engines.answers import represented
 
@@ -281,7 +281,7 @@ def _functions(
     from eomcheck.errors import distinct, named
     from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL
     from eomcheck.lab.fuzzing.functions import FunctionsPlan
-    from eomcheck.testing.run import FUNCTION_CLAIMS
+    from eomcheck.testing.function_checks import FUNCTION_CLAIMS
 
     claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
     for one in claims:

@@ -1,4 +1,4 @@
-"""The engines: one file each, one line each in `ENGINES`. No library is imported here."""
+"""Engines: one file each, one line each in `ENGINES`. No library is imported here."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from inspect import getattr_static
 from eomcheck import calls
 from eomcheck.class_lookup import Kind, looked_up
 from eomcheck.engines.answers import Answers, EngineFault, made, represents, version_of
-from eomcheck.engines.base import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.drake import DrakeEngine
+from eomcheck.engines.engine import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine
 from eomcheck.engines.mujoco import MujocoEngine

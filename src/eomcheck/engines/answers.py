@@ -1,4 +1,9 @@
-"""What an engine answers, in the scene's coordinates, and what is wrong with an answer as such."""
+"""Answers of an engine, mapped to the scene's coordinates, their faults and their sizes.
+
+An `EngineFault` is an answer that is none of the kind that the contract asks for. The size of an
+answer is that of the terms that an engine may sum to it and that cancel: rounding is measured by
+these.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,7 @@ import numpy as np
 
 from eomcheck import calls
 from eomcheck.calls import call
-from eomcheck.engines.base import Engine, EngineAcceleration, VelocityMap
+from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import HUGE, largest

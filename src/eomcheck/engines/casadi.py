@@ -2,7 +2,7 @@
 
 Nothing of the scene's M, a or recursions enters: `energies`, `dissipation`, `constraint`,
 `velocities` and `speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by
-differentiation (Eqs. (4), (25)-(28)). The symbolic model depends on the kind and size of the scene
+differentiation (Eqs. (4), (25)-(28)). The symbolic model depends on the class and size of the scene
 only; its parameters are inputs, so that one model serves all snakes of N links.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from eomcheck.engines.base import Engine, EngineAcceleration
+from eomcheck.engines.engine import Engine, EngineAcceleration
 from eomcheck.errors import required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.scene import Scene

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.base import EngineAcceleration
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Link
+from eomcheck.engines.engine import EngineAcceleration
+from eomcheck.engines.tree_engine import Link, TreeEngine
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 

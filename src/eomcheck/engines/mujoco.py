@@ -3,18 +3,27 @@
 MuJoCo moves no body without mass, so the joints of links that only carry sit on the body that they
 carry. Constraints are soft: rows of a become tendons of constant coefficients, held by MuJoCo's own
 solver as stiffly as its settings allow.
+
+As it reads a URDF, limits, contacts and constraints are switched off. Of an MJCF file it has its
+own model, without what `from_mjcf` leaves out.
 """
 
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.base import EngineAcceleration
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Carried, Link, bodies_with_mass
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
+from eomcheck.engines.engine import EngineAcceleration, VelocityMap
+from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.floating_base import FREE, BaseVelocity, free_base
+from eomcheck.engines.tree_engine import Carried, Link, TreeEngine, bodies_with_mass
+from eomcheck.errors import EngineError
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 STIFFEST = 0.9999
@@ -130,3 +139,133 @@ class MujocoEngine(TreeEngine):
         self.data.qfrc_applied[:] = 0.0
         multipliers = None if a is None else self.data.efc_force.copy()
         return EngineAcceleration(self.data.qacc[self._place], multipliers)
+
+
+# ---- As it reads a URDF --------------------------------------------------------------------------
+
+
+class MujocoFile(FileEngine, MujocoEngine):
+    """A URDF by `mujoco.MjSpec.from_string`, which makes of it what `MjModel` does."""
+
+    key = "mujoco_file"
+    compliant = False
+    base_velocity = BaseVelocity("ground", "base")
+
+    def _read(self, library: Any, description: Description) -> None:
+        self._mj = library
+        spec = library.MjSpec.from_string(description.text)
+        if self.base:
+            if description.root == "world":
+                raise EngineError(f"{self.key} makes a link called world the ground")
+            spec.compiler.fusestatic = False  # else nothing is left of the root but the ground
+            spec.body(description.root).add_freejoint()
+        self.model = model = spec.compile()
+        model.opt.gravity[:] = 0.0
+        off = library.mjtDisableBit
+        model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT)
+        self.data = library.MjData(model)
+
+    def joints(self) -> list[str]:
+        """Return the names of its joints; a free base has the first."""
+        return [self.model.joint(i).name for i in range(bool(self.base), self.model.njnt)]
+
+    def _move_to(self, x: Array, rate: Array) -> None:
+        self.data.qpos[:], self.data.qvel[:] = x, rate
+
+    def _under_gravity(self, q: Array, v: Array) -> None:
+        self.model.opt.gravity[:] = self._gravity
+        self._move_to(q, v)
+        self._mj.mj_forward(self.model, self.data)
+        self.model.opt.gravity[:] = 0.0
+
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return Q (m,): gravity, and what its joints damp and spring."""
+        self._under_gravity(q, np.zeros(len(v)))  # moving, the bias would cancel against itself
+        gravity = -self.data.qfrc_bias
+        self._under_gravity(q, v)
+        return gravity + self.data.qfrc_passive
+
+    def free_acceleration(self, q: Array, v: Array) -> Array:
+        """Return ẍ (m,) of `mj_forward`."""
+        self._under_gravity(q, v)
+        return self.data.qacc.copy()
+
+
+# ---- As it reads an MJCF file --------------------------------------------------------------------
+
+TURNS = 3
+"""Coordinates of a ball joint; MuJoCo has a quaternion for them."""
+
+
+class MjcfFile(MujocoFile):
+    """An MJCF by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
+
+    key = "mjcf_file"
+
+    def __init__(self, scene: Scene):
+        self.scene, self.said = scene, []
+        if not (isinstance(scene, Mechanism) and self.represents(scene)):
+            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
+        self._mj, self.base = self._library(), 0
+        read = read_mjcf(Path(scene.made.source))
+        self.model = read.compiled
+        self.model.opt.disableflags |= int(self._mj.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.model.opt.disableflags &= ~int(self._mj.mjtDisableBit.mjDSBL_GRAVITY)
+        self.model.opt.gravity[:] = 0.0
+        self._gravity = np.zeros(3)
+        if (gravity := getattr(scene, "gravity", None)) is not None:
+            self._gravity[: len(gravity)] = gravity
+        self.data = self._mj.MjData(self.model)
+        self._n, self._place = self.model.nv, np.arange(self.model.nv)
+        place = {name: i for i, name in enumerate(scene.coordinate_names)}
+        self._in_file = [place[name] for name in read.coordinates]
+        self.coordinates, self.shift = np.eye(self._n)[self._in_file], np.zeros(self._n)
+        damped = zip(read.coordinates, self.model.dof_damping, strict=True)
+        names = frozenset(name for name, damping in damped if damping)
+        self.description = Description("", GROUND, {}, names, (), (), ())
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return f"mujoco {cls._library().__version__}"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is an MJCF file, with the parameters that stand there."""
+        if not isinstance(scene, Mechanism):
+            return False
+        return scene.made.format == "mjcf" and scene.as_described
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (x, S, Ṡ v): what is free slides along axes of the ground, turns about its own."""
+        x: list[float] = []
+        q, v = q[self._in_file], v[self._in_file]
+        S, rest, i = np.eye(self._n), np.zeros(self._n), 0
+        for kind in self.model.jnt_type:
+            if kind not in (FREE_JOINT, BALL_JOINT):
+                x, i = [*x, float(q[i])], i + 1
+                continue
+            count = FREE if kind == FREE_JOINT else TURNS
+            moved = np.zeros((2, FREE))
+            moved[:, FREE - count :] = q[i : i + count], v[i : i + count]
+            base = free_base(*moved)
+            whole, more = base.velocity(BaseVelocity("ground", "base"), moved[1])
+            here, part = slice(i, i + count), slice(FREE - count, FREE)
+            S[here, here], rest[here] = whole[part, part], more[part]
+            x += [*(base.place if count == FREE else ()), *base.quaternion]
+            i += count
+        return VelocityMap(np.array(x), S @ self.coordinates, rest)
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return ẇ under MuJoCo's own forces; λ by our a and gamma: its constraints are soft."""
+        if a is None:
+            return EngineAcceleration(self.free_acceleration(q, v))
+        return self.eliminated(q, v, self.forces(q, v, t), a, gamma, t)

@@ -1,4 +1,8 @@
-"""Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver."""
+"""Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver.
+
+As it reads a URDF, a floating base is a quaternion and a velocity along its own axes; its
+algorithms leave out the dampers that it reads.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.base import EngineAcceleration
-from eomcheck.engines.tree import TreeEngine
-from eomcheck.engines.walk import Link
+from eomcheck.engines.engine import EngineAcceleration, VelocityMap
+from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.floating_base import BaseVelocity, FreeBase
+from eomcheck.engines.tree_engine import Link, TreeEngine
 from eomcheck.numbers.generic import Array
 
 
@@ -64,3 +69,56 @@ class PinocchioEngine(TreeEngine):
             return EngineAcceleration(np.array(self._pin.aba(*state)), None)
         xdd = self._pin.forwardDynamics(*state, a, gamma)
         return EngineAcceleration(np.array(xdd), np.array(self.data.lambda_c))
+
+
+# ---- As it reads a URDF --------------------------------------------------------------------------
+
+
+class PinocchioFile(FileEngine, PinocchioEngine):
+    """A URDF by `pinocchio.buildModelFromXML`."""
+
+    key = "pinocchio_file"
+    base_velocity = BaseVelocity("base", "base")
+    undamped = True
+
+    def _read(self, library: Any, description: Description) -> None:
+        self._pin = library
+        base = (library.JointModelFreeFlyer(),) if self.base else ()
+        self.model = library.buildModelFromXML(description.text, *base)
+        self.model.gravity.linear = np.zeros(3)
+        self.data = self.model.createData()
+
+    def joints(self) -> list[str]:
+        """Return the names of its joints; its universe comes first, and then a free base."""
+        return list(self.model.names)[2 if self.base else 1 :]
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (x, S, Ṡ v), x with cosine and sine of joints without limits."""
+        x, S, rest = super().velocity_map(q, v)
+        joints = list(self.model.joints)[2 if self.base else 1 :]
+        pose, moved = np.split(x, [len(x) - len(joints)])
+        parts = pose.tolist()
+        for joint, angle in zip(joints, moved, strict=True):
+            parts += [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+        return VelocityMap(np.array(parts), S, rest)
+
+    def pose(self, base: FreeBase) -> Array:
+        """Return place and orientation, as x, y, z, w."""
+        return np.concatenate([base.place, np.roll(base.quaternion, -1)])
+
+    def _under_gravity(self, algorithm: Any, *arguments: Array) -> Array:
+        """Return what one of its algorithms gives for the model under gravity."""
+        self.model.gravity.linear = self._gravity
+        try:
+            return np.array(algorithm(self.model, self.data, *arguments))
+        finally:
+            self.model.gravity.linear = np.zeros(3)
+
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return Q (m,) of gravity and of the dampers that it reads."""
+        gravity = self._under_gravity(self._pin.computeGeneralizedGravity, q)
+        return -gravity - self.model.damping * v
+
+    def free_acceleration(self, q: Array, v: Array) -> Array:
+        """Return ẇ (m,) by articulated bodies."""
+        return self._under_gravity(self._pin.aba, q, v, np.zeros(len(v)))

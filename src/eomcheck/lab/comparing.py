@@ -9,8 +9,7 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.entries import unresolved
-from eomcheck.claims.finding import DECIDED, Finding
+from eomcheck.claims.finding import DECIDED, Finding, unresolved
 from eomcheck.claims.run import Run, Selection
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import Engine, version_of

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from eomcheck.claims.entries import Left
-from eomcheck.claims.finding import Finding
+from eomcheck.claims.finding import Finding, Left
 from eomcheck.errors import InputError
 from eomcheck.lab.parting import Why
 from eomcheck.mechanics.scene import Scene

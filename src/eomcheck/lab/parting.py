@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.engines.files.description import Description
-from eomcheck.engines.files.free import BaseVelocity, FreeBase
+from eomcheck.engines.file_engine import Description
+from eomcheck.engines.floating_base import BaseVelocity, FreeBase
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
 

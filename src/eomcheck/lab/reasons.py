@@ -7,8 +7,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from eomcheck.engines.files.description import few
-from eomcheck.engines.files.free import AXES, FREE, BaseVelocity
+from eomcheck.engines.file_engine import few
+from eomcheck.engines.floating_base import AXES, FREE, BaseVelocity
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.parting import CLOSE, ROUNDED, TERMS, Parting, Why
 

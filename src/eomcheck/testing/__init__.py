@@ -1,4 +1,4 @@
-"""Checks for your own equations and your own test suite, of what is not written as a scene."""
+"""Checks for your own equations and test suite, of equations that are not written as a scene."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eomcheck.strategies import settings
-    from eomcheck.testing.reference import from_engine, from_scene
-    from eomcheck.testing.registry import FUNCTION_CLAIMS
-    from eomcheck.testing.run import check, check_functions
-    from eomcheck.testing.subject import Functions
+    from eomcheck.testing.converters import from_engine, from_kane, from_lagrange, from_scene
+    from eomcheck.testing.equations_of_motion import Functions
+    from eomcheck.testing.function_checks import check, check_functions
+    from eomcheck.testing.function_claim import FUNCTION_CLAIMS
     from eomcheck.testing.suite import parametrize_with_claims
-    from eomcheck.testing.sympy import from_kane, from_lagrange
+
 
 _HOME = {
-    "FUNCTION_CLAIMS": "testing.run",
-    "Functions": "testing.subject",
-    "check": "testing.run",
-    "check_functions": "testing.run",
-    "from_engine": "testing.reference",
-    "from_kane": "testing.sympy",
-    "from_lagrange": "testing.sympy",
-    "from_scene": "testing.reference",
+    "FUNCTION_CLAIMS": "testing.function_checks",
+    "Functions": "testing.equations_of_motion",
+    "check": "testing.function_checks",
+    "check_functions": "testing.function_checks",
+    "from_engine": "testing.converters",
+    "from_kane": "testing.converters",
+    "from_lagrange": "testing.converters",
+    "from_scene": "testing.converters",
     "parametrize_with_claims": "testing.suite",
     "settings": "strategies",
 }

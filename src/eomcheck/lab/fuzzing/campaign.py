@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.claims.entries import Entries, merged
+from eomcheck.claims.finding import Entries, merged
 from eomcheck.errors import InputError
 from eomcheck.lab.fuzzing.finds import Find, cause_of, diagnosis_of
 from eomcheck.lab.fuzzing.parameters import case_of, parameters_of

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from eomcheck.claims.strata import ATTEMPTS
+from eomcheck.claims.pairwise_design import ATTEMPTS
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import closed_position

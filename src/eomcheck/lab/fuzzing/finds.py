@@ -7,7 +7,7 @@ from typing import Any
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import EVERY_ROW
-from eomcheck.claims.repeat import python_of
+from eomcheck.claims.reproducer import python_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.judging import Fault, fault_of

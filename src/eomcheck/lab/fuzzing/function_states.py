@@ -12,7 +12,7 @@ from eomcheck.lab.fuzzing.scenes import special_number
 from eomcheck.lab.fuzzing.work import Population
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.subject import Functions
+from eomcheck.testing.equations_of_motion import Functions
 
 
 @lru_cache(8)

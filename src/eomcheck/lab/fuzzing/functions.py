@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.claims.entries import Entries, left_of, listing, merged
+from eomcheck.claims.finding import Entries, left_of, listing, merged
 from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL, Case
 from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
 from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, limits
@@ -24,8 +24,8 @@ from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.run import caveats, functions_at
-from eomcheck.testing.subject import Functions
+from eomcheck.testing.equations_of_motion import Functions
+from eomcheck.testing.function_checks import caveats, functions_at
 
 STATES = 16
 """States drawn in a round, and as many climbed to."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.repeat import beginning_of
+from eomcheck.claims.reproducer import beginning_of
 from eomcheck.lab.fuzzing.moved import TIGHT
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

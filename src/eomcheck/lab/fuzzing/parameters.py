@@ -18,7 +18,7 @@ from eomcheck.lab.fuzzing.families import Case
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import finite_array
-from eomcheck.testing.subject import Functions
+from eomcheck.testing.equations_of_motion import Functions
 
 
 def plain_random(scene: Random) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
 from eomcheck.lab.fuzzing.judging import Fault, checked, named_in
 from eomcheck.lab.fuzzing.motion_finding import CLAIMS_OF_MOTIONS
 from eomcheck.lab.fuzzing.motions import findings_of_motion
-from eomcheck.testing.registry import FUNCTION_CLAIMS
-from eomcheck.testing.run import functions_at
-from eomcheck.testing.subject import Functions
+from eomcheck.testing.equations_of_motion import Functions
+from eomcheck.testing.function_checks import functions_at
+from eomcheck.testing.function_claim import FUNCTION_CLAIMS
 
 Outcome = Literal["failed", "holds", "inconclusive", "not checked"]
 

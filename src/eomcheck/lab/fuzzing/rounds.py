@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.lanes import liftable
-from eomcheck.claims.wide import with_wide
+from eomcheck.claims.batched_claims import liftable
+from eomcheck.claims.pairwise_design import with_wide
 from eomcheck.engines import Engine
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
@@ -67,7 +67,8 @@ class Plan(NamedTuple):
         ration: how often what takes long is looked at.
         batch: states side by side.
         wide: whether every other ordinary case is in a state that has joints turned by whole turns,
-            or moves fast or slowly, see `eomcheck.claims.wide`: for engines that were named.
+            or moves fast or slowly, see `eomcheck.claims.pairwise_design`: for engines that were
+            named.
     """
 
     kind: type[Scene]

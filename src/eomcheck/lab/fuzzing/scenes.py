@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.claims.strata import ABSENT, value_of, ways_of
+from eomcheck.claims.pairwise_design import ABSENT, value_of, ways_of
 from eomcheck.lab.fuzzing.families import DECADES, FAST, ORDINARY, SPECIAL, WIDE
 from eomcheck.lab.fuzzing.strata import Stratum
 from eomcheck.mechanics.records import Range

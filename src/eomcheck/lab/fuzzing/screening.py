@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.claims.batched_claims import LaneCase, lane_cases, liftable
 from eomcheck.claims.finding import DECIDED as VERDICTS
 from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
-from eomcheck.claims.lanes import LaneCase, lane_cases, liftable
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.certified import (

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.smaller import no_larger, smallest_failure
+from eomcheck.claims.run import Selection, no_larger, smallest_failure
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.finds import cause_of
 from eomcheck.lab.fuzzing.judging import about, failures

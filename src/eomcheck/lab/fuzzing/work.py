@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.claims.entries import Entries
+from eomcheck.claims.finding import Entries
 from eomcheck.lab.fuzzing.families import Case
 from eomcheck.lab.fuzzing.finds import Find
 from eomcheck.lab.fuzzing.screening import Key

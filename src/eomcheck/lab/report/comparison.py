@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eomcheck.atomic_write import write_text
-from eomcheck.claims.entries import listed
+from eomcheck.claims.finding import listed
 from eomcheck.console import console
 from eomcheck.lab.comparing import OURS
 from eomcheck.lab.comparison import Comparison

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import version_of
 from eomcheck.lab.show.document_text import write_json as write_document
 

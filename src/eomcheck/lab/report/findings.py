@@ -7,8 +7,7 @@ from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.console import console
 from eomcheck.engines import Engine, represents, version_of
 from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet

@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
-from eomcheck.claims.entries import lists
-from eomcheck.claims.finding import DECIDED
+from eomcheck.claims.finding import DECIDED, lists
 from eomcheck.lab.show.document_text import ranges
 from eomcheck.lab.show.table import Cell
 from eomcheck.lab.store.groups import group

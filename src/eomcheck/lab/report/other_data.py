@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.strata import links_of
+from eomcheck.claims.pairwise_design import links_of
 from eomcheck.engines import ENGINES
 from eomcheck.lab.report.overview import Overview
 from eomcheck.scenes import SCENES

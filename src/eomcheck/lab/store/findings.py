@@ -14,9 +14,9 @@ from operator import attrgetter
 from typing import get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Verdict
-from eomcheck.claims.repeat import python_of
+from eomcheck.claims.pairwise_design import links_of
+from eomcheck.claims.reproducer import python_of
 from eomcheck.claims.run import Run
-from eomcheck.claims.strata import links_of
 from eomcheck.errors import described_error
 from eomcheck.lab.store.kept import COLUMNS, Kept
 from eomcheck.lab.store.record import Record

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import version_of
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.store.findings import RUNS, STATES, cases_of, kept_of, record_of

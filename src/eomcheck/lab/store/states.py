@@ -9,8 +9,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 from eomcheck.calls import is_ours
-from eomcheck.claims.run import Cases, Look, Looked, look, often_at
-from eomcheck.claims.selection import Asked, Selection, asked_of
+from eomcheck.claims.run import Asked, Cases, Look, Looked, Selection, asked_of, look, often_at
 from eomcheck.engines import Engine
 from eomcheck.lab.store.workers import spread
 from eomcheck.mechanics.records import State

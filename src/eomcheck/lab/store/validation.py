@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
+from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.store.keeper import Keeper
 from eomcheck.lab.store.records import Records

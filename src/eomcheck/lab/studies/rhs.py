@@ -25,7 +25,7 @@ import numpy as np
 
 from eomcheck import strategies
 from eomcheck.console import progress
-from eomcheck.engines.base import required
+from eomcheck.engines.engine import required
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import speeds_of, velocity

@@ -10,9 +10,8 @@ from typing import Annotated
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.run import Run
-from eomcheck.claims.selection import Selection
-from eomcheck.claims.strata import scene_cases
+from eomcheck.claims.pairwise_design import scene_cases
+from eomcheck.claims.run import Run, Selection
 from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C

@@ -1,0 +1,314 @@
+"""Claims at many states at once: a batch, which screens states and does not judge.
+
+A claim that yields both of its sides is evaluated in SIMD lanes, one state a lane, as it is
+written; the difference that its sides are allowed is measured as `Case` measures it. A state that
+looks bad is to be checked again by `eomcheck.check`, and so are claims that cannot be evaluated in
+lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
+from eomcheck.claims.registry import CLAIMS, AtDoubles, Claim, Sides
+from eomcheck.errors import RefusedError, described_error
+from eomcheck.evaluation.batched_evaluation import (
+    LaneEvaluation,
+    acceleration_sensitivity_in_lanes,
+    largest_in,
+    sensitivity_in_lanes,
+    speeds_told_in_lanes,
+)
+from eomcheck.evaluation.evaluation import SPEEDS, Acceleration
+from eomcheck.evaluation.tolerance import allowed_error, larger, largest
+from eomcheck.formulations import Formulation
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in
+from eomcheck.numbers.linear import watching
+from eomcheck.numbers.noise import SAMPLES
+
+NOT_LIFTED = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
+"""What a claim raises that asks of numbers what lanes cannot say."""
+
+
+class NotInLanesError(TypeError):
+    """A claim asks for what each state has in its own way."""
+
+
+class Outcome(NamedTuple):
+    """What a claim came to in lanes, about one subject.
+
+    Attributes:
+        claim: its id.
+        subject: what it is about.
+        observed: errors (L,).
+        allowed: what rounding explains (L,).
+        verdict: `PASSED`, `FAILED` or `INCONCLUSIVE_` (L,), or `ABSENT` where there is nothing.
+    """
+
+    claim: str
+    subject: str
+    observed: Array
+    allowed: Array
+    verdict: Array
+
+    @property
+    def ratio(self) -> Array:
+        """Observed / allowed (L,) where it is decided, 0 elsewhere."""
+        with np.errstate(all="ignore"):
+            found = self.observed / self.allowed
+        found = np.where(self.allowed > 0, found, np.where(self.observed > 0, np.inf, 0.0))
+        found = np.where(np.isnan(found), np.inf, found)
+        return np.where(np.isin(self.verdict, (PASSED, FAILED)), found, 0.0)
+
+
+ABSENT = 0
+
+
+@dataclass
+class LaneCase(AtDoubles):
+    """States of scenes of one structure, with the formulations to look at; see `Case` and `Look`.
+
+    Attributes:
+        at: the evaluation in lanes.
+        formulations: those that take part.
+        has_speeds: whether generalized speeds exist: in all lanes, or in none.
+        lost: claims that cannot be told in lanes here, and why.
+    """
+
+    at: LaneEvaluation
+    formulations: tuple[Formulation, ...]
+    has_speeds: bool
+    lost: dict[str, str] = field(default_factory=dict)
+    _asked: bool = field(default=False, repr=False)
+
+    @cached_property
+    def speeds_told(self) -> LaneArray:
+        """Where generalized speeds by a partition are more than rounding."""
+        return LaneArray(speeds_told_in_lanes(self.at))
+
+    @property
+    def directions(self) -> Array:
+        """The coordinates in turn (n, n), of literals."""
+        return np.eye(self.at.scene.n, dtype=object)
+
+    @property
+    def partitions(self) -> Iterator[tuple[str, Any]]:
+        """The paper's partition: pivoted ones differ from lane to lane."""
+        yield "em", self.at.partition
+
+    @property
+    def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
+        """What the formulations say; NaN in lanes that are refused."""
+        self._asked = True
+        return self._solutions
+
+    @cached_property
+    def _solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
+        able = (f for f in self.formulations if self.has_speeds or not f.in_speeds)
+        return tuple((f, self.at.acceleration(f)) for f in able)
+
+    def refused(self, key: str) -> Array:
+        """Return where a formulation refuses (L,)."""
+        if (key, False) in self.at.refused:
+            return self.at.refused[key, False]
+        return np.ones(self.at.lanes, bool)
+
+    def sensitivity(self, quantity: Callable[[Any], Any], together: bool = False) -> LaneArray:
+        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
+
+        In lanes each copy is asked for itself, whether or not they have it `together`.
+        """
+        copied, at = self.at.copied, self.at
+        return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
+
+    def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
+        """Return κ · scale of a part of the result of `formulation`."""
+        key = (formulation.key, part, False)
+        if key not in self._sensitivities:
+            found = acceleration_sensitivity_in_lanes(self.at, formulation, part)
+            self._sensitivities[key] = found
+        return LaneArray(self._sensitivities[key])
+
+    @cached_property
+    def _sensitivities(self) -> dict[tuple[str, str, bool], Array]:
+        return {}
+
+    @property
+    def added_row(self) -> Any:
+        """None.
+
+        Raises:
+            NotInLanesError: always.
+        """
+        raise NotInLanesError("which rows a further one depends on differs from state to state")
+
+    # ---- Looking ---------------------------------------------------------------------------------
+
+    def look(self, claims: Sequence[str]) -> list[Outcome]:
+        """Return what claims come to; those that lanes cannot tell are added to `lost`."""
+        found: list[Outcome] = []
+        with np.errstate(all="ignore"):
+            for one in claims:
+                try:
+                    found += list(self._looked_at(CLAIMS[one]))
+                except NOT_LIFTED as error:
+                    said = isinstance(error, NotInLanesError)
+                    self.lost[one] = str(error) if said else described_error(error)
+        return found
+
+    def _looked_at(self, claim: Claim) -> Iterator[Outcome]:
+        if claim.id == "invariance":
+            return self._invariance()
+        assert claim.sides is not None
+        return self._compared(claim, claim.sides)
+
+    def _compared(self, claim: Claim, sides: Callable) -> Iterator[Outcome]:
+        @cache
+        def perturbed(e: Any) -> dict[str, Sides]:
+            found: dict[str, Sides] = {}
+            here = LaneCase(e, self.formulations, self.has_speeds)
+            with e.computing("sides"), e.watched(), suppress(RefusedError):
+                for one in sides(e, here):
+                    found[one.subject] = one
+            return found
+
+        def measured(here: Sides, side: str) -> Array:
+            def quantity(e: Any) -> Any:
+                one = here if e is self.at else perturbed(e).get(here.subject)
+                if not isinstance(one, Sides):
+                    raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
+                return getattr(one, side)
+
+            return sensitivity_in_lanes(self.at, quantity)
+
+        self._asked = False
+        with watching() as watch:
+            here = list(sides(self.at, self))
+        of_results = self._asked
+        refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
+        refused = np.any([refused, *watch.refused], axis=0)
+        for one in here:
+            if not isinstance(one, Sides):
+                continue
+            given = _of_lanes(one.sensitivity, self.at.lanes)
+            size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
+            if given is None or np.isnan(given).any():
+                sensitivity = measured(one, "found") + measured(one, "expected") + size
+                given = (
+                    sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
+                )
+            scale: Any = given if one.may_vanish else None if one.size is None else size
+            absent = refused | self._refused_in(one.subject) if of_results else refused
+            yield self.compared(claim, one, given, scale, absent)
+
+    def _refused_in(self, subject: str) -> Array:
+        """Return where a subject is about a formulation that refuses (L,)."""
+        named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
+        absent = np.zeros(self.at.lanes, bool)
+        for f, _ in self.solutions if named & {f.key for f in self.formulations} else ():
+            if f.key in named:
+                absent |= self.refused(f.key)
+        return absent
+
+    def compared(
+        self, claim: Claim, sides: Sides, sensitivity: Array, scale: Array | None, absent: Array
+    ) -> Outcome:
+        """Return what found = expected comes to; see `Case.compare`."""
+        lanes = self.at.lanes
+        found, expected = doubles(sides.found), doubles(sides.expected)
+        observed = largest_in(found - expected, lanes)
+        size = largest_in(expected, lanes)
+        scale = size if scale is None else np.broadcast_to(scale, (lanes,))
+        allowed = allowed_error(1.0) * np.broadcast_to(sensitivity, (lanes,))
+        verdict = judged(observed, allowed, scale)
+        verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_)
+        # What depends on a result that is refused is NaN; what needs none is told of results alone.
+        told = np.isfinite(observed) & bool(lanes_in((sides.found, sides.expected)))
+        verdict = np.where(absent & ~told, ABSENT, verdict)
+        return Outcome(claim.id, sides.subject, observed, allowed, verdict)
+
+    def _invariance(self) -> Iterator[Outcome]:
+        at, claim = self.at, CLAIMS["invariance"]
+        moved: dict[str, list[Any]] = {}
+        q, v = at.q.data.T, at.v.data.T  # type: ignore[attr-defined]
+        for lane, scene in enumerate(at.scenes):
+            for symmetry in scene.symmetries(q[lane], v[lane]):
+                moved.setdefault(symmetry.name, []).append(symmetry)
+        for name, each in moved.items():
+            if len(each) < at.lanes:
+                continue
+            t = at.t.data if isinstance(at.t, LaneArray) else np.full(at.lanes, at.t)
+            states = [State(s.q, s.v, float(x)) for s, x in zip(each, t, strict=True)]
+            there = LaneEvaluation([s.scene for s in each], states)
+            there.conditions = False
+            image = LaneArray(np.stack([s.image for s in each], axis=-1))
+            size = largest(np.abs(image).sum(axis=1))
+            turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)
+            for f, x in self.solutions:
+                found = there.acceleration(f).vdot
+                sides = Sides(f"{name}: {f.key}", found, image @ x.vdot, ())
+                absent = self.refused(f.key) | there.refused[f.key, False]
+                # More noise only allows more: what passes by the first passes by all.
+                for samples in (1, SAMPLES):
+                    of_vdot = self._moved_sensitivity(f, samples)
+                    sensitivity = (2 * size * turn * of_vdot).data
+                    outcome = self.compared(claim, sides, sensitivity, None, absent)
+                    if np.isin(outcome.verdict, (PASSED, ABSENT)).all():
+                        break
+                yield outcome
+
+    def _moved_sensitivity(self, formulation: Formulation, samples: int) -> LaneArray:
+        """Return κ · scale of v̇, coordinates perturbed too, by so many samples of noise."""
+        key = (formulation.key, f"vdot by {samples}", True)
+        if key not in self._sensitivities:
+            self._sensitivities[key] = acceleration_sensitivity_in_lanes(
+                self.at, formulation, coordinates=True, samples=samples
+            )
+        return LaneArray(self._sensitivities[key])
+
+
+def _of_lanes(x: Any, lanes: int) -> Any:
+    """Return a number a lane (L,), None for None."""
+    if x is None:
+        return None
+    return np.broadcast_to(x.data if lanes_in(x) else np.asarray(x, np.float64), (lanes,))
+
+
+def liftable(claims: Sequence[str]) -> tuple[str, ...]:
+    """Return those of `claims` that may be looked at in lanes: by sides, without an engine."""
+    return tuple(
+        one
+        for one in claims
+        if one == "invariance" or (CLAIMS[one].sides is not None and not CLAIMS[one].against)
+    )
+
+
+def lane_cases(
+    cases: Sequence[tuple[Scene, State]], formulations: Sequence[Formulation]
+) -> Iterator[tuple[Array, LaneCase]]:
+    """Yield the places of cases that go side by side, and these.
+
+    They have one structure, and generalized speeds in all of them or in none.
+    """
+    groups: dict[Any, list[int]] = {}
+    for i, (scene, state) in enumerate(cases):
+        try:
+            scene.refuse_speeds(state.q)
+            has_speeds = True
+        except RefusedError:
+            has_speeds = False
+        groups.setdefault((type(scene), scene.structure, has_speeds), []).append(i)
+    for (_, _, has_speeds), places in groups.items():
+        at = LaneEvaluation([cases[i][0] for i in places], [cases[i][1] for i in places])
+        able = tuple(f for f in formulations if f.applies_to(at.scene))
+        yield np.array(places), LaneCase(at, able, has_speeds)

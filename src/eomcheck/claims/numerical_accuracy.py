@@ -1,0 +1,373 @@
+"""Claims about numerical accuracy: error bounds against certified values, and refusals.
+
+The certified acceleration is enclosed by ball arithmetic of as many digits as it takes: enclosures
+by all formulations overlap, and errors in float64 are within their bounds. A formulation refuses a
+state only where the scene itself is singular there, and together they solve most ordinary states.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space, solve_triangular
+
+from eomcheck.claims.case import Case
+from eomcheck.claims.finding import Finding, Verdict, shortened
+from eomcheck.claims.pairwise_design import strata_of
+from eomcheck.claims.registry import CLAIMS, Claim, check, pairs
+from eomcheck.claims.user_scenes import not_rational
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.certified import (
+    TRUE_DIGITS,
+    TRUTH_WITHOUT_SPEEDS,
+    Enclosure,
+    certify,
+    enclose,
+    enclosure,
+    true_state,
+)
+from eomcheck.evaluation.constraint_rank import RANK
+from eomcheck.evaluation.dynamics import CONTRADICTION, explained, solution_of
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
+from eomcheck.formulations import Formulation
+from eomcheck.formulations.gw import MOBILITY
+from eomcheck.mechanics.records import Chain, State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.linear import column_scale
+from eomcheck.numbers.pivots import EPS, scale_of
+from eomcheck.safe_output import counted
+
+# ---- Certified accelerations ---------------------------------------------------------------------
+
+EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
+
+
+def _enclosed(
+    case: Case, formulation: Formulation, known: dict[int, Quantities]
+) -> Enclosure | Finding:
+    """Return the enclosure, or that there is none; see `enclosure` for `known`."""
+    at = case.at
+    start, how = {"u": at.u}, (TRUE_DIGITS, at.partition_for(formulation, False))
+    try:
+        return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
+    except (RefusedError, TypeError) as error:
+        return _without_truth(case, formulation.key, error)
+
+
+def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
+    """Return the Finding where there are no digits, or a function does not run on balls."""
+    if isinstance(error, RefusedError):
+        return case.finding(subject, 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
+    why = f"not rational: {error}"
+    return case.finding(subject, 0.0, 0.0, "not looked at", EVIDENCE, why)
+
+
+@check("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
+def enclosures(case: Case) -> Iterator[Finding]:
+    """The enclosures by all formulations have a point in common, pair by pair."""
+    if not case.has_speeds or not np.isfinite(case.at.u).all():
+        return
+    if why := not_rational(case.at.scene):
+        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        return
+    found: list[tuple[Formulation, Enclosure]] = []
+    known: dict[int, Quantities] = {}
+    for f in case.solved:
+        x = _enclosed(case, f, known)
+        if isinstance(x, Finding):
+            yield x
+        else:
+            found.append((f, x))
+    kept = {f: case.at.partition_for(f, False).redundant is None for f, _ in found}
+    for (f, x), (g, y) in pairs(found):
+        if kept[f] != kept[g]:
+            continue  # of fewer rows, which rounding cannot tell from all, another truth follows
+        apart = np.flatnonzero(~x.overlaps(y))
+        rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
+        detail = f"acceleration, row {rows}: the balls are disjoint" if apart.size else ""
+        verdict = "failed" if apart.size else "passed"
+        outcome = float(apart.size), 0.0, verdict, EVIDENCE, detail
+        yield case.finding(f"{f.key} ~ {g.key}", *outcome)
+
+
+@check("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
+def true_errors(case: Case) -> Iterator[Finding]:
+    """The error in doubles, against the enclosed truth, is what rounding explains."""
+    here = case.at
+    if case.has_speeds and not np.isfinite(here.u).all():
+        return
+    if why := not_rational(here.scene):
+        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        return
+    try:
+        if case.has_speeds:
+            truth, at = true_state(here.scene, here.q, here.u, here.t)
+        else:
+            how = {"t": here.t, "digits": TRUE_DIGITS, "v": here.v}
+            truth, at = enclose(here.scene, TRUTH_WITHOUT_SPEEDS, here.q, **how), here
+    except (RefusedError, TypeError) as error:
+        yield _without_truth(case, "all", error)
+        return
+    true = Case(at, case.formulations, (), case.claim)
+    for formulation in true.solved:
+        sensitivity = true.vdot_sensitivity(formulation)
+        try:
+            found = certify(formulation, truth, at, sensitivity=sensitivity)
+        except RefusedError as error:
+            yield _without_truth(case, formulation.key, error)
+            continue
+        both, names = (found.vdot, found.truth.doubles()), (here.scene.coordinate_names,)
+        judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
+        yield replace(judged, digits=found.digits, state=case.state)
+
+
+# ---- Refusals ------------------------------------------------------------------------------------
+
+
+def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
+    """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
+
+    Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
+    first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
+    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a
+    refusal agree to a factor of the order, which is taken off. An overflow is justified by inputs
+    large enough for it, or by what is singular to working precision.
+    """
+    at = case.at
+    M, _, _, a, _, _ = at.terms
+    if a is not None and formulation.redundant:
+        with suppress(RefusedError):  # the rank itself may be what is refused
+            kept = at.independent_partition.kept
+            a = a if kept is None else a[kept]
+    if refusal.what == CONTRADICTION:
+        return _agreement(at)
+    overflows = np.isnan(refusal.rcond)
+    if overflows and can_overflow(at.v, at.F, M):
+        return 0.0
+    needed = [M]
+    if a is not None:
+        needed.append(_kkt(M, a))
+        if formulation.partitioned:
+            needed.append(a[:, at.partition.dependent])
+    if formulation.uses == "chain":
+        needed.append(_kkt(np.diag(at.chain.mass), _joints(at.chain)))
+    rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
+    if formulation.uses == "chain":
+        rcond[-1] *= _evenness(at.chain)
+    # Velocities are measured by the energy in them, and so have no units of their own.
+    scale = scale_of(np.sqrt(np.abs(np.diagonal(M))))
+    if a is not None and refusal.what == RANK:
+        rcond.append(_rcond(_balanced(a * scale)))
+    if a is not None and (formulation.partitioned or formulation.in_speeds):
+        # v = Z c with an orthonormal Z; the independent velocities or speeds are R c.
+        rows, R = _balanced(a * scale), np.eye(len(M))[at.partition.independent]
+        if formulation.in_speeds:
+            R = _speeds_map(at) * scale
+            rcond.append(_rcond_of_speeds(at))
+        Z, unsure = null_space(rows), _unsure(R, rows)
+        rcond.append(_rcond(R @ Z, unsure) ** 2 * _rcond(Z.T @ (scale[:, None] * M * scale) @ Z))
+    if a is not None and refusal.what == MOBILITY:
+        # The square of another matrix, it is singular to working precision long before that.
+        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
+    if overflows:
+        return 0.0 if min(rcond) < at.scene.n * EPS else 1.0
+    return min(rcond)
+
+
+def _agreement(at: Evaluation) -> float:
+    """Return what rounding explains over how far constraints that imply each other contradict.
+
+    By least squares, where v̇ has nothing of directions in which only rounding tells rows apart; or
+    over how far rows are from implying each other, if they do only for who rounds coordinates.
+    """
+    M, _, _, a, gamma, _ = at.terms
+    scale = _row_scale(a)
+    rows, rest = _by_energy(M, a) * scale[:, None], gamma * scale
+    U, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    rank = at.scene.r if (kept := at.independent_partition.kept) is None else len(kept)
+    left = largest(rest - U[:, :rank] @ (U[:, :rank].T @ rest))
+    explained = allowed_error(largest(rest) * sizes[0] / sizes[rank - 1])
+    apart = min(_rcond(_balanced(rows)), sizes[-1] / sizes[0])
+    shares = explained / left if left > 0 else math.inf, allowed_error(1.0) / max(apart, EPS**2)
+    return min(shares)
+
+
+def _by_energy(M: Array, a: Array) -> Array:
+    """Return a L⁻ᵀ with L Lᵀ = M, or a where doubles do not hold M that well."""
+    try:
+        return solve_triangular(np.linalg.cholesky(M), a.T, lower=True).T
+    except np.linalg.LinAlgError:
+        return a
+
+
+def _kkt(M: Array, a: Array) -> Array:
+    return np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]])
+
+
+def _joints(chain: Chain) -> Array:
+    """Return the matrix (2 (n_b-1), s) of the joints' equations in ẋ."""
+    J = np.zeros((chain.rest.size, chain.mass.size))
+    for j in range(len(chain.before)):
+        i = 2 * j
+        J[i : i + 2, i : i + 2] = chain.before[j]
+        J[i : i + 2, i + 2 : i + 4] = chain.after[j]
+    return J
+
+
+def _evenness(chain: Chain) -> float:
+    """Return the smallest over the largest row of |A||x| + |b|, A x = b a chain's KKT system.
+
+    Refinement in the same precision reaches the backward error of rounding in every row only where
+    that is well above eps times the condition number (Skeel 1980).
+    """
+    A = _kkt(np.diag(chain.mass), _joints(chain))
+    force = np.zeros(len(chain.mass)) if chain.force is None else chain.force
+    b = np.concatenate((force, -np.ravel(chain.rest)))
+    scale = _row_scale(A)
+    A, b = A * scale[:, None], b * scale
+    x = np.linalg.lstsq(A, b / max(largest(b), UNDERFLOW), rcond=None)[0] * largest(b)
+    rows = np.abs(A) @ np.abs(x) + np.abs(b)
+    return float(rows.min() / rows.max()) if rows.max() > 0 else 1.0
+
+
+def _row_scale(matrix: Array) -> Array:
+    return column_scale(matrix.T)
+
+
+def _balanced(matrix: Array) -> Array:
+    return matrix * _row_scale(matrix)[:, None]
+
+
+def _speeds_map(at: Evaluation) -> Array:
+    """Return the matrix (p, n) of the linear map from v to u."""
+    speeds, unit = at.scene.speeds_of, np.eye(at.scene.n)
+    return np.array([at.call(speeds, at.parameters, at.prepared, at.q, e) for e in unit]).T
+
+
+def _rcond_of_speeds(at: Evaluation) -> float:
+    """Return the reciprocal condition number of the linear map from v to (a v, u)."""
+    energy = np.sqrt(np.diagonal(at.terms.M))
+    u_of_v = _speeds_map(at) / energy
+    u_of_v = u_of_v / np.abs(u_of_v).max(axis=1, keepdims=True)
+    a = at.terms.a / energy
+    return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
+
+
+def _unsure(R: Array, rows: Array) -> float:
+    """Return how far rounding moves R Z, Z the null space of `rows`."""
+    if not (len(R) and len(rows)):
+        return 0.0
+    return len(R.T) * EPS * float(np.linalg.norm(R, 2)) / max(_rcond(rows), EPS)
+
+
+def _rcond(matrix: Array, unsure: float = 0.0) -> float:
+    """Return a reciprocal condition number; of what is known to `unsure`, the least it may be."""
+    if matrix.size == 0:  # as many constraints as coordinates: no speeds to be found
+        return 1.0
+    if not np.isfinite(matrix).all():
+        return 0.0
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    least = max(singular[-1] - unsure, 0.0)
+    return float(least / singular[0] / singular.size) if singular[0] > 0 else 0.0
+
+
+def judged(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
+    """Return the verdict on a refusal where the matrix has this rcond, and what is wrong with it.
+
+    That of a matrix whose entries are rounded is known to C eps and no better: what is nearer to
+    the threshold may have been found on either side of it.
+    """
+    if rcond <= refusal.threshold:
+        return "passed", ""
+    if rcond <= refusal.threshold + allowed_error(1.0):
+        return "inconclusive", "refused where rounding decides whether it is singular"
+    return "failed", "refused in vain"
+
+
+@check("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
+def refusals(case: Case) -> Iterator[Finding]:
+    """Every refusal is justified by a reciprocal condition number computed independently."""
+    for formulation in case.formulations:
+        try:
+            solution_of(case.at, formulation)
+        except RefusedError as refusal:
+            rcond = independent_rcond(formulation, refusal, case)
+            verdict, why = judged(refusal, rcond)
+            said = (
+                f"{formulation.key}, {refusal.what}: {why}"
+                if why
+                else str(explained(case.at, refusal))
+            )
+            outcome = rcond, refusal.threshold, verdict, "property-tested", said
+            yield case.finding(formulation.key, *outcome)
+
+
+MAY_REFUSE = 0.05
+"""Largest share of ordinary states that some formulation may refuse."""
+
+CLAIMS["coverage"] = Claim(
+    "coverage",
+    f"at least {1 - MAY_REFUSE:.0%} of ordinary states are solved by all formulations",
+    "",
+    "coverage",
+)
+
+
+ENOUGH = 20
+"""Fewer states than this say nothing about a share of 5 %."""
+
+
+class Drawn(NamedTuple):
+    """A state that was drawn, and the formulations that refused it."""
+
+    scene: Scene
+    state: State
+    refused: tuple[str, ...]
+
+
+def coverage(drawn: list[Drawn]) -> Finding:
+    """Return the Finding on the share of drawn states that some formulation refused."""
+    refused = [one for one in drawn if one.refused]
+    example = (refused or drawn)[0]
+    share = len(refused) / len(drawn)
+    verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
+    never = _never_solved(drawn) if refused else []
+    if never and verdict == "passed":
+        verdict = "inconclusive"  # a share of all states hides a stratum without any
+    by_key = Counter(key for one in refused for key in one.refused)
+    named = "".join(f"; {key} refused {count}" for key, count in by_key.items())
+    return Finding(
+        "coverage",
+        "all",
+        example.scene,
+        example.state,
+        share,
+        MAY_REFUSE,
+        verdict if len(drawn) >= ENOUGH else "inconclusive",
+        f"property-tested: {counted(len(drawn), 'state')}",
+        f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
+        + named
+        + (f"; {shortened(never)}" if never else ""),
+    )
+
+
+def _never_solved(drawn: list[Drawn]) -> list[str]:
+    """Return which formulations refused every drawn state of a stratum."""
+    refused: dict[tuple[str, str], list[set[str]]] = {}
+    for one in drawn:
+        for stratum in strata_of(one.scene, one.state).items():
+            refused.setdefault(stratum, []).append(set(one.refused))
+    return [
+        f"{key} refused every state of {name} {way} ({len(each)})"
+        for (name, way), each in refused.items()
+        for key in sorted(set.intersection(*each))
+    ]

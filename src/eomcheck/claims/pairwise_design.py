@@ -1,0 +1,357 @@
+"""Ordinary cases drawn by pairwise test design, and wide states beyond the ordinary ones.
+
+A factor (stratum) is a property that a case has in one of a few ways: the number of links; moving
+or at rest; a parameter that may be absent, or whose sign may be either. The first draws have every
+pair of ways at least once (a covering array), the next ones all numbers of links in turn.
+
+Numbers come from NumPy's generator, not from hypothesis, which is fond of zeros and of numbers that
+it finds in the sources at hand: the same seed draws the same cases, also from other sources.
+
+An ordinary state has angles of one turn at most and moderate velocities. For engines that are named
+every other state is wide: joints turned by whole turns, velocities that are fast or slow, or both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import chain, combinations
+from typing import Any
+
+import numpy as np
+
+from eomcheck.errors import InputError, RefusedError, whole_number
+from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.mechanics.random_source import FromGenerator, Ways
+from eomcheck.mechanics.records import Range, State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+from eomcheck.strategies.state_strategies import angles_of, ordinary_state, state_ranges
+
+# ---- Pairwise design -----------------------------------------------------------------------------
+
+REST_EVERY = 10
+"""At most one draw of so many is at rest."""
+
+DECADES = 3
+"""Magnitudes that are drawn by their logarithm reach so far below the largest one."""
+
+ATTEMPTS = 100
+"""Where so many positions in a row cannot be closed, none is drawn."""
+
+LINKS, MOTION = "links", "motion"
+ABSENT, PRESENT = "absent", "present"
+ZERO, POSITIVE, NEGATIVE, BOTH = "zero", "positive", "negative", "both signs"
+MOVING, AT_REST = "moving", "at rest"
+
+Row = dict[str, str]
+"""Name of a stratum -> the way of one case."""
+Pair = tuple[tuple[str, str], tuple[str, str]]
+
+
+def ways_of(one: Range) -> tuple[str, ...]:
+    """Return the ways in which a parameter of this range is drawn."""
+    if 0 in one.shape:
+        return (ABSENT,)
+    values: tuple[str, ...] = (PRESENT,)
+    if one.low < 0 < one.high:
+        values = (ZERO, POSITIVE, NEGATIVE, BOTH)[: 4 if np.prod(one.shape) > 1 else 3]
+    elif one.low == 0 < one.high:
+        values = (ZERO, POSITIVE)
+    return (ABSENT, *values) if one.optional else values
+
+
+def way_of(value: Any) -> str:
+    """Return in which way a parameter is there, see `ways_of`."""
+    if value is None or np.size(value) == 0:
+        return ABSENT
+    positive, negative = np.any(np.asarray(value) > 0), np.any(np.asarray(value) < 0)
+    if positive or negative:
+        return BOTH if positive and negative else POSITIVE if positive else NEGATIVE
+    return ZERO
+
+
+def strata(kind: type[Scene], links: int | None) -> list[Ways]:
+    """Return the strata of scenes of a kind, those with one way only included.
+
+    Where scenes of a kind hang together in many ways, not all of which go with each other, there
+    are as many entries as `Scene.topologies` has. Where the clock drives a scene nothing is drawn
+    at rest.
+    """
+    found: Ways = {} if links is None else {LINKS: (str(links),)}
+    topologies = kind.topologies(links)
+    # Of scenes that are drawn, each says for itself; whether the example is driven tells nothing.
+    driven = kind.depends_on_time and not any(MOTION in ways for ways in topologies)
+    found[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
+    found |= {name: ways_of(one) for name, one in kind.ranges(links).items()}
+    return [found | ways for ways in topologies]
+
+
+def strata_of(scene: Scene, state: State) -> Row:
+    """Return the stratum of each name that a case is in, as measured on the case itself."""
+    links = links_of(scene)
+    ranges = type(scene).ranges(links)
+    found = {} if links is None else {LINKS: str(links)}
+    found[MOTION] = MOVING if state.v.any() else AT_REST
+    found |= scene.topology
+    for name, one in ranges.items():
+        if hasattr(scene, name):
+            way = way_of(getattr(scene, name))
+            found[name] = way if way in (ABSENT, *ways_of(one)) else PRESENT
+    return found
+
+
+def measured(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
+    """Return the number of cases in each stratum, by its name and way.
+
+    What none of the scenes looked at can be otherwise is left out.
+    """
+    counts: dict[str, dict[str, int]] = {}
+    for scene, state in cases:
+        links = links_of(scene)
+        for name, ways in chain.from_iterable(x.items() for x in strata(type(scene), links)):
+            of = counts.setdefault(name, {})
+            for way in ways:
+                of.setdefault(way, 0)
+        for name, way in strata_of(scene, state).items():
+            counts[name][way] = counts[name].get(way, 0) + 1
+    if LINKS in counts:
+        counts[LINKS] = dict(sorted(counts[LINKS].items(), key=lambda item: int(item[0])))
+    return {name: of for name, of in counts.items() if len(of) > 1 or name in (LINKS, MOTION)}
+
+
+def links_of(scene: Scene) -> int | None:
+    """Return the number of links of a scene, None if it has none to choose."""
+    return getattr(scene, LINKS) if scene.has_links else None
+
+
+# ---- Which strata a case is drawn from -----------------------------------------------------------
+
+
+def _pair(one: tuple[str, str], other: tuple[str, str]) -> Pair:
+    return (one, other) if one < other else (other, one)
+
+
+def pairs_in(row: Row) -> set[Pair]:
+    """Return the pairs of ways that one case has."""
+    return set(combinations(sorted(row.items()), 2))
+
+
+def pairs(choices: Iterable[Ways]) -> set[Pair]:
+    """Return every pair of ways of two strata that one of `choices` has."""
+    found: set[Pair] = set()
+    for ways in choices:
+        each = [[(name, way) for way in of] for name, of in sorted(ways.items())]
+        found |= {(x, y) for one, other in combinations(each, 2) for x in one for y in other}
+    return found
+
+
+def covering(choices: list[Ways], random: np.random.Generator) -> list[Row]:
+    """Return rows in which every way and every pair of ways occurs, each row by one of `choices`.
+
+    Greedy: a row begins with a pair that is missing, and takes on what brings most missing pairs.
+    Nothing is at rest that need not be.
+    """
+    missing = pairs(choices)
+
+    def first(pair: Pair) -> tuple:
+        return (MOTION, AT_REST) not in pair, LINKS not in dict(pair), pair
+
+    rows: list[Row] = []
+    for pair in sorted(missing, key=first):
+        if pair not in missing:
+            continue
+        able = [ways for ways in choices if all(way in ways.get(name, ()) for name, way in pair)]
+        ways = able[random.integers(len(able))]
+        row = dict(pair)
+        for name in random.permutation(sorted(ways.keys() - row.keys())):
+            among = [way for way in random.permutation(ways[name]) if way != AT_REST]
+            gains = [sum(_pair((name, way), x) in missing for x in row.items()) for way in among]
+            row[str(name)] = str(among[int(np.argmax(gains))])
+        missing -= pairs_in(row)
+        rows.append(row)
+    alone = [ways for ways in choices if len(ways) == 1]  # which has no pairs
+    return rows + [{name: way} for ways in alone for name, of in ways.items() for way in of]
+
+
+def rows(choices: list[Ways], examples: int, random: np.random.Generator) -> Iterator[Row]:
+    """Yield the strata of `examples` cases: those of a covering array, then any that move.
+
+    The latter have no zeros, and the smaller half of the numbers of links: larger ones take longer
+    and show less.
+    """
+    covered = covering(choices, random)
+    resting = [row for row in covered if row[MOTION] == AT_REST]
+    moving = [row for row in covered if row[MOTION] != AT_REST]
+    for left in (resting, moving):
+        random.shuffle(left)
+    smaller = choices[: (len(choices) + 1) // 2]
+    for number in range(examples):
+        if resting and number % REST_EVERY == REST_EVERY - 1:
+            yield resting.pop()
+        elif moving:
+            yield moving.pop()
+        else:
+            ways = smaller[number % len(smaller)].items()
+            there = {name: [way for way in of if way != ZERO] or of for name, of in ways}
+            row = {name: str(random.choice(of)) for name, of in there.items()}
+            yield row | {MOTION: MOVING}
+
+
+# ---- Cases ---------------------------------------------------------------------------------------
+
+
+def scene_cases(
+    kind: type[Scene], links: tuple[int, int], examples: int, seed: int
+) -> Iterator[tuple[Scene, State]]:
+    """Yield random scenes of a kind, each in a random state.
+
+    Args:
+        kind: the kind of scene.
+        links: smallest and largest number of links, for a kind that has one.
+        examples: how many.
+        seed: of the draws.
+
+    Raises:
+        InputError: `examples` is less than 1, `seed` no whole number, or positions cannot be
+            closed.
+    """
+    random = _generator(examples, seed)
+    numbers = range(links[0], links[1] + 1) if kind.has_links else (None,)
+    choices = list(chain.from_iterable(strata(kind, n) for n in numbers))
+    for row in rows(choices, examples, random):
+        yield _drawn(partial(_scene, kind, row, random), row[MOTION], random)
+
+
+def state_cases(scene: Scene, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
+    """Yield `scene` in random states; for arguments and errors see `scene_cases`."""
+    random = _generator(examples, seed)
+    ways = {MOTION: (MOVING,) if scene.depends_on_time else (MOVING, AT_REST)}
+    for row in rows([ways], examples, random):
+        yield _drawn(lambda: scene, row[MOTION], random)
+
+
+def _generator(examples: int, seed: int) -> np.random.Generator:
+    whole_number("examples", examples)
+    seed = whole_number("seed", seed, least=None)
+    return np.random.default_rng([abs(seed), int(seed < 0)])
+
+
+def _drawn(
+    make: Callable[[], Scene], motion: str, random: np.random.Generator
+) -> tuple[Scene, State]:
+    refused = ""
+    for _ in range(ATTEMPTS):
+        scene = None
+        try:
+            scene = make()
+            coordinates, *rest = state_ranges(scene)
+            q = [_entries(one, random) for one in coordinates]
+            heading, speeds, time = (_entries(one, random) for one in rest)
+            if motion == AT_REST:
+                speeds = np.zeros_like(speeds)
+            return scene, ordinary_state(scene, q, float(heading), speeds, float(time))
+        except RefusedError as refusal:
+            refused = str(refusal) if scene is None else f"{scene.name}: {refusal}"
+    raise InputError(f"no position near any of {ATTEMPTS} draws is closed; {refused}")
+
+
+def _scene(kind: type[Scene], row: Row, random: np.random.Generator) -> Scene:
+    links = int(row[LINKS]) if LINKS in row else None
+    one = kind.of_topology(links, row, FromGenerator(random))
+    ranges = one.ranges(links)
+    return one(**{name: value_of(of, row[name], random) for name, of in ranges.items()})
+
+
+def value_of(one: Range, way: str, random: np.random.Generator) -> Any:
+    """Return a number or an array from a range, in one of its ways, see `ways_of`."""
+    if way == ABSENT:
+        return None if one.optional else np.zeros(one.shape)
+    if way == ZERO:
+        value = np.zeros(one.shape)
+    elif way == PRESENT:
+        value = _magnitudes(one.low, one.high, one.shape, random)
+    else:
+        positive = np.full(one.shape, way == POSITIVE)
+        if way == BOTH:
+            positive = random.permutation(np.arange(positive.size) % 2 == 0).reshape(one.shape)
+        up = _magnitudes(0.0, one.high, one.shape, random)
+        value = np.where(positive, up, up * (one.low / one.high))
+    return value if one.shape else float(value)
+
+
+def _magnitudes(
+    low: float, high: float, shape: tuple[int, ...], random: np.random.Generator
+) -> Array:
+    """Return numbers in [low, high]; those of every other array alike in all decades."""
+    smallest = max(low, high / 10**DECADES)
+    if low >= 0 and smallest < high and random.random() < 0.5:
+        return np.exp(random.uniform(np.log(smallest), np.log(high), shape)).clip(low, high)
+    return random.uniform(low, high, shape)
+
+
+def _entries(one: Range, random: np.random.Generator) -> Array:
+    return random.uniform(one.low, one.high, one.shape)
+
+
+# ---- Wide states ---------------------------------------------------------------------------------
+
+TURNS = 2
+"""Whole turns of an angle to either side, at most."""
+
+FAST = 1.5, 3.0
+"""Decades of the largest entry of a fast velocity, m/s or rad/s."""
+SLOW = -6.0, -2.0
+"""Decades of the largest entry of a slow one."""
+
+WAYS = (True, None), (True, FAST), (True, SLOW), (False, FAST)
+"""Whether angles are turned, and decades of the velocity, in turn."""
+
+
+def with_wide(cases: Iterable[tuple[Scene, State]], seed: int) -> Iterator[tuple[Scene, State]]:
+    """Yield cases, every other of them in a state beyond the ordinary ones.
+
+    Args:
+        cases: scenes in ordinary states.
+        seed: of the draws.
+    """
+    random = np.random.default_rng([abs(seed), int(seed < 0), 1])
+    for i, (scene, state) in enumerate(cases):
+        yield scene, wide_state(scene, state, i // 2, random) if i % 2 else state
+
+
+def wide_state(scene: Scene, state: State, number: int, random: np.random.Generator) -> State:
+    """Return a state beyond the ordinary ones, made of an ordinary one.
+
+    The state itself where no position next to the turned one is closed.
+
+    Args:
+        scene: the scene.
+        state: an ordinary state, (q, v, t).
+        number: of the state; states that follow each other are wide in other ways.
+        random: source of the draws.
+    """
+    turned, decades = WAYS[number % len(WAYS)]
+    q, v, t = state
+    if turned:
+        q = q + 2 * math.pi * random.integers(-TURNS, TURNS + 1, scene.n) * turning(scene)
+    if decades is not None and v.any():
+        v = v * (10 ** random.uniform(*decades) / largest(v))
+    try:
+        q = closed_position(scene, q, t)
+        return State(q, consistent_velocity(Evaluation(scene, q, np.zeros(scene.n), t), v), t)
+    except RefusedError:
+        return state
+
+
+def turning(scene: Scene) -> Array:
+    """Return which coordinates turn something and move nothing along (n,)."""
+    tree = scene.tree()
+    if tree is None:
+        return np.array(angles_of(scene))
+    uses = tree.coordinates != 0
+    turns = np.array([kind.startswith("r") for kind in tree.joint], bool)
+    return uses[turns].any(axis=0) & ~uses[~turns].any(axis=0)

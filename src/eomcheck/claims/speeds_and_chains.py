@@ -1,0 +1,364 @@
+"""Claims that relate terms: null spaces, generalized speeds and forces, ML = Kane, chains.
+
+Those of the paper's appendices come first (null spaces, remainders, generalized forces, ML = Kane).
+Those about a `Chain` compare its numbers with the constraints, the energies and the forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from eomcheck.claims.case import Case, answer, compared
+from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import (
+    Look,
+    Names,
+    Sides,
+    Skipped,
+    along,
+    check,
+    claim,
+    magnitude,
+    measured_where,
+    numbered,
+    size,
+    sized,
+    speed_names,
+    vanishing,
+)
+from eomcheck.engines.answers import inertia_size
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.formulations import Partition, em, kane
+from eomcheck.formulations.banded import joint_gaps
+from eomcheck.formulations.em import project
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.generic import Array, map_record, objects
+from eomcheck.numbers.lanes import doubles, everywhere, lanes_in
+from eomcheck.numbers.linear import least_squares
+
+# ---- Null spaces and generalized speeds ----------------------------------------------------------
+
+
+def embedding(e: Quantities, partition: Partition) -> Array:
+    """Return the w (n, n-r) of the embedding method.
+
+    Raises:
+        RefusedError: the constraints are not independent, or more than coordinates.
+    """
+    e.refuse_partition()
+    return em.embedding(e.terms.a, e.terms.gamma, partition)[0]
+
+
+@claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
+def null_space_embedding(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
+    """The w of the embedding method spans the null space of a, for both partitions."""
+    names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
+    for subject, partition in () if at.terms.a is None else look.partitions:
+        try:
+            w = embedding(at, partition)
+        except RefusedError as refusal:
+            yield Skipped(subject, str(refusal))
+        else:
+            # Where w grows from row to row, so does what was rounded in it before.
+            told = measured_where(look.exact or _has_digits(look, w, partition))
+            yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), told)
+
+
+def _has_digits(look: Look, w: Array, partition: Partition) -> Any:
+    """Return whether rounding leaves digits of w: none where a_1 is nothing but rounding."""
+    lost = allowed_error(look.sensitivity(lambda e: embedding(e, partition)))
+    return lost <= INCONCLUSIVE * largest(w)
+
+
+@claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
+def null_space_speeds(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The w′ of the generalized speeds spans the null space of a."""
+    if at.terms.a is not None and look.has_speeds:
+        a, W = at.terms.a, at.speeds.W
+        names = (at.scene.constraint_names, speed_names(at))
+        yield vanishing("ml, kane", a @ W, names, magnitude(a, W))
+
+
+@claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
+def speeds_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The generalized speeds of a consistent velocity give it back, and it them."""
+    if not look.has_speeds:
+        return
+    names = (at.scene.coordinate_names,)
+    u = at.call(at.scene.speeds_of, at.parameters, at.prepared, at.q, at.velocity)
+    yield Sides("u", u, at.u, (speed_names(at),))
+    if not look.exact:
+        # v may violate what nearly dependent constraints amplify, and u leaves out.
+        yield Sides("ml, kane", at.velocity, at.v, names)
+    if at.scene.qdot is not None:
+        yield Sides("q̇", at.qdot, at.v, names)
+    a, b = at.terms.a, at.terms.b
+    # Without b and x′ this is a w′ = 0.
+    if look.exact and a is not None and not (b is None and at.speeds.offset is None):
+        found = a @ at.v if b is None else a @ at.v + b
+        yield vanishing("a q̇ + b", found, (at.scene.constraint_names,), 0.0)
+
+
+def _differentiated(
+    kinematics: Callable, speeds: Callable, parameters: Any, still: Any, rates: Any, *state: Array
+) -> Array:
+    """Return ẇ′u + ẋ′ (n,), w′ and x′ differentiated along the motion.
+
+    Args:
+        kinematics: function of a scene.
+        speeds: function of a scene.
+        parameters: of the scene.
+        still: what it prepares.
+        rates: how fast that changes.
+        state: coordinates (n,), velocities (n,) and speeds (p,).
+    """
+    q, v, u = state
+    parameters, prepared = objects(parameters), map_record(duals, still, rates)
+    steady = duals(u, np.zeros(u.shape, object))
+    W, _, offset = speeds(
+        parameters, prepared, kinematics(parameters, prepared, duals(q, v), steady)
+    )
+    return rate(W) @ u if offset is None else rate(W) @ u + rate(offset)
+
+
+@claim(
+    "speeds-remainder",
+    "a (ẇ′u + ẋ′) + gamma = 0",
+    "(3), (20)",
+    "remainder ẇ′u + ẋ′",
+    rate_of="rest",
+)
+def speeds_remainder(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
+    """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
+    if not look.has_speeds:
+        return
+    a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
+    told = measured_where(look.speeds_told)
+    if at.speeds.W is not None:
+        here = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
+        expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
+        # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
+        names = (at.scene.coordinate_names,)
+        yield Sides("rest", rest, expected, names, sensitivity=told, may_vanish=True)
+    if a is not None:
+        names, terms = (at.scene.constraint_names,), magnitude(a, rest) + magnitude(gamma)
+        sides = vanishing("ml, kane", a @ rest + gamma, names, terms, told)
+        # Rods that stay parallel leave nothing of gamma, and of rest.
+        yield sides._replace(may_vanish=True)
+
+
+@claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
+def active_forces(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's active forces, from the bodies, are Lagrange's, projected."""
+    if not look.has_speeds:
+        return
+    W, Q, force = at.speeds.W, at.terms.Q, at.bodies.force
+    if Q is None and force is None:
+        return
+    if Q is None:
+        projected, terms = np.zeros(at.scene.p, object), magnitude(force)
+    else:
+        projected = Q if W is None else W.T @ Q
+        terms = magnitude(Q) if W is None else magnitude(W.T, Q)
+    found = np.zeros(at.scene.p, object) if force is None else force
+    yield sized(Sides("kane", found, projected, (speed_names(at),)), terms)
+
+
+def ml_system(e: Quantities) -> tuple[Array, Array]:
+    """Return (M_ML (p, p), F_ML (p,))."""
+    return project(e.terms.M, e.F, e.speeds.W, e.speeds.rest)
+
+
+def kane_system(e: Quantities) -> tuple[Array, Array]:
+    """Return (M_Kane (p, p), N_Kane q̇ + G_Kane (p,))."""
+    return e.call(kane.inertia_sums, *e.bodies[:-1], e.scene.support)
+
+
+@claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
+def kane_ml_mass(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same mass matrix, element by element."""
+    if look.has_speeds:
+        yield Sides("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
+
+
+@claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
+def kane_ml_force(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Kane's and the modified Lagrange method have the same right-hand side."""
+    if not look.has_speeds:
+        return
+    force, remainder = at.bodies.force, kane_system(at)[1]
+    terms = magnitude(remainder) + magnitude(force)
+    # It is written over where it stands.
+    found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
+    yield sized(Sides("kane ~ ml", found, expected, (speed_names(at),)), terms)
+
+
+@check(
+    "kane-n-matrix",
+    "N q̇ + G by recursion = N_Kane q̇ in full",
+    "(22)-(23)",
+    "inertia remainder N q̇ + G",
+    asks="kane_inertia_remainder",
+)
+def kane_n_matrix(case: Case) -> Iterator[Finding]:
+    """Our remainder is N_Kane q̇ + G_Kane of Eq. (23), differentiated by an engine."""
+    if not case.has_speeds:
+        return
+
+    def remainder(e: Quantities) -> Array:
+        return kane_system(e)[1]
+
+    # What it differentiates may be told in frames that turn, as in B.
+    W = case.at.speeds.W
+    in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
+    ours = cache(partial(remainder, case.at))
+    for engine in case.taking_part:
+        said = answer(case, engine, *case.state, expected=ours, part=lambda said: said[0])
+        if isinstance(said, Finding) or isinstance(engine, type):
+            yield said
+            continue
+        theirs, terms, condition = said
+        scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
+        yield compared(
+            case,
+            engine,
+            f"kane ~ {engine.key}",
+            ours(),
+            theirs,
+            condition * scale,
+            lambda answers: answers.kane_inertia_remainder(*case.state)[0],
+            scale=scale,
+            names=(speed_names(case.at),),
+        )
+
+
+# ---- Chains --------------------------------------------------------------------------------------
+
+
+def _is_chain(at: Quantities) -> bool:
+    return hasattr(at.scene, "chain")
+
+
+def _has_joints(at: Quantities) -> bool:
+    return _is_chain(at) and len(at.chain.before) > 0
+
+
+# ---- Bodies --------------------------------------------------------------------------------------
+
+
+@claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
+def chain_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The quasi-velocities of a consistent velocity give it back."""
+    if _is_chain(at):
+        v = at.call(at.scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
+        yield vanishing("q̇", v - at.v, (at.scene.coordinate_names,), size(at.v))
+
+
+@claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
+def chain_energy(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The mass is diagonal in the quasi-velocities of a consistent velocity."""
+    if _is_chain(at):
+        T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, at.v)
+        yield Sides("D", (at.chain.mass * at.x * at.x).sum(), 2 * T, ())
+
+
+@claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
+def chain_forces(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The active forces along the chain do the work that Q does, on any virtual displacement."""
+    f, Q = (at.chain.force, at.terms.Q) if _is_chain(at) else (None, None)
+    if f is None and Q is None:
+        return
+
+    def work(direction: Array) -> tuple[Any, Any]:
+        # Quasi-velocities of any velocity, by the Python function.
+        x = at.scene.quasi_velocities(at.parameters, at.prepared, at.q, direction)
+        return 0 if f is None else f @ x, 0 if Q is None else direction @ Q
+
+    yield from along(look, "f", work)
+
+
+# ---- Joints --------------------------------------------------------------------------------------
+
+
+def _joint_names(count: int) -> Names:
+    return numbered("joint ", count), ("first equation", "second equation")
+
+
+def _size_in_joints(at: Quantities) -> float:
+    """Return the largest |A_k| |x_{k-1}| + |C_k| |x_k|."""
+    x = at.x.reshape(-1, 2, 1)
+    terms = magnitude(at.chain.before, x[:-1]) + magnitude(at.chain.after, x[1:])
+    return largest(terms)
+
+
+@claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
+def chain_coupling(at: Quantities, look: Look) -> Iterator[Sides]:
+    """Quasi-velocities of a consistent velocity hold the joints together."""
+    if _has_joints(at):
+        gaps = joint_gaps(at.chain.before, at.chain.after, at.x)
+        yield vanishing("A, C", gaps, _joint_names(len(gaps)), _size_in_joints(at))
+
+
+@claim(
+    "chain-remainder",
+    "d_k = Ȧ_k x_{k-1} + Ċ_k x_k",
+    "(3), (28)",
+    "remainder of a chain",
+    rate_of="d",
+)
+def chain_remainder(at: Quantities, look: Look) -> Iterator[Sides]:
+    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
+    if not _has_joints(at):
+        return
+    x, rest = objects(at.x), at.chain.rest
+    turning = at.scene.chain(objects(at.parameters), *at.moving(at.v), x)
+    gaps = joint_gaps(turning.before, turning.after, x)
+    terms = size(rest) + _size_in_joints(at) * size(at.v)
+    yield vanishing("d", rest - rate(gaps), _joint_names(len(rest)), terms)
+
+
+# ---- Accelerations -------------------------------------------------------------------------------
+
+
+@claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain", rate_of="q̈")
+def chain_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
+    """The rates of the quasi-velocities give the acceleration back that they were found from."""
+    if not _is_chain(at):
+        return
+    if look.exact:
+        vdot, allowed = at.speeds.W @ look.free.v[: at.scene.p] + at.speeds.rest, True
+    else:
+        vdot, allowed = _allowed_acceleration(at)
+    here = objects(at.parameters), *at.moving(at.v), duals(at.v, vdot)
+    xdot = rate(at.scene.quasi_velocities(*here))
+    xdot = xdot if look.exact else doubles(xdot)
+    found = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
+    # Of a long link ẋ are the larger numbers, and round to more than q̈ does.
+    terms = size(vdot) + size(xdot) + size(at.v) * (1 + size(at.v))
+    names = (at.scene.coordinate_names,)
+    yield vanishing("q̈", found - vdot, names, terms, measured_where(allowed))
+
+
+def _allowed_acceleration(e: Quantities) -> tuple[Array, Any]:
+    """Return the smallest v̇ (n,) that satisfies the constraints differentiated, and if it does.
+
+    Dependent constraints may forbid it: with v only nearly consistent, gamma is not what dependent
+    rows of a ask for.
+    """
+    a, gamma = e.terms.a, e.terms.gamma
+    if a is None:
+        return np.zeros(e.scene.n), True
+    vdot = least_squares(a, -gamma)
+    residual = a @ vdot + gamma
+    if lanes_in(residual) or np.isfinite(residual).all():
+        # Its rounding is that of its largest entry, which is much where a long link multiplies it.
+        vdot = vdot - least_squares(a, residual)
+    terms = np.abs(a) @ np.abs(vdot) + np.abs(gamma)
+    return vdot, everywhere(np.abs(a @ vdot + gamma) <= allowed_error(1.0) * terms)

@@ -1,0 +1,190 @@
+"""An `Engine`: an outside library that derives the same quantities in its own way.
+
+The contract, numbered, so that a message or a note can point at a rule.
+
+1.  An engine is made as `Class(scene)`, once for each scene, and asked at many states (q, v, t), in
+    any order: an answer depends on nothing that was asked before.
+2.  Units are SI, v is q̇ and M q̈ + B = Q + aᵀλ as in `eomcheck.mechanics.scene`. The bias B has
+    no gravity in it and no other force: these are Q.
+3.  `version`, `represents`, `mass_matrix` and `bias` are required. Whatever else an engine can
+    compute it offers by overriding the method; a method that it does not override is reported as
+    not looked at.
+4.  An engine with coordinates of its own overrides `velocity_map`. All its other methods are then
+    asked and answer in these, and `eomcheck.engines.answers` maps them to the scene's.
+5.  Answers are arrays of real numbers, of the shapes given, new or the engine's own. The arguments
+    that it is handed it does not change, nor the floating-point rounding mode, nor how subnormal
+    numbers are rounded.
+6.  A scene that it cannot represent it rejects in `represents`, once for the whole scene. An
+    exception, a wrong shape or a value that is not finite is a failure of the engine.
+7.  Only the file of an engine imports its library, and only when the engine is made.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from eomcheck.errors import required as required
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+
+
+class EngineAcceleration(NamedTuple):
+    """Constrained acceleration and multipliers as an engine sees them, M v̇ = F + aᵀλ."""
+
+    vdot: Array
+    """(n,)."""
+    multipliers: Array | None = None
+    """(r,), or None without constraints, or where the engine does not tell them."""
+
+
+class VelocityMap(NamedTuple):
+    """The engine's own coordinates x, and how its velocity w = S v follows from v = q̇.
+
+    With m entries in w, and any number in x: a quaternion has four where its velocity has three.
+    """
+
+    x: Array
+    """(any,): the engine's configuration."""
+    S: Array
+    """(m, n), of rank n: w = S v."""
+    rest: Array
+    """(m,): Ṡ v, so that ẇ = S v̇ + Ṡ v."""
+
+
+class Engine(ABC):
+    """An outside model of a scene (rules 1-7).
+
+    Args:
+        scene: the scene to represent.
+
+    Raises:
+        EngineError: the library is not installed or cannot represent the scene.
+    """
+
+    key: ClassVar[str]
+    """What it is called; by default the name of the class in lower case, without "engine"."""
+
+    solves_like: ClassVar[str]
+    """Key of the formulation whose matrices its constrained solver factorizes: its rounding is of
+    that kind. Asked for only where it overrides `acceleration`."""
+
+    compliant: ClassVar[bool] = False
+    """Whether its constraints give way, as soft contacts do: constrained accelerations then differ
+    by the model and not by a mistake, and no comparison of them can pass or fail."""
+
+    reads_parameters: ClassVar[bool] = True
+    """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: what is
+    wrong there is then wrong on both sides. Otherwise from `Scene.tree`."""
+
+    reads_file: ClassVar[bool] = False
+    """Whether it reads the file of a robot by itself: a difference may then be either reading."""
+
+    extra: ClassVar[str | None] = None
+    """The extra of eomcheck that installs its library; None if that is installed anyway."""
+
+    scene: Scene
+
+    def __new__(cls, scene: Scene, *arguments: Any, **options: Any) -> Self:
+        """Set `scene`, so that an `__init__` of one's own need not call this class's."""
+        made = super().__new__(cls)
+        made.scene = scene
+        return made
+
+    def __init__(self, scene: Scene):
+        super().__init__()  # `scene` is there
+
+    def __init_subclass__(cls, **options: Any):
+        """Give the engine its `key`."""
+        super().__init_subclass__(**options)
+        if "key" not in vars(cls):
+            name = cls.__name__.lower()
+            cls.key = name.removesuffix("engine").rstrip("_") or name
+
+    @classmethod
+    def offers(cls, method: str) -> bool:
+        """Return whether an optional method is overridden."""
+        return getattr(cls, method) is not getattr(Engine, method)
+
+    # ---- Required --------------------------------------------------------------------------------
+
+    @classmethod
+    @abstractmethod
+    def version(cls) -> str:
+        """Return name and version of the library, such as "pinocchio 3.4.0"."""
+
+    @classmethod
+    @abstractmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the engine can represent `scene`."""
+
+    @abstractmethod
+    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M (n, n), the whole of it."""
+
+    @abstractmethod
+    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return B (n,): Coriolis and centrifugal forces, without gravity and without forces."""
+
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return the size of terms that it sums to B and that may cancel, N or N m; 0 if unknown.
+
+        Asked of our own engines only: of one on trial, what is allowed is not its own to say.
+        """
+        return 0.0
+
+    # ---- Optional: overriding one offers it ------------------------------------------------------
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap | tuple[Array, Array, Array]:
+        """Return (x, S (m, n), Ṡ v (m,)) of an engine with coordinates of its own.
+
+        All other methods are then handed x for q, and w = S v for v, and answer with M (m, m),
+        B (m,), Q (m,), a (r, m) and gamma (r,) of M ẇ + B = Q + aᵀλ and a ẇ + gamma = 0.
+        """
+        return VelocityMap(q, np.eye(self.scene.n), np.zeros(self.scene.n))
+
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return Q (n,): gravity, springs, dampers and all other active forces."""
+        raise NotImplementedError
+
+    def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return a (r, n), its rows and signs those of the scene's constraints."""
+        raise NotImplementedError
+
+    def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return gamma (r,), with a v̇ + gamma = 0."""
+        raise NotImplementedError
+
+    def kane_inertia_remainder(
+        self, q: Array, v: Array, t: float = 0.0
+    ) -> tuple[Array, float, float]:
+        """Return (N_Kane q̇ + G_Kane (p,), size of the terms, condition of what was inverted)."""
+        raise NotImplementedError
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration | tuple[Array, Array | None]:
+        """Return the constrained acceleration v̇ (n,) and the multipliers λ (r,) or None.
+
+        Q (n,), a (r, n) and gamma (r,) are the scene's, for an engine that has none of its own;
+        others ignore them. a and gamma are None where the scene has no constraints.
+        """
+        raise NotImplementedError
+
+
+OPTIONAL = (
+    "forces",
+    "constraint_jacobian",
+    "constraint_drift",
+    "kane_inertia_remainder",
+    "acceleration",
+)
+"""What an engine may offer beside M and B."""

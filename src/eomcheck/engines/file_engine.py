@@ -1,0 +1,280 @@
+"""`FileEngine`: an engine whose library reads the robot description of a scene by its own parser.
+
+It is a `TreeEngine` but for how the model is made. `Description` is a robot description for such
+libraries, with its irregularities. The output that a library writes to the terminal while it reads
+a file is captured, and reported where it explains a difference.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator, Set
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.joint_tree import impossible
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
+from eomcheck.engines.engine import EngineAcceleration, VelocityMap
+from eomcheck.engines.floating_base import FREE, BaseVelocity, FreeBase, free_base
+from eomcheck.engines.tree_engine import TreeEngine
+from eomcheck.errors import EngineError
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+
+# ---- Captured output -----------------------------------------------------------------------------
+
+OUTPUT, ERRORS = 1, 2
+"""Descriptors that compiled code writes to, whatever Python's own are."""
+
+
+@contextmanager
+def listening() -> Iterator[list[str]]:
+    """Yield a list that after the block has all lines that were written, each once."""
+    lines: list[str] = []
+    _flush()
+    with tempfile.TemporaryFile() as kept:
+        before = {stream: os.dup(stream) for stream in (OUTPUT, ERRORS)}
+        for stream in before:
+            os.dup2(kept.fileno(), stream)
+        try:
+            yield lines
+        finally:
+            _flush()
+            for stream, original in before.items():
+                os.dup2(original, stream)
+                os.close(original)
+            kept.seek(0)
+            text = kept.read().decode("utf-8", "replace")
+            lines += dict.fromkeys(x.strip() for x in text.splitlines() if x.strip())
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+
+
+# ---- Robot descriptions --------------------------------------------------------------------------
+
+SHAPES = "visual", "collision"
+
+
+class Description(NamedTuple):
+    """A URDF without shapes: meshes are often not there, and no equation of motion needs them."""
+
+    text: str
+    root: str
+    """Name of the link that no joint moves."""
+    follows: dict[str, tuple[str, float, float]]
+    """Joint -> the one that it follows, ratio and shift."""
+    damped: frozenset[str]
+    """Joints with viscous damping."""
+    massless: tuple[str, ...]
+    """Links without mass that have moments of inertia all the same."""
+    empty: tuple[str, ...]
+    """Links that are moved and have no inertia at all."""
+    impossible: tuple[str, ...]
+    """Links with moments of inertia that no body has: one exceeds the sum of the others."""
+
+
+def file_of(scene: Scene) -> Path | None:
+    """Return the URDF of a robot that has the parameters of its file; None of any other scene."""
+    if not (isinstance(scene, Mechanism) and scene.made.format == "urdf" and scene.as_described):
+        return None
+    first = FREE if is_free(scene) else 0
+    # What has more coordinates has names of its own for them.
+    named = {slot.name for slot in scene.plan.slots[:first]}
+    return Path(scene.made.source) if set(scene.made.several) <= named else None
+
+
+def is_free(scene: Scene) -> bool:
+    """Return whether a robot's base is free because that was asked for."""
+    return isinstance(scene, Mechanism) and bool(scene.made.floating)
+
+
+def described(path: Path) -> Description:
+    """Return what is in a URDF.
+
+    Raises:
+        InputError: see `eomcheck.scenes.from_urdf`.
+    """
+    robot, xml = read_urdf(path), root_of(path)
+    for link in xml.findall("link"):
+        for shape in [x for kind in SHAPES for x in link.findall(kind)]:
+            link.remove(shape)
+    children = {joint.child for joint in robot.joints}
+    return Description(
+        ElementTree.tostring(xml, encoding="unicode"),
+        next(link.name for link in robot.links if link.name not in children),
+        dict(_mimics(xml)),
+        frozenset(joint.name for joint in robot.joints if _damped(joint)),
+        tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
+        tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
+        tuple(link.name for link in robot.links if impossible(link)),
+    )
+
+
+def _mimics(xml: Element) -> Iterator[tuple[str, tuple[str, float, float]]]:
+    """Yield which joints follow which, read once more: our reader is what is compared."""
+    for joint in xml.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None and joint.get("type") != "fixed":
+            ratio, shift = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+            yield joint.get("name", ""), (mimic.get("joint", ""), ratio, shift)
+
+
+def _damped(joint: Joint) -> bool:
+    return bool(joint.damping)
+
+
+def _heavy(link: Link) -> bool:
+    return link.mass > 0 or any(link.moments)
+
+
+def few(names: Iterable[str]) -> str:
+    """Return at most three names, and how many more there are."""
+    names = sorted(names) if isinstance(names, Set) else list(names)
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+# ---- Engines -------------------------------------------------------------------------------------
+
+FILE = "_file"
+"""How the key of an engine ends that reads files."""
+
+
+class FileEngine(TreeEngine):
+    """A scene that is a robot description, as the library itself reads the file.
+
+    Its coordinates are those of the library's joints, in the library's order: x = S q + shift, S
+    constant. A joint that follows another one is a coordinate of its own to most libraries. Those
+    of a free base come before, and `pose` says what they are.
+
+    Attributes:
+        said: lines that the library wrote while it read the file.
+    """
+
+    reads_file = True
+
+    base_velocity: ClassVar[BaseVelocity]
+    """What it has for the velocity of a free base."""
+
+    undamped: ClassVar[bool] = False
+    """Whether its accelerations leave out the dampers of the file."""
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        file = file_of(scene)
+        if file is None or not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
+        self.description, self.base = described(file), FREE if is_free(scene) else 0
+        self._gravity = np.zeros(3)
+        if (gravity := getattr(scene, "gravity", None)) is not None:
+            self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
+        library = self._library()
+        with listening() as self.said:
+            self._read(library, self.description)
+        self.coordinates, self.shift = self._followed(self.joints())
+        self._n, self._place = len(self.shift), np.arange(len(self.shift))
+
+    def _followed(self, joints: list[str]) -> tuple[Array, Array]:
+        """Return S (m, n) and shift (m,), x = S q + shift, for joints of these names.
+
+        Raises:
+            EngineError: it has another joint than the file, or lacks one.
+        """
+        names, base = self.scene.coordinate_names, self.base
+        places = {name: i for i, name in enumerate(names)}
+        S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
+        S[:base, :base] = np.eye(base)
+        for i, name in enumerate(joints, base):
+            factor, of = 1.0, name
+            while of in self.description.follows:
+                of, ratio, offset = self.description.follows[of]
+                shift[i] += factor * offset
+                factor *= ratio
+            if of not in places:
+                raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
+            S[i, places[of]] = factor
+        for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
+            if not column.any():
+                raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")
+        return S, shift
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return super().version().replace(FILE, "")
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is a file, with the parameters that stand there."""
+        return file_of(scene) is not None
+
+    def leaves_out(self, method: str) -> str:
+        """Return the part of the file that an answer leaves out; "" where none is known.
+
+        Args:
+            method: the name of the method that is asked.
+        """
+        if method == "acceleration" and self.undamped and self.description.damped:
+            return f"its accelerations leave out the damping of {few(self.description.damped)}"
+        dropped = [line for line in self.said if "inertia" in line.lower()]
+        return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
+
+    @abstractmethod
+    def _read(self, library: Any, description: Description) -> None:
+        """Make the library's model by its own parser, the base held unless `base` is not 0."""
+
+    @abstractmethod
+    def joints(self) -> list[str]:
+        """Return the names of its joints, one for each entry of its velocity behind the base's."""
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (S q + shift, S, 0); of a free base its `pose`, and what S is there, in front."""
+        x, S = self.coordinates @ q + self.shift, self.coordinates.copy()
+        rest = np.zeros(len(x))
+        if self.base:
+            base = self.base_frame(q, v)
+            S[:FREE, :FREE], rest[:FREE] = base.velocity(self.base_velocity, v[:FREE])
+            x = np.concatenate([self.pose(base), x[FREE:]])
+        return VelocityMap(x, S, rest)
+
+    def base_frame(self, q: Array, v: Array) -> FreeBase:
+        """Return where the frame is that the library moves with a free base; q, v the scene's."""
+        return free_base(q[:FREE], v[:FREE])
+
+    def free_base(self, q: Array, v: Array) -> tuple[FreeBase, BaseVelocity] | None:
+        """Return that frame, and what its velocity is taken to be; None of a base that is held."""
+        return (self.base_frame(q, v), self.base_velocity) if self.base else None
+
+    def pose(self, base: FreeBase) -> Array:
+        """Return what it has for coordinates of a free base."""
+        return np.concatenate([base.place, base.quaternion])
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return ẍ under the library's own forces."""
+        if self.follow:  # which most libraries leave to a constraint solver
+            return self.eliminated(q, v, self.forces(q, v, t), None, None, t)
+        return EngineAcceleration(self.free_acceleration(q, v))
+
+    def free_acceleration(self, q: Array, v: Array) -> Array:
+        """Return ẍ (m,); by M, B and Q unless the library has a way of its own."""
+        return np.linalg.solve(self.mass_matrix(q), self.forces(q, v) - self.bias(q, v))

@@ -1,0 +1,261 @@
+"""`TreeEngine`: an engine that builds its model from a scene's tree of bodies.
+
+It sees `Link`s, by one walk through the tree: a joint, where it sits on the link before, and the
+body that it moves. How a `Tree` encodes these is known here alone.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
+from eomcheck.errors import EngineError, required
+from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.tree import Tree
+from eomcheck.numbers.generic import Array
+
+# ---- Links ---------------------------------------------------------------------------------------
+
+
+class Link(NamedTuple):
+    """A joint with one coordinate, and the body behind it.
+
+    The joint's frame moves with the body; at coordinate 0 it coincides with the joint's seat.
+    """
+
+    name: str
+    """Unique in its tree."""
+    parent: int
+    """Position of the link that it sits on, always an earlier one, or -1: the ground."""
+    kind: str
+    """Slides along ("p") or turns about ("r") an axis of its frame: "px" ... "rz"."""
+    rotation: Array
+    """Orientation of the seat in the frame of the parent (3, 3)."""
+    offset: Array
+    """Position of the seat in the frame of the parent (3,), m."""
+    mass: float
+    """kg, 0 for a link that only carries others."""
+    center: Array
+    """Centre of mass in the joint's frame (3,), m."""
+    inertia: Array
+    """About the centre of mass, along the axes of the joint's frame (3, 3), kg m²."""
+    armature: float = 0.0
+    """What the joint's coordinate has to move besides, kg m² or kg."""
+
+    @property
+    def turns_without_mass(self) -> bool:
+        """Whether it has inertia but no mass, which most libraries drop or refuse."""
+        return self.mass == 0 and bool(self.inertia.any())
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic; otherwise it is revolute."""
+        return self.kind[0] == "p"
+
+    @property
+    def axis(self) -> Array:
+        """Axis of the joint in its own frame (3,), of length 1."""
+        return np.eye(3)["xyz".index(self.kind[1])]
+
+    @property
+    def principal(self) -> tuple[Array, Array]:
+        """Principal moments (3,), kg m², and their axes, columns of a rotation (3, 3).
+
+        For libraries that would find them themselves, and lose digits or the axes.
+        """
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        return moments, axes
+
+
+def links_of(tree: Tree) -> list[Link]:
+    """Return the links of a tree, each after the one that it sits on."""
+    return [
+        Link(
+            name=f"link_{j}",
+            parent=tree.parent[j],
+            kind=tree.joint[j],
+            rotation=np.array(tree.rotation[j], np.float64),
+            offset=np.asarray(tree.offset[j], np.float64),
+            mass=float(tree.mass[j]),
+            center=np.asarray(tree.center[j], np.float64),
+            inertia=np.array(tree.inertia[j], np.float64),
+            armature=float(tree.armature[j]),
+        )
+        for j in range(len(tree.joint))
+    ]
+
+
+class Mounted(NamedTuple):
+    """A joint as it sits on the body that it moves, while all joints are at 0."""
+
+    name: str
+    slides: bool
+    position: Array
+    """In the body's frame (3,), m."""
+    axis: Array
+    """In the body's frame (3,), of length 1."""
+
+
+class Carried(NamedTuple):
+    """A body with mass and all joints that move it: those of links without mass, then its own."""
+
+    body: Link
+    parent: int
+    """Position of the body that the first joint sits on, or -1: the ground."""
+    rotation: Array
+    """Orientation in the frame of the parent (3, 3) while all joints are at 0."""
+    offset: Array
+    """Position in the frame of the parent (3,) while all joints are at 0, m."""
+    joints: tuple[Mounted, ...]
+
+
+def bodies_with_mass(links: list[Link]) -> list[Carried] | None:
+    """Return the bodies that have mass, each with all joints between it and the body before.
+
+    For libraries in which nothing moves that has no mass. None where a link without mass does not
+    carry exactly one other, so that no body can take its joint over.
+    """
+    carries = [sum(other.parent == j for other in links) for j in range(len(links))]
+    if any(link.mass == 0 and number != 1 for link, number in zip(links, carries, strict=True)):
+        return None
+    bodies: list[Carried] = []
+    places = {-1: -1}
+    for j, link in enumerate(links):
+        if link.mass > 0:
+            places[j] = len(bodies)
+            chain, first = [link], link.parent
+            while first != -1 and links[first].mass == 0:
+                chain.insert(0, links[first])
+                first = links[first].parent
+            bodies.append(_carried(places[first], chain))
+    return bodies
+
+
+def _carried(parent: int, chain: list[Link]) -> Carried:
+    """Return the body of the last link of `chain`, moved by the joints of all."""
+    seats = [(chain[0].rotation, chain[0].offset)]
+    for link in chain[1:]:
+        rotation, offset = seats[-1]
+        seats.append((rotation @ link.rotation, offset + rotation @ link.offset))
+    rotation, offset = seats[-1]
+    joints = (
+        Mounted(link.name, link.slides, rotation.T @ (at - offset), rotation.T @ turned @ link.axis)
+        for link, (turned, at) in zip(chain, seats, strict=True)
+    )
+    return Carried(chain[-1], parent, rotation, offset, tuple(joints))
+
+
+# ---- Engines -------------------------------------------------------------------------------------
+
+TOUCHING = 1e-12
+"""Relative: of a thin rod or plate one moment is the sum of the others."""
+
+
+class TreeEngine(Engine):
+    """A tree of rigid bodies as a model of the library's own, in coordinates of its joints x = T q.
+
+    A subclass says what the library answers in these, in the order of the links (rule 4). Joints
+    that follow others move by themselves in the model: M, B and Q are taken along T, and v̇
+    is that of the library's M and B.
+    """
+
+    module: ClassVar[str]
+    """What to import."""
+
+    any_inertia: ClassVar[bool] = False
+    """Whether it takes moments of inertia that no body has."""
+
+    solves_like = "gw"
+    reads_parameters = False
+
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        tree = scene.tree()
+        if tree is None or not self.represents(scene):
+            raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
+        self.coordinates: Array = tree.coordinates
+        """T (m, n), x = T q + shift for the m joints of the tree."""
+        self.shift: Array = tree.shift
+        """x where q = 0 (m,)."""
+        self._n = len(tree.joint)
+        self._build(self._library(), self.links(tree))
+
+    @classmethod
+    def _library(cls) -> Any:
+        return required(cls.module, cls.extra)
+
+    @classmethod
+    def version(cls) -> str:
+        """Return name and version of the library."""
+        return f"{cls.key} {cls._library().__version__}"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is described as a tree that the library can hold."""
+        tree = scene.tree()
+        if tree is None or not all_move(tree):
+            return False
+        links = cls.links(tree)
+        return cls.holds(links) and (cls.any_inertia or all(map(cls.takes, links)))
+
+    @classmethod
+    def links(cls, tree: Tree) -> list[Link]:
+        """Return the links that the model is built from."""
+        return links_of(tree)
+
+    @classmethod
+    def takes(cls, link: Link) -> bool:
+        """Return whether the moments of inertia of a link are those of some body.
+
+        None is negative and none exceeds the sum of the others; many libraries refuse or replace
+        what is not so. In the plane moments about other axes do not count, and all are the same.
+        """
+        low, middle, high = link.principal[0]
+        return bool(low >= -TOUCHING * high and low + middle >= high * (1 - TOUCHING))
+
+    @classmethod
+    def holds(cls, links: list[Link]) -> bool:
+        """Return whether the library can hold such a tree.
+
+        By default none with rotors, nor with a link that has inertia but no mass.
+        """
+        return not any(link.armature or link.turns_without_mass for link in links)
+
+    @abstractmethod
+    def _build(self, library: Any, links: list[Link]) -> None:
+        """Build the library's model, without gravity and forces."""
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (T q + shift, T, 0)."""
+        return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
+
+    @property
+    def follow(self) -> bool:
+        """Whether some joints follow others."""
+        return self._n > self.scene.n
+
+    def eliminated(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None, t: float
+    ) -> EngineAcceleration:
+        """Return ẍ (m,) and λ by the library's M and B, joints that follow eliminated.
+
+        All is handed in the coordinates of the joints, as to `acceleration`.
+        """
+        T = self.coordinates
+        M, F = T.T @ self.mass_matrix(q, t) @ T, T.T @ (Q - self.bias(q, v, t))
+        free = np.linalg.solve(M, F)
+        if a is None or gamma is None:
+            return EngineAcceleration(T @ free, None)
+        rows = a @ T
+        responses = np.linalg.solve(M, rows.T)
+        multipliers = np.linalg.solve(rows @ responses, -gamma - rows @ free)
+        return EngineAcceleration(T @ (free + responses @ multipliers), multipliers)
+
+
+def all_move(tree: Tree) -> bool:
+    """Return whether no coordinate is without a joint of its own: others may follow it."""
+    return bool(np.linalg.matrix_rank(tree.coordinates) == tree.coordinates.shape[1])

@@ -1,0 +1,301 @@
+"""Claims about how functions answer: at all, in float64, always the same, touching nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.equations_of_motion import (
+    INPUTS,
+    Answers,
+    BrokenError,
+    Functions,
+    functions_of,
+)
+from eomcheck.testing.function_claim import Sides, Told, claim
+from eomcheck.testing.function_state import Point
+from eomcheck.testing.uncertain import Measured
+
+NOISE = 2.0**-32
+"""Noise per size of a function, above which there may be single-precision numbers in it.
+
+Rounding to doubles leaves 2^-53 and what cancels, to single precision 2^-24.
+"""
+
+NOTHING = 2.0**-12
+"""Noise per size above which the function may be 0, and all of it the rounding of what cancels."""
+
+FAST = 4096.0
+"""How much faster what is left of terms that cancel is looked at again."""
+
+UNFELT, FELT, FELT_BY = 2.0**-36, 2.0**-16, 2.0**-26
+"""Changes of what a function reads, per half width of its range: doubles feel the smaller one if
+the larger one changes a function by more than `FELT_BY` of its size, singles do not."""
+
+BESIDE = 2.0**-8
+"""Distance, per half width of the ranges, at which the noise of a jump is not measured any more."""
+
+
+def working(at: Point) -> Iterator[str]:
+    """Yield the names of the functions that answer here."""
+    for name in at.functions.given:
+        try:
+            at.answers(name, at.q, at.v)
+        except BrokenError:
+            continue
+        yield name
+
+
+def axes(at: Point, name: str) -> tuple[tuple[str, ...], ...]:
+    """Return names along each axis of what a function answers."""
+    f = at.functions
+    rows = tuple(f"{i}" for i in range(at.answers.sizes.get("r", 0)))
+    known = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
+    return tuple(known[symbol] for symbol in INPUTS[name].shape)
+
+
+@claim("answers", "each function answers with finite numbers of the right shape", "")
+def answers(at: Point) -> Iterator[Told]:
+    """No exception, no NaN, no wrong shape."""
+    for name in at.functions.given:
+        try:
+            at.answers(name, at.q, at.v)
+        except BrokenError as broken:
+            at.answers.told.add(name)
+            yield Told(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
+        else:
+            yield Told(name, 0.0, 0.0, "passed")
+
+
+@claim("arguments-unchanged", "what a function is handed is the same afterwards", "arguments")
+def arguments_unchanged(at: Point) -> Iterator[Told]:
+    """A function must not write into q or v, whether it answers or raises."""
+    works = set(working(at))
+    for name in at.functions.given:
+        if name in at.answers.changed:
+            yield Told(name, float("inf"), 0.0, "failed", f"{name} writes into its arguments")
+        elif name in works:
+            yield Told(name, 0.0, 0.0, "passed")
+
+
+@claim("same-answer", "f(x) after f(y) is f(x)", "")
+def same_answer(at: Point) -> Iterator[Sides]:
+    """What one call leaves behind does not change what the next one answers."""
+    # Each coordinate by another amount: a chain of links is the same turned as a whole.
+    width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
+    # All of them before anything is asked elsewhere.
+    for name, first in [(name, at.of(name)) for name in working(at)]:
+        for other in working(at):
+            # As in a simulation: every function at another state in between.
+            at.raw(other)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
+        again = at.answers(name, at.q, at.v)
+        yield _again(at, name, again, first)
+
+
+AGAIN, AT_FIRST, AWAY = 24, 54, 3
+"""Number of times that each function is called again at a state on average, at the first state, and
+at how many states near it, in random order. An answer that is the last one's every nth time shows
+for every n up to `AT_FIRST`, wherever it begins; by as many calls at each state, a longer period
+could fall on the same call of each, so their number is drawn."""
+
+KEPT, COARSE_BY = 2.0**-26, 2.0**-18
+"""Change that a cache by six digits does not show, per half width of the range: functions must
+feel it if `FELT` changes them in proportion and by more than `COARSE_BY` of their size."""
+
+CACHED = (2.0**-6, 2.0**-16, 2.0**-12), (2.0**-9, 2.0**-19, 2.0**-12)
+"""Changes of all coordinates together, long and short, per half width, and least change of a
+function per size: a cache by three to five digits shows the long ones, and none of the short ones,
+which singles would feel."""
+
+CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
+"""The same of functions that are as exact as doubles, with a cache by seven or eight digits."""
+
+
+@claim("answers-repeat", "f(x) is the same in every call of a run", "")
+def answers_repeat(at: Point) -> Iterator[Sides | Told]:
+    """Old states are asked again after all other claims, to a rounding, whatever the noise.
+
+    Each call is at another state than the one before, whose answer would show; and no answer may be
+    kept for states that differ in few digits. Those in single precision fail as such.
+    """
+    n, x = len(at.q), np.concatenate((at.q, at.v))
+    width = np.concatenate((at.width_q, at.width_v))
+    rng = np.random.default_rng(at.seed)
+    order = (AWAY + np.cumsum(rng.integers(1, AWAY + 1, AT_FIRST))) % (AWAY + 1)  # after the last
+    count = int(rng.integers(1, 2 * AGAIN))
+    # Each coordinate by another amount: a chain of links is the same turned as a whole.
+    along = width * rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x))
+    where = [x] + [x + (0.1 + 0.2 * k) * along for k in range(AWAY)]
+    for name in working(at):
+        f, first = at.raw(name), at.of(name)
+        known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
+        worst, error = first.value, np.zeros(first.shape)
+        for k in order[: count if name in at.answers.repeated else AT_FIRST]:
+            away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
+            # No number twice is the same answer.
+            if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
+                error, worst = away, first.value + away
+        at.answers.repeated.add(name)
+        rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
+        kept = Measured(first.value, rounding, first.size)
+        double = name not in at.answers.single and _relative(first) <= NOISE
+        unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
+        cached = name not in at.answers.single and _is_cached(at, name, double)
+        if unfelt or cached:
+            what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
+            yield Told(name, KEPT, 0.0, "failed", what)
+            continue
+        yield _again(at, name, worst, kept)
+
+
+@claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
+def fresh_answer(at: Point) -> Iterator[Sides | Told]:
+    """What was called before does not change what is answered."""
+    fresh = Answers(made_anew(at.functions))
+    for name in working(at):
+        if fresh.functions.function(name) is None:
+            yield Told(name, 0.0, 0.0, "not looked at", f"the factory makes no {name}")
+            continue
+        first = at.of(name)
+        try:
+            anew = fresh(name, at.q, at.v)
+        except BrokenError as broken:
+            yield Told(name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}")
+            continue
+        yield _again(at, name, anew, first)
+
+
+def _again(at: Point, name: str, again: Array, first: Measured) -> Sides:
+    """Return the sides of an answer being the same as at first, to rounding at most."""
+
+    def say(*_: object) -> str:
+        return "another one after other calls: something is kept from an earlier call"
+
+    error = np.where(again == first.value, 0.0, first.error)
+    found, none = Measured(again, error, first.size), np.zeros(first.shape)
+    return Sides(name, found, Measured(first.value, none, first.size), axes(at, name), say)
+
+
+def made_anew(functions: Functions) -> Functions:
+    """Return the functions that the factory makes."""
+    assert functions.factory is not None
+    made = functions.factory()
+    if isinstance(made, Functions):
+        return made
+    given = made if isinstance(made, dict) else {x: getattr(made, x, None) for x in INPUTS}
+    options = {"speeds": functions.speeds, "qdot": functions.qdot, "array": functions.array}
+    return functions_of(functions.n, options | given)
+
+
+@claim("double-precision", "functions compute in doubles", "precision")
+def double_precision(at: Point) -> Iterator[Told]:
+    """Single precision somewhere inside shows, whatever type the answer has."""
+    for name in working(at):
+        found = at.of(name)
+        blur = _relative(found)
+        unfelt = _unfelt(at, name) if NOISE < blur < NOTHING else ""
+        if unfelt and "v" in at.answers.reads(name):
+            # What is left of larger terms has steps too, but not where v has made it large.
+            unfelt = _unfelt(at.moved(FAST * at.v), name)
+        share = _relative(found, _size_beside(at, name))
+        if name in at.answers.single:
+            what = f"answers in {at.answers.single[name]}"
+        elif unfelt:
+            what = f"does not feel small changes of {unfelt}: float32 arithmetic"
+        elif NOISE < share < NOTHING and name != "qdd":
+            # Accelerations are noisy where M is nearly singular, which is no fault of theirs.
+            what = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
+            if max(_noise_beside(at, name)) <= NOISE:
+                what = "jumps or has a kink at this state: its noise is not measured there"
+            yield Told(name, share, NOISE, "inconclusive", f"{name}, {what}")
+            continue
+        else:
+            yield Told(name, share if share <= NOISE else 0.0, NOISE, "passed")
+            continue
+        yield Told(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {what}")
+
+
+def _size_beside(at: Point, name: str) -> float:
+    """Size of a function half a width of the ranges away, on both sides of the state.
+
+    A plain formula may vanish at the state, as 1 - cos q does: what rounds in it is of this size.
+    """
+    half_q, half_v, f = 0.5 * at.width_q, 0.5 * at.width_v, at.raw(name)
+    values = [f(at.q + sign * half_q, at.v + sign * half_v) for sign in (1.0, -1.0)]
+    return largest(np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def _noise_beside(at: Point, name: str) -> list[float]:
+    """Noise per size of a function `BESIDE` away on both sides, where it is not that of a jump."""
+    found = []
+    for shift in (-BESIDE, BESIDE):
+        q, v = at.q + shift * at.width_q, at.v + shift * at.width_v
+        try:
+            side = Point(at.answers, q, v, at.seed)
+            found.append(_relative(side.of(name), _size_beside(side, name)))
+        except BrokenError:
+            found.append(np.inf)
+    return found
+
+
+def _relative(found: Measured, beside: float = 0.0) -> float:
+    """Return the largest error of an entry beside the largest size, `beside` or more."""
+    size = max(largest(found.size), beside)
+    return largest(found.error) / size if size > 0.0 and np.isfinite(size) else 0.0
+
+
+def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
+    """Return the first of q and v of which a function feels large changes only, "" for none.
+
+    A smooth function that feels the large change by `by` of its size changes by a fixed part of
+    that for the small one, which is still many roundings in doubles.
+    """
+    f, here, n = at.raw(name), at.of(name), len(at.q)
+    names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
+    reads = at.answers.reads(name)
+    for k, width in enumerate(np.concatenate((at.width_q, at.width_v))):
+        if ("q" if k < n else "v") not in reads:
+            continue
+
+        def changed(share: float, k: int = k, width: float = float(width)) -> Array:
+            x = np.concatenate((at.q, at.v))
+            x[k] += share * width
+            return np.abs(f(x[:n], x[n:]) - here.value)
+
+        if _steps(changed, FELT, small, by * largest(here.size)):
+            return names[k]
+    return ""
+
+
+def _is_cached(at: Point, name: str, double: bool) -> bool:
+    """Whether a function feels long changes of all coordinates together and no short ones."""
+    f, here = at.raw(name), at.of(name)
+    if "q" not in at.answers.reads(name):
+        return False
+    rng = np.random.default_rng(at.seed)
+    along = rng.uniform(0.5, 1.0, len(at.q)) * rng.choice((-1.0, 1.0), len(at.q)) * at.width_q
+
+    def changed(share: float) -> Array:
+        return np.abs(f(at.q + share * along, at.v) - here.value)
+
+    steps, size = CACHED_DOUBLES if double else CACHED, largest(here.size)
+    return any(_steps(changed, long, short, by * size) for long, short, by in steps)
+
+
+def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
+    """Whether an entry changes by more than `least` and in proportion over one, two and three long
+    steps, and not at all over as many short ones.
+
+    In proportion, and not small beside other entries: an entry that vanishes but for rounding may
+    be 0 here and not there.
+    """
+    once, *more = (changed(j * long) for j in (1, 2, 3))
+    straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]
+    coarse = (once > least) & np.logical_and.reduce(straight)
+    if not coarse.any():
+        return False
+    return not any((changed(j * short) > 0.0)[coarse].any() for j in (1, 2, 3))

@@ -1,0 +1,373 @@
+"""Converters to `Functions`: of a scene, of an engine, of equations that SymPy derived.
+
+A scene or an engine, as functions of the same kind, is what functions are compared with. SymPy's
+`KanesMethod` and `LagrangesMethod` become functions of arrays; SymPy is imported when one of them
+is converted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from eomcheck.engines import Answers, Engine, EngineFault, engine_of, made, represents
+from eomcheck.errors import InputError, required
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.formulations import FORMULATIONS, formulations_among
+from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.numbers.generic import Array
+from eomcheck.testing.equations_of_motion import INPUTS, Functions
+
+# ---- Scenes and engines --------------------------------------------------------------------------
+
+
+def from_scene(scene: Scene) -> Functions:
+    """Return the equations of a scene as functions of doubles, at t = 0 s.
+
+    Forces all are in `Q` where the scene has no potential energy; where it has one, forces at rest
+    are `gravity` and damping follows from `R`.
+
+    Raises:
+        InputError: `scene` is no scene, such as the name of one.
+    """
+    zero = np.zeros(checked_scene(scene).n)
+
+    def terms(q: Array, v: Array) -> Any:
+        return Evaluation(scene, q, v, 0.0).terms
+
+    def forces(q: Array, v: Array) -> Array:
+        found = terms(q, v).Q
+        return np.zeros(scene.n) if found is None else found
+
+    def bias(q: Array, v: Array) -> Array:
+        found = terms(q, v).B
+        return np.zeros(scene.n) if found is None else found
+
+    def energies(q: Array, v: Array) -> tuple[Any, Any]:
+        at = Evaluation(scene, q, v, 0.0)
+        return scene.energies(at.parameters, at.prepared, at.q, at.v)
+
+    def dissipation(q: Array, v: Array) -> Any:
+        at = Evaluation(scene, q, v, 0.0)
+        return at.dissipation(at.v)
+
+    def constraint(q: Array, v: Array) -> Array:
+        at = Evaluation(scene, q, v, 0.0)
+        return np.asarray(scene.constraint(at.parameters, at.prepared, at.q, at.v))
+
+    solver = formulations_among([scene], None)[0] if scene.r == 0 else FORMULATIONS["au"]
+    example = Evaluation(scene, *scene.initial_state(), 0.0)
+    U = energies(example.q, example.v)[1]
+    damped = dissipation(example.q, example.v) is not None
+    potential = U is not None or damped or example.terms.Q is None
+    given: dict[str, Any] = {
+        "M": lambda q: terms(q, zero).M,
+        "bias": bias,
+        "T": lambda q, v: energies(q, v)[0],
+        "qdd": lambda q, v: Evaluation(scene, q, v, 0.0).acceleration(solver).vdot,
+    }
+    if U is not None:
+        given["U"] = lambda q: energies(q, zero)[1]
+        given["gravity"] = lambda q: -forces(q, zero)
+    if damped:
+        given["R"] = dissipation
+    if not potential:
+        given["Q"] = forces
+    if scene.r:
+        given["a"] = lambda q: terms(q, zero).a
+        given["gamma"] = lambda q, v: terms(q, v).gamma
+        given["c"] = constraint
+        if example.terms.b is not None:
+            given["b"] = lambda q, t: Evaluation(scene, q, zero, t).terms.b
+    return Functions(scene.n, name=scene.name, **given)
+
+
+def from_engine(engine: Any) -> Functions:
+    """Return what an engine says of its scene as functions of doubles, at t = 0 s.
+
+    Args:
+        engine: an engine, made for its scene; of the optional methods those it overrides.
+    """
+    scene, zero = engine.scene, np.zeros(engine.scene.n)
+    # In the scene's coordinates, whatever the engine has itself.
+    says: Any = Answers(engine) if isinstance(engine, Engine) else engine
+    given: dict[str, Any] = {"M": says.mass_matrix, "bias": says.bias}
+    optional = {"Q": "forces", "gamma": "constraint_drift"} if scene.r else {"Q": "forces"}
+    for name, method in optional.items():
+        if _offers(engine, method):
+            given[name] = getattr(says, method)
+    if scene.r and _offers(engine, "constraint_jacobian"):
+        given["a"] = lambda q: says.constraint_jacobian(q, zero)
+    return Functions(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
+
+
+def _offers(engine: Any, method: str) -> bool:
+    """Return whether an engine has an optional method of its own."""
+    own = getattr(type(engine), method, None)
+    return own is not None and own is not getattr(Engine, method, None)
+
+
+def reference_of(against: Any) -> Functions:
+    """Return what functions are compared with.
+
+    Args:
+        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
+
+    Raises:
+        InputError: none of these, or the engine does not represent the scene.
+        UnknownNameError: no engine has this key.
+        EngineError: the library of the engine is not installed.
+    """
+    match against:
+        case Functions():
+            return against
+        case Scene():
+            return from_scene(against)
+        case (engine, Scene() as scene):
+            kind = engine_of(engine)
+            if not represents(kind, scene):
+                raise InputError(f"against = {kind.key}, which does not represent {scene.name}")
+            try:
+                return from_engine(made(kind, scene))
+            except EngineFault as fault:
+                raise InputError(f"against = {kind.key}: {fault.what}") from fault
+    if hasattr(against, "mass_matrix") and hasattr(against, "scene"):
+        return from_engine(against)
+    hint = "; of functions make Functions(n, M=M, ...)" if isinstance(against, Mapping) else ""
+    raise InputError(
+        f"against = {against!r}, expected a scene, an engine made for one, (engine, scene), or "
+        f"Functions{hint}"
+    )
+
+
+# ---- SymPy ---------------------------------------------------------------------------------------
+
+
+class _Numbers:
+    """Makes functions of arrays q and v from expressions in SymPy's symbols.
+
+    Args:
+        what: what they come from, for messages.
+        q: the coordinates.
+        v: the velocities, symbols or functions of time.
+        parameters: symbol -> number.
+    """
+
+    def __init__(self, what: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
+        self._sympy = required("sympy", "sympy")
+        self.what = what
+        symbols = [self._sympy.Dummy(str(i)) for i in range(len(q) + len(v))]
+        # Rates before the coordinates that they are rates of.
+        self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
+        self._arguments = symbols
+        self._parameters = {self._sympy.sympify(x): y for x, y in (parameters or {}).items()}
+
+    def plain(self, expression: Any) -> Any:
+        """Return an expression as a matrix in symbols for q and v alone."""
+        return self._named(expression).subs(self._parameters)
+
+    def _named(self, expression: Any) -> Any:
+        sp, mechanics = self._sympy, required("sympy.physics.mechanics", "sympy")
+        matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
+        return mechanics.msubs(matrix, self._names)
+
+    def check(self, *expressions: Any, others: Iterable[Any] = ()) -> None:
+        """Raise InputError if a symbol has no number, or a number no symbol.
+
+        Args:
+            expressions: every symbol of theirs needs a number.
+            others: what else the model was made of, which may cancel.
+        """
+        left = _symbols(map(self.plain, expressions)) - set(self._arguments)
+        used = _symbols(map(self._named, (*expressions, *others)))
+        unused = [one for one in self._parameters if not _symbols([one]) <= used]
+        names = sorted(map(str, left))
+        if alike := sorted({*names} & {*map(str, unused)}):
+            raise InputError(
+                f"parameters of {self.what} have {', '.join(alike)} of other assumptions than its "
+                "equations, such as positive=True: in SymPy these are other symbols"
+            )
+        if left:
+            raise InputError(f"parameters of {self.what} have no number for {', '.join(names)}")
+        if unused:
+            listed = ", ".join(sorted(map(str, unused)))
+            raise InputError(
+                f"parameters of {self.what} have a number for {listed}, which it has not"
+            )
+
+    def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
+        """Return the function (q, v) -> array (rows, columns) of an expression."""
+        plain = self.plain(expression)
+        function = self._sympy.lambdify(self._arguments, plain, "numpy", cse=True)
+
+        def numbers(q: Array, v: Array) -> Array:
+            return np.asarray(function(*q, *v), np.float64)
+
+        return numbers
+
+
+def _symbols(expressions: Iterable[Any]) -> set[Any]:
+    """Return symbols and functions of time in expressions."""
+    mechanics, found = required("sympy.physics.mechanics", "sympy"), set()
+    for one in expressions:
+        found |= one.free_symbols | mechanics.find_dynamicsymbols(one)
+    return found - {mechanics.dynamicsymbols._t}
+
+
+def _only_options(maker: str, options: Mapping[str, Any]) -> None:
+    """Raise InputError if a function is handed over beside those that are made."""
+    for name in filter(INPUTS.__contains__, options):
+        raise InputError(
+            f"{name} = {options[name]!r} beside {maker}, which has it from the equations: all "
+            "loads are in Q, gravity too, and what is given twice counts twice"
+        )
+
+
+def from_kane(
+    kane: Any, parameters: Mapping[Any, float] | None = None, *, name: str = "kane", **options: Any
+) -> Functions:
+    """Return the equations of a SymPy `KanesMethod` as functions of q and its independent speeds.
+
+    Its speeds need not be q̇: its kinematic equations are the `qdot`. Dependent speeds follow from
+    its velocity constraints, u = W u_i, so that M is p × p and symmetric. The kinetic energy of its
+    bodies is a second derivation of M. All loads are in `Q`.
+
+    Args:
+        kane: after `kanes_equations` was called.
+        parameters: symbol -> number, for all that are neither coordinates nor speeds.
+        name: what reports call it.
+        options: `ranges` and others, see `eomcheck.testing.Functions`.
+
+    Raises:
+        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
+            number no symbol, it has auxiliary speeds, its velocity constraints are not homogeneous
+            in u, or a function is among the options.
+        EngineError: SymPy is not installed.
+    """
+    mechanics = required("sympy.physics.mechanics", "sympy")
+    _only_options("from_kane", options)
+    if not isinstance(kane, mechanics.KanesMethod):
+        raise InputError(f"kane = {kane!r}, expected a sympy.physics.mechanics.KanesMethod")
+    try:
+        Fr, p = kane._fr, len(kane._fr)
+        mass, forcing = kane.mass_matrix, kane.forcing
+    except (TypeError, ValueError):
+        raise InputError("kane has no equations yet, call kane.kanes_equations first") from None
+    if any(term != 0 for term in kane._f_nh):
+        raise InputError("kane has velocity constraints that are not homogeneous in its speeds")
+    if auxiliary := list(getattr(kane, "_uaux", ())):
+        names = ", ".join(map(str, auxiliary))
+        raise InputError(
+            f"kane has auxiliary speeds {names}, which are 0 in every motion and only bring "
+            "constraint forces into its equations: make it without u_auxiliary"
+        )
+    rates, t = kane.kindiffdict(), mechanics.dynamicsymbols._t
+    numbers = _Numbers("kane", kane.q, kane.u, parameters)
+    seconds = {x.diff(t): mechanics.msubs(y.diff(t), rates) for x, y in rates.items()}
+    in_u = seconds | dict(rates)
+
+    energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
+    speeds = required("sympy", "sympy").Matrix([rates[q.diff()] for q in kane.q])
+    expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
+    inertias = (body.central_inertia.args for body in kane.bodies if hasattr(body, "inertia"))
+    others = [body.mass for body in kane.bodies] + [x[0] for one in inertias for x in one]
+    numbers.check(*expressions, others=[*others, kane._f_h])
+    K, f, loads, qdot, T = map(numbers, expressions)
+    o = len(kane.u)
+
+    def W(q: Array) -> Array:
+        """All speeds of the independent ones (o, p)."""
+        a = K(q, np.zeros(o))[p:]
+        return np.vstack((np.eye(p), -np.linalg.solve(a[:, p:], a[:, :p])))
+
+    def rest(q: Array, u: Array) -> Array:
+        """What is left of u̇ (o,) where u̇_i = 0."""
+        a = K(q, u)[p:]
+        return np.concatenate((np.zeros(p), np.linalg.solve(a[:, p:], f(q, u)[p:, 0])))
+
+    def bias(q: Array, u: Array) -> Array:
+        full = W(q) @ u
+        return K(q, full)[:p] @ rest(q, full) + loads(q, full)[:, 0] - f(q, full)[:p, 0]
+
+    def qdd(q: Array, u: Array) -> Array:
+        full = W(q) @ u
+        return np.linalg.solve(K(q, full), f(q, full)[:, 0])[:p]
+
+    return Functions(
+        len(kane.q),
+        M=lambda q: K(q, np.zeros(o))[:p] @ W(q),
+        bias=bias,
+        Q=lambda q, u: loads(q, W(q) @ u)[:, 0],
+        qdd=qdd,
+        T=lambda q, u: T(q, W(q) @ u),
+        qdot=lambda q, u: qdot(q, W(q) @ u)[:, 0],
+        speeds=p,
+        derived=True,
+        name=name,
+        **options,
+    )
+
+
+def from_lagrange(
+    lagrange: Any,
+    parameters: Mapping[Any, float] | None = None,
+    *,
+    name: str = "lagrange",
+    **options: Any,
+) -> Functions:
+    """Return the equations of a SymPy `LagrangesMethod` as functions of q and q̇.
+
+    Of its Lagrangian L, -L(q, 0) is the potential energy and the rest the kinetic energy. The bias
+    has gravity in it, forces of its list are in `Q`.
+
+    Args:
+        lagrange: after `form_lagranges_equations` was called.
+        parameters: symbol -> number, for all that are not coordinates.
+        name: what reports call it.
+        options: `ranges` and others, see `eomcheck.testing.Functions`.
+
+    Raises:
+        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
+            number no symbol, or a function is among the options.
+        EngineError: SymPy is not installed.
+    """
+    mechanics = required("sympy.physics.mechanics", "sympy")
+    _only_options("from_lagrange", options)
+    if not isinstance(lagrange, mechanics.LagrangesMethod):
+        raise InputError(
+            f"lagrange = {lagrange!r}, expected a sympy.physics.mechanics.LagrangesMethod"
+        )
+    if lagrange.eom is None:
+        said = "call lagrange.form_lagranges_equations first"
+        raise InputError(f"lagrange has no equations yet, {said}")
+    q, n, r = lagrange.q, len(lagrange.q), len(lagrange.coneqs)
+    numbers = _Numbers("lagrange", q, q.diff(mechanics.dynamicsymbols._t), parameters)
+    formed = lagrange.mass_matrix, lagrange.forcing_full, lagrange._term4, lagrange._L
+    numbers.check(*formed, others=[lagrange._hol_coneqs])
+    M, f = numbers(lagrange.mass_matrix[:, :n]), numbers(lagrange.forcing)
+    loads, L = numbers(lagrange._term4), numbers(lagrange._L)
+    full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)
+    still = np.zeros(n)
+
+    given: dict[str, Any] = {}
+    if r:
+        a, c = numbers(-lagrange.lam_coeffs), numbers(lagrange.coneqs)
+        given["a"] = lambda q: a(q, still)
+        given["c"] = lambda q, v: c(q, v)[:, 0]
+        given["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
+    return Functions(
+        n,
+        M=lambda q: M(q, still),
+        bias=lambda q, v: (loads(q, v) - f(q, v))[:, 0],
+        bias_has_gravity=True,
+        Q=lambda q, v: loads(q, v)[:, 0],
+        qdd=lambda q, v: np.linalg.solve(full_mass(q, v), full_forcing(q, v)[:, 0])[n : 2 * n],
+        T=lambda q, v: L(q, v) - L(q, still),
+        U=lambda q: -L(q, still),
+        derived=True,
+        name=name,
+        **given,
+        **options,
+    )

@@ -1,0 +1,477 @@
+"""Equations of motion under test: user-supplied functions as `Functions`, and their answers.
+
+    M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ,    a v + b = 0,    a q̈ + γ = 0
+
+A function that is not given stands for a term that is not there. Velocities v are q̇, unless `qdot`
+gives q̇; v then are generalized speeds u, and forces are those along u. `Answers` calls the
+functions: each answer is checked, and a failure is named with its function (`BrokenError`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from inspect import Parameter, signature
+from math import isfinite
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from eomcheck.calls import call
+from eomcheck.claims.reproducer import python_of_functions
+from eomcheck.engines import EngineFault
+from eomcheck.errors import (
+    CallError,
+    InputError,
+    UnknownNameError,
+    described_error,
+    shown,
+    whole_number,
+)
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import finite_array
+from eomcheck.numbers.generic import Array
+
+Function = Callable[..., Any]
+
+
+class Input(NamedTuple):
+    """What one of the functions is.
+
+    Attributes:
+        reads: what it is called with: "q", "qv" or "t"; see also `MAY_READ_MORE`.
+        shape: of what it answers, in terms of n coordinates, p velocities and r constraints.
+        what: its name in words, as failures call it.
+    """
+
+    reads: str
+    shape: tuple[str, ...]
+    what: str
+
+
+INPUTS: dict[str, Input] = {
+    "M": Input("q", ("p", "p"), "mass matrix"),
+    "bias": Input("qv", ("p",), "bias"),
+    "gravity": Input("q", ("p",), "gravity"),
+    "C": Input("qv", ("p", "p"), "Coriolis matrix"),
+    "qdd": Input("qv", ("p",), "acceleration"),
+    "T": Input("qv", (), "kinetic energy"),
+    "U": Input("q", (), "potential energy"),
+    "R": Input("qv", (), "dissipation function"),
+    "Q": Input("qv", ("p",), "generalized forces"),
+    "a": Input("q", ("r", "p"), "constraint Jacobian"),
+    "b": Input("t", ("r",), "constraint velocity"),
+    "c": Input("q", ("r",), "constraint"),
+    "gamma": Input("qv", ("r",), "constraint drift"),
+    "qdot": Input("qv", ("n",), "rates of the coordinates"),
+}
+"""Name -> what the function of that name is."""
+
+MOST_COORDINATES = 10_000
+"""Coordinates of functions: a mass matrix then takes 800 MB."""
+
+MOST_STATES = 1_000_000
+"""States that may be drawn in one call."""
+
+MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv"}
+"""Name -> what a function is called with if it has two arguments that must be given."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Functions:
+    """Somebody's equations of motion as functions of doubles, black boxes.
+
+    Each is called with arrays of doubles of its own, of shape (n,) or (p,), and answers an array,
+    of NumPy or of what NumPy can read. A vector may be a column (p, 1), a number an array of one.
+    """
+
+    instead: ClassVar[str] = (
+        "functions are checked by `eomcheck fuzz --scene {}`, and in Python by check_functions"
+    )
+    """Advice for a place where a scene is expected; {} stands for FILE:NAME."""
+    n: int
+    """Number of coordinates."""
+    M: Function | None = None
+    """M(q) -> mass matrix (p, p)."""
+    bias: Function | None = None
+    """bias(q, v) -> B (p,), Coriolis and centrifugal, on the left-hand side, without gravity."""
+    gravity: Function | None = None
+    """gravity(q) -> ∂U/∂q (p,), on the left-hand side; gravity(q, v) is called so too."""
+    C: Function | None = None
+    """C(q, v) -> Coriolis matrix (p, p), C v = B and Ṁ - 2 C skew-symmetric."""
+    qdd: Function | None = None
+    """qdd(q, v) -> acceleration (p,), with everything in it."""
+    T: Function | None = None
+    """T(q, v) -> kinetic energy, J."""
+    U: Function | None = None
+    """U(q) -> potential energy, J."""
+    R: Function | None = None
+    """R(q, v) -> half the power that dampers take, W."""
+    Q: Function | None = None
+    """Q(q, v) -> generalized forces (p,) beside gravity and damping, on the right-hand side."""
+    a: Function | None = None
+    """a(q) -> constraint Jacobian (r, p)."""
+    b: Function | None = None
+    """b(t), or b(q, t) -> constraint velocity (r,), a v + b = 0; looked at around t = 0 s."""
+    c: Function | None = None
+    """c(q) -> (r,), which vanishes where loops are closed, a = ∂c/∂q; or, with two arguments,
+    c(q, v) -> (r,), which vanishes where nothing slips, a = ∂c/∂v and c = a v + b."""
+    gamma: Function | None = None
+    """gamma(q, v) -> ȧ v + ḃ (r,)."""
+    qdot: Function | None = None
+    """qdot(q, u) -> q̇ (n,), where velocities are generalized speeds u; linear in u."""
+    bias_has_gravity: bool = False
+    """Whether `bias` is the sum of bias and gravity."""
+    speeds: int | None = None
+    """Number p of generalized speeds where it is not n; only with `qdot`."""
+    holonomic: bool | None = None
+    """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where constraints that are not
+    holonomic are built into M; None for True without `qdot`, and False with it."""
+    derived: bool = False
+    """Whether all come out of one derivation, so that none tells what went into it wrong."""
+    ranges: Any = None
+    """What states are drawn from: (low, high) for all, n pairs for the coordinates, or n + p pairs;
+    by default [-1, 1] for each coordinate and each velocity."""
+    name: str = "functions"
+    """What reports call them."""
+    factory: Callable[[], Any] | None = None
+    """Makes them anew: () -> dict or object that holds functions of these names."""
+    array: Callable[[Array], Any] | None = None
+    """Makes what they are called with of an array of doubles, such as `torch.as_tensor`."""
+
+    def __post_init__(self):
+        whole_number("n", self.n, most=MOST_COORDINATES)
+        for name in self.given:
+            if not callable(self.function(name)):
+                raise InputError(f"{name} = {shown(self.function(name))}, expected a function")
+        for name in ("factory", "array"):
+            made = getattr(self, name)
+            if made is not None and not callable(made):
+                raise InputError(f"{name} = {shown(made)}, expected a function")
+        if not self.given:
+            raise InputError(f"no function is given, expected at least one of {', '.join(INPUTS)}")
+        if self.speeds is not None:
+            whole_number("speeds", self.speeds, most=MOST_COORDINATES)
+            if self.qdot is None and self.speeds != self.n:
+                raise InputError(
+                    f"speeds = {self.speeds} without qdot(q, u), which would tell how {self.n} "
+                    "coordinates move with them"
+                )
+        if self.bias_has_gravity and self.bias is None:
+            raise InputError("bias_has_gravity = True, but no bias is given")
+        self.half_ranges()
+
+    def function(self, name: str) -> Function | None:
+        """Return the function of this name, a key of `INPUTS`, or None."""
+        return getattr(self, name)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the functions that are given."""
+        return tuple(name for name in INPUTS if self.function(name) is not None)
+
+    @property
+    def p(self) -> int:
+        """Number of velocities."""
+        return self.n if self.speeds is None else int(self.speeds)
+
+    @property
+    def of_lagrange(self) -> bool:
+        """Whether M determines the bias."""
+        return self.qdot is None if self.holonomic is None else self.holonomic
+
+    @property
+    def structure(self) -> str:
+        """The name and what is given."""
+        return f"{self.name}: {', '.join(self.given)}"
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the coordinates, by their index as Python counts."""
+        return tuple(f"q[{i}]" for i in range(self.n))
+
+    @property
+    def velocity_names(self) -> tuple[str, ...]:
+        """Names of the rows of M and of forces."""
+        return (
+            self.coordinate_names if self.qdot is None else tuple(f"u[{i}]" for i in range(self.p))
+        )
+
+    def __repr__(self) -> str:
+        return f"<{self.structure}>"
+
+    def as_python(self, state: State | None = None) -> str:
+        """Return Python code that checks them again, in one state or where they were drawn.
+
+        Functions that have no name that can be imported, such as lambdas, are left to be put in.
+        """
+        return python_of_functions(self, INPUTS, fields(self), state)
+
+    def half_ranges(self) -> tuple[Array, Array]:
+        """Return middle and half width of the range of each coordinate and velocity (n + p,).
+
+        Raises:
+            InputError: `ranges` is nothing of what it may be.
+        """
+        size = self.n + self.p
+        full = np.tile([-1.0, 1.0], (size, 1))
+        if self.ranges is not None:
+            given = _pairs(self.ranges)
+            if given is None or (given.ndim == 2 and len(given) not in (self.n, size)):
+                raise InputError(
+                    f"ranges = {shown(self.ranges)}, expected (low, high) with low < high, or "
+                    f"{self.n} such pairs for the coordinates, or {size} with the velocities"
+                )
+            if given.ndim == 1:
+                full[:] = given
+            else:
+                full[: len(given)] = given
+        return full.mean(axis=1), (full[:, 1] - full[:, 0]) / 2.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedFunctions(Functions):
+    """Functions with what they are compared with, which Python code that checks them again names.
+
+    Attributes:
+        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
+    """
+
+    against: Any = None
+
+    @classmethod
+    def of(cls, functions: Functions, against: Any) -> ComparedFunctions:
+        """Return `functions` with what they are compared with."""
+        return cls(
+            **{x.name: getattr(functions, x.name) for x in fields(Functions)}, against=against
+        )
+
+
+def _pairs(ranges: Any) -> Array | None:
+    """Return pairs low < high as an array (2,) or (m, 2), None if they are none."""
+    try:
+        pairs = np.asarray(ranges, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    fits = pairs.shape == (2,) or (pairs.ndim == 2 and pairs.shape[1] == 2)
+    numbers = np.isfinite(pairs).all() and not np.ma.is_masked(ranges)
+    if not fits or not numbers or (pairs[..., 0] >= pairs[..., 1]).any():
+        return None
+    return pairs
+
+
+OPTIONS = tuple(one.name for one in fields(Functions) if one.name != "n")
+"""Names of what may be given beside n."""
+
+
+def functions_of(n: Any, given: Mapping[str, Any]) -> Functions:
+    """Return the `Functions` of n coordinates.
+
+    Raises:
+        UnknownNameError: a name in `given` is none of `OPTIONS`.
+        InputError: see `Functions`.
+    """
+    for name in given:
+        if name not in OPTIONS:
+            raise UnknownNameError("argument", name, OPTIONS)
+    return Functions(n, **given)
+
+
+def checked_states(functions: Functions, states: Any) -> Sequence[State] | int:
+    """Return the states asked for, or their number.
+
+    Raises:
+        InputError: neither a number of at least 1 nor a list of (q, v) of the right shapes.
+    """
+    if isinstance(states, int | np.integer):
+        return whole_number("states", states, most=MOST_STATES)
+    try:
+        pairs = [(q, v) for q, v in states]
+        sizes = {"q": functions.n, "v": functions.p}
+        found = [
+            State(finite_array("q", q, (sizes["q"],)), finite_array("v", v, (sizes["v"],)))
+            for q, v in pairs
+        ]
+    except (TypeError, ValueError):
+        found = []
+    if not found:
+        raise InputError(
+            f"states = {shown(states)}, expected a number of at least 1 or a list of "
+            f"(q, v) of {functions.n} and {functions.p} finite numbers"
+        )
+    return found
+
+
+# ---- Answers -------------------------------------------------------------------------------------
+
+
+class BrokenError(Exception):
+    """A function did not answer with finite numbers of the right shape.
+
+    Attributes:
+        name: of the function, a key of `INPUTS`.
+        why: what is wrong, in words.
+    """
+
+    def __init__(self, name: str, why: str):
+        self.name, self.why = name, why
+        super().__init__(f"{name}: {why}")
+
+
+class Answers:
+    """The functions, called with copies of what they read.
+
+    Args:
+        functions: the functions.
+    """
+
+    def __init__(self, functions: Functions):
+        self.functions = functions
+        self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
+        self.single: dict[str, str] = {}
+        """Names of functions that answered in single precision or less, and their type."""
+        self._reads: dict[str, str] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self.changed: set[str] = set()
+        """Names of functions that wrote into what they were handed."""
+        self.repeated: set[str] = set()
+        """Names of functions that were called again and again at one state."""
+        self.told: set[str] = set()
+        """Names of functions that do not answer somewhere, with the reason in a Finding."""
+
+    def reads(self, name: str) -> str:
+        """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""
+        if name not in self._reads:
+            more = name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2
+            self._reads[name] = MAY_READ_MORE[name] if more else INPUTS[name].reads
+        return self._reads[name]
+
+    def __call__(self, name: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return what the function `name` answers at (q, v, t), called with what it reads.
+
+        Raises:
+            BrokenError: an exception inside, no array of numbers, of wrong shape, or not finite.
+        """
+        function, make = self.functions.function(name), self.functions.array
+        assert function is not None
+        handed = {"q": q.copy(), "v": v.copy()}
+        arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
+        given = {**arrays, "t": t}
+        arguments = [given[letter] for letter in self.reads(name)]
+        before = [] if make is None else _bytes(arrays)
+        try:
+            answer = call(f"{self.functions.name}: {name}", function, *arguments)
+        except EngineFault as fault:
+            raise BrokenError(name, fault.what) from fault
+        except CallError as error:
+            raise BrokenError(name, error.what.removeprefix("raised ")) from error
+        except Exception as error:
+            what = described_error(error)
+            # As PyTorch says of an array of NumPy.
+            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in what else ""
+            raise BrokenError(name, what + hint) from error
+        finally:
+            written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
+            if written or (make is not None and _bytes(arrays) != before):
+                self.changed.add(name)
+        return self._checked(name, answer)
+
+    def _checked(self, name: str, answer: Any) -> Array:
+        if type(answer) is np.ndarray and answer.dtype == np.float64:
+            array = answer.copy()
+        else:
+            array = self._read(name, answer)
+        array = self._shaped(name, array)
+        # Of a single number NumPy's own `all` takes longer than the rest.
+        finite = np.isfinite(array).all() if array.ndim else isfinite(array.item())
+        if not finite:
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            entry = f"{name}{list(where)}" if where else name
+            raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
+        return array
+
+    def _read(self, name: str, answer: Any) -> Array:
+        """The numbers of an answer of whatever kind, in doubles."""
+        if answer is None:
+            raise BrokenError(name, "answers None, expected an array of numbers")
+        try:
+            raw = np.asarray(_plain(answer))
+            if np.ma.is_masked(answer):
+                raise BrokenError(name, "answers a masked array, of which entries are masked")
+            if raw.dtype.kind == "c":
+                raise BrokenError(
+                    name, "answers complex numbers, expected an array of real numbers"
+                )
+            if raw.dtype.kind not in "fiuO":
+                raise TypeError
+            array = np.array(raw, np.float64)
+        except OverflowError:
+            raise BrokenError(name, "answers a number that is too large for a double") from None
+        except (TypeError, ValueError, RuntimeError):
+            what = f"answers {_type_of(answer)}, expected an array of numbers"
+            raise BrokenError(name, what) from None
+        if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
+            self.single[name] = str(raw.dtype)
+        return array
+
+    def _shaped(self, name: str, array: Array) -> Array:
+        if array.shape == self._shapes.get(name):
+            return array
+        symbols = INPUTS[name].shape
+        if "r" in symbols and "r" not in self.sizes and array.ndim >= 1:
+            self.sizes["r"] = array.shape[0]
+        shape = tuple(self.sizes.get(x, 1) for x in symbols)
+        # A column, or a number in an array, as lambdified SymPy answers.
+        if len(shape) < 2 and array.shape in ((*shape, 1), (1, 1)) and array.size == np.prod(shape):
+            return array.reshape(shape)
+        if array.shape != shape:
+            raise BrokenError(name, f"answers an array of shape {array.shape}, expected {shape}")
+        self._shapes[name] = shape
+        return array
+
+
+def _bytes(arrays: dict[str, Any]) -> list[bytes]:
+    """Numbers in arrays of any library, as bytes; nothing of those that NumPy cannot read."""
+    with suppress(TypeError, ValueError, RuntimeError):
+        return [np.asarray(_plain(array)).tobytes() for array in arrays.values()]
+    return []
+
+
+def _type_of(answer: Any) -> str:
+    """Type of an answer in words, with that of its entries where all are of one that is no number.
+
+    "a list of str", "an array of bool".
+    """
+    kind = "an array" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
+    entries = np.ravel(answer).tolist() if isinstance(answer, np.ndarray) else answer
+    types = {type(x) for x in entries} if isinstance(entries, list | tuple) else set()
+    if len(types) != 1 or types & {int, float, list, tuple}:
+        return kind
+    (of,) = types
+    return f"{kind} of {of.__name__}"
+
+
+PLAIN = np.ndarray, np.float64, float
+"""Types of answers that NumPy reads as they are."""
+
+
+def _plain(answer: Any) -> Any:
+    """Return an answer without what NumPy cannot read: gradients, another device."""
+    if type(answer) in PLAIN:
+        return answer
+    if isinstance(answer, list | tuple):
+        return [_plain(one) for one in answer]
+    for method in ("detach", "cpu"):
+        answer = getattr(answer, method, lambda answer=answer: answer)()
+    return answer
+
+
+def _arguments(function: Any) -> int:
+    """Return how many arguments must be given to a function, 1 where it does not tell."""
+    try:
+        found = signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return 1
+    positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(x.kind in positional and x.default is Parameter.empty for x in found)

@@ -1,0 +1,468 @@
+"""Fault localization: the function that is wrong, by all claims that failed and passed.
+
+A claim that fails shows that one of the functions it reads is wrong, its suspects. The functions
+that are suspects of all failures explain them at once, but for those that a claim which passes
+settles. Where several are left, the inputs that would distinguish them are named. The residual of
+the equations of motion shows more: gravity leaves one that is constant in v, a damper one that is
+odd, the bias one that is even and vanishes at rest, the mass matrix that of the acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.claims.finding import Finding
+from eomcheck.evaluation.tolerance import C
+from eomcheck.testing.claims_motions import FOLLOWS
+from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, Functions
+from eomcheck.testing.function_claim import FUNCTION_CLAIMS
+from eomcheck.testing.function_state import REST_ENERGY, Point, bias, inertia
+from eomcheck.testing.polarization import CONSTANT, SCALES, Degrees, degrees_of, wrong_terms
+from eomcheck.testing.uncertain import Measured, exact
+
+READS: dict[str, tuple[str, ...]] = {
+    "bias-of-mass-matrix": ("qdot",),
+    "bias-power": ("qdot",),
+    "coriolis-bias": ("qdot",),
+    "gravity-of-potential": ("qdot",),
+    "constraint-jacobian": ("qdot",),
+    "constraint-velocity": ("b",),
+    "constraint-drift": ("b", "qdot"),
+    "constraint-acceleration": ("gamma|a", "b", "qdot"),
+    "motion": ("bias|C|M|T", "gravity|U", "R", "Q", "qdot"),
+    "power-balance": ("gravity|U", "R", "Q", "qdot"),
+}
+"""Claim -> functions it reads beside those it needs, if they are given; of "x|y" the first one."""
+
+OF_THE_REFERENCE = {"forces": ("gravity|U", "R", "Q")}
+"""Quantity compared with a reference -> functions; others are read as `FOLLOWS` says."""
+
+SETTLES: dict[str, tuple[str, ...]] = {
+    "bias-of-mass-matrix": ("bias",),
+    "coriolis-bias": ("bias",),
+    "gravity-of-potential": ("gravity", "U"),
+    "kinetic-energy": ("M", "T"),
+    "bias-of-energy": ("bias",),
+    "constraint-jacobian": ("a", "c"),
+    "constraint-velocity": ("c",),
+    "constraint-drift": ("gamma", "b"),
+    "constraint-acceleration": ("gamma",),
+    "motion": ("M", "bias", "C", "gravity", "U", "R", "Q", "a"),
+}
+"""Claim -> functions that are right if it passes, unless two are wrong in the same way."""
+
+LISTED = 3
+"""Number of claims that a sentence lists by name."""
+
+
+class Conflict(NamedTuple):
+    """A failure and its suspects.
+
+    Attributes:
+        finding: the failure.
+        suspects: functions, keys of `INPUTS`, of which one at least is wrong.
+        read: all functions that the claim reads, also those that alone would not explain it.
+    """
+
+    finding: Finding
+    suspects: frozenset[str]
+    read: frozenset[str]
+
+
+class Blame(NamedTuple):
+    """A conclusion.
+
+    Attributes:
+        causes: functions, keys of `INPUTS`, of which one is wrong.
+        certain: whether there is only one.
+        conflicts: the failures it explains.
+        settled: claims that pass and clear other suspects of the first failure.
+    """
+
+    causes: tuple[str, ...]
+    certain: bool
+    conflicts: tuple[Conflict, ...]
+    settled: tuple[str, ...]
+
+
+def concluded(functions: Functions, found: list[Finding], points: Sequence[Point]) -> list[Finding]:
+    """Return the Findings with the conclusion in the first failure, the others folded under it.
+
+    Verdicts, order and numbers stay. Nothing is computed where nothing failed.
+
+    Args:
+        functions: the functions.
+        found: Findings of all claims.
+        points: points of the states at which they were judged.
+    """
+    failed = [one for one in found if one.verdict == "failed"]
+    if not failed:
+        return found
+    at = {(x.q.tobytes(), x.v.tobytes()): x for x in points}
+    where = {
+        id(one): at.get((one.state.q.tobytes(), one.state.v.tobytes()))
+        for one in failed
+        if one.state is not None
+    }
+    conflicts = [
+        Conflict(
+            one,
+            suspects(functions, one, where.get(id(one))),
+            reads(functions, one.claim, one.subject),
+        )
+        for one in failed
+    ]
+    changed: dict[int, Finding] = {}
+    unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
+    for blame in blames_of(found, conflicts, unsettled):
+        own = [one.finding for one in blame.conflicts]
+        cause = " or ".join(blame.causes)
+        polarized = ""
+        for one in own:
+            term = _terms_of(blame, one, where.get(id(one)), polarized)
+            polarized = polarized or (term if one.claim != "motion" else "")
+            told = one.because(term) if term else one
+            changed[id(one)] = replace(
+                told, cause=cause, follows="" if one is own[0] else own[0].claim
+            )
+        text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
+        about = "T" in blame.causes or ("bias" in blame.causes and not blame.certain)
+        rest = rest_energy(where.get(id(own[0]))) if about else ""
+        if rest:
+            text = f"{text}; {rest}" if text else rest
+        if text:
+            changed[id(own[0])] = replace(head, detail=f"{text}; {head.detail}")
+    return [changed.get(id(one), one) for one in found]
+
+
+def _terms_of(blame: Blame, failed: Finding, at: Point | None, polarized: str) -> str:
+    """Return the terms that are wrong, where a failure is about what is to blame; "" once known."""
+    if at is None:
+        return ""
+    if failed.claim == "motion":
+        return "" if "off by" in failed.detail else _of_motion(at)
+    if polarized or not {"bias", "C", "T"} & {*blame.causes}:
+        return ""
+    term = wrong_terms(failed, at)
+    return term if term == CONSTANT or {"bias", "C"} & {*blame.causes} else ""
+
+
+# ---- Suspects ------------------------------------------------------------------------------------
+
+
+def read_by(functions: Functions, names: Iterable[str]) -> frozenset[str]:
+    """Return the given functions that are read for quantities, of "x|y" the first one."""
+    found: set[str] = set()
+    for name in names:
+        for one in name.split("|"):
+            if functions.function(one) is not None:
+                found.add(one)
+                break
+            if one == "gravity" and functions.bias_has_gravity:
+                found.add("bias")
+                break
+    if functions.bias_has_gravity and "bias" in found and functions.gravity is not None:
+        found.add("gravity")
+    return frozenset(found)
+
+
+def reads(functions: Functions, claim: str, subject: str = "") -> frozenset[str]:
+    """Return the functions that a claim reads, about a subject.
+
+    Args:
+        functions: the functions.
+        claim: id, a key of `FUNCTION_CLAIMS`.
+        subject: of a Finding.
+    """
+    about, one = subject.split(" ~ ")[0], FUNCTION_CLAIMS[claim]
+    if claim == "reference":
+        more = f"|{FOLLOWS[about]}" if about in FOLLOWS else ""
+        return read_by(functions, OF_THE_REFERENCE.get(about, (f"{about}{more}",)))
+    needs = [name for name in one.needs if name not in ("factory", "against")]
+    if not needs:
+        return frozenset({about} & {*INPUTS})
+    state = ("a", "b", "c") if one.consistent else ()
+    return read_by(functions, (*needs, *READS.get(claim, ()), *state))
+
+
+def suspects(functions: Functions, failed: Finding, at: Point | None) -> frozenset[str]:
+    """Return the functions of which one is wrong where a claim fails, at a point if it is known."""
+    found = reads(functions, failed.claim, failed.subject)
+    if failed.claim != "motion" or at is None:
+        return found
+    if _in_motion(at):
+        found |= {"T"}
+    try:
+        with np.errstate(all="ignore"):
+            return found & _of_residual(at, found) or found
+    except (BrokenError, np.linalg.LinAlgError):
+        return found
+
+
+def residual(at: Point) -> Measured | None:
+    """M q̈ + B + g + ∂R/∂v - Q in the directions that constraints leave; None if B is unknown."""
+    B = bias(at)
+    if B is None:
+        return None
+    left = inertia(at) @ at.of("qdd") + B - at.forces()
+    return exact(at.free().T) @ left if at.has("a") else left
+
+
+def _measured_residuals(at: Point) -> tuple[list[Point], list[Measured]]:
+    """Return points at `SCALES` times v that keep the constraints, and the residual at each.
+
+    None where v cannot be scaled, or no force is given.
+    """
+    here = at.consistent()
+    if here is None or not here.parts() or here.has("b"):
+        return [], []
+    points = [here.moved(scale * here.v) for scale in SCALES]
+    values = [x for x in map(residual, points) if x is not None]
+    return (points, values) if len(values) == len(SCALES) else ([], [])
+
+
+def _of_motion(at: Point) -> str:
+    """Return how the residual of motion depends on v, in words; "" if in several ways."""
+    try:
+        with np.errstate(all="ignore"):
+            _, values = _measured_residuals(at)
+            text = degrees_of(values).text if values else ""
+    except (BrokenError, np.linalg.LinAlgError):
+        return ""
+    return f"the difference is {text}" if text else ""
+
+
+def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
+    """Return those of the suspects that explain how the residual of motion depends on v."""
+    points, values = _measured_residuals(at)
+    if not values:
+        return found
+    here = points[1]
+    left, qdd = degrees_of(values), degrees_of([x.of("qdd") for x in points])
+    free = exact(here.free().T) if here.has("a") else exact(np.eye(len(here.v)))
+    parts = {name: [free @ x.parts()[name] for x in points] for name in here.parts()}
+    only = [name for name, of in parts.items() if _in_proportion(values, of)]
+    damping = degrees_of(parts["damping"]) if "damping" in parts else Degrees(False, True, False)
+    loads = degrees_of(parts["Q"]) if "Q" in parts else Degrees(True, False, False)
+    rest = {"T"} if here.rest_energy_changes() else set()
+    explains = {
+        "bias": Degrees(bool(rest), False, True),
+        "C": Degrees(False, False, True),
+        "gravity": Degrees(True, False, False),
+        "U": Degrees(True, False, False),
+        "R": Degrees(damping.constant, True, damping.even),
+        "Q": Degrees(True, loads.odd, loads.even),
+    }
+    kept = set()
+    for name in found:
+        can = explains.get(name, Degrees(True, True, True))
+        if name == "T" and "T" in rest:
+            kept.add(name)
+            continue
+        if name in ("M", "T"):
+            even = qdd.even or not (here.has("bias") or here.has("C"))
+            can = Degrees(qdd.constant, qdd.odd, even)
+            if (qdd.constant and not left.constant) or (qdd.odd and not left.odd):
+                continue
+        if all(there <= able for there, able in zip(left, can, strict=True)):
+            kept.add(name)
+    if only:
+        named = {"Q": {"Q"}, "gravity": {"gravity", "U", "bias"}, "damping": {"R"}}
+        kept &= ({"qdd"} | rest).union(*(named[name] for name in only))
+    return frozenset(kept)
+
+
+def _in_motion(at: Point) -> bool:
+    """Whether the equations of motion have B of T, whose terms that are not quadratic M lacks."""
+    given = at.functions.function
+    return given("T") is not None and given("bias") is None and not _natural(at)
+
+
+def _natural(at: Point) -> bool:
+    """Whether T is quadratic in v, as far as it answers."""
+    try:
+        with np.errstate(all="ignore"):
+            return at.natural()
+    except BrokenError:
+        return True
+
+
+def unsettled_by(points: Sequence[Point]) -> set[tuple[str, str]]:
+    """Return claims that settle less where T is not quadratic in v, each with a function.
+
+    M = ∂²T/∂v² tells nothing of other terms of T, which may be the potential energy; the bias that
+    is that of T then has gravity. With terms linear in v a clock drives the system, and M alone
+    does not tell B.
+    """
+    if all(map(_natural, points)):
+        return set()
+    found = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
+    even = all(one.even() for one in points if not _natural(one))
+    return found if even else found | {("bias-of-mass-matrix", "bias")}
+
+
+def rest_energy(at: Point | None) -> str:
+    """Reason why T is suspect at rest, "" for none."""
+    if at is None or _natural(at):
+        return ""
+    with np.errstate(all="ignore"):
+        return REST_ENERGY if at.rest_energy_changes() else ""
+
+
+def _in_proportion(values: Sequence[Measured], part: Sequence[Measured]) -> bool:
+    """Whether what is left is a multiple of a force, the same one at all velocities."""
+    left, of = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
+    square = float(of @ of)
+    if square == 0.0 or np.count_nonzero(np.abs(of) > 1e-3 * np.abs(of).max()) < 2:
+        return False
+    factor = float(left @ of) / square
+    error = sum(np.concatenate([np.ravel(x.error) for x in y]) for y in (values, part))
+    return bool((np.abs(left - factor * of) <= C * (1.0 + abs(factor)) * error).all())
+
+
+# ---- Conclusions ---------------------------------------------------------------------------------
+
+
+def blames_of(
+    found: list[Finding],
+    conflicts: list[Conflict],
+    unsettled: Set[tuple[str, str]] = frozenset(),
+) -> list[Blame]:
+    """Return the conclusions: the fewest functions that explain all failures.
+
+    A failure with one suspect makes it certain. Of the others those are taken that are suspects of
+    all that is not explained yet, without those that a claim which passes settles.
+
+    Args:
+        found: Findings of all claims.
+        conflicts: the failures.
+        unsettled: see `settled_by`.
+    """
+    settled, blames = settled_by(found, unsettled), []
+    certain = {name for one in conflicts if len(one.suspects) == 1 for name in one.suspects}
+    order = list(INPUTS).index
+    for name in sorted(certain, key=order):
+        own = [x for x in conflicts if min(x.read & certain, key=order, default="") == name]
+        if own:
+            blames.append(Blame((name,), True, tuple(own), ()))
+    left = [one for one in conflicts if one.suspects and not one.read & certain]
+    while left:
+        common, own = left[0].suspects, []
+        for one in left:
+            if common & one.suspects:
+                common &= one.suspects
+                own.append(one)
+        causes = common - {*settled} or common
+        others = (own[0].suspects - causes) & {*settled}
+        cleared = tuple(dict.fromkeys(settled[x] for x in INPUTS if x in others))
+        ordered = tuple(x for x in INPUTS if x in causes)
+        blames.append(Blame(ordered, len(causes) == 1, tuple(own), cleared))
+        left = [one for one in left if one not in own]
+    return blames
+
+
+def settled_by(
+    found: list[Finding], unsettled: Set[tuple[str, str]] = frozenset()
+) -> dict[str, str]:
+    """Return function -> the first claim that passes and settles it.
+
+    Args:
+        found: Findings of all claims.
+        unsettled: claims and functions that they do not settle here, see `unsettled_by`.
+    """
+    failed = {
+        (x.claim, x.claim == "reference" and x.subject) for x in found if x.verdict == "failed"
+    }
+    settled: dict[str, str] = {}
+    for one in found:
+        about = one.claim == "reference"
+        if one.verdict != "passed" or (one.claim, about and one.subject) in failed:
+            continue
+        names = reads(one.scene, one.claim, one.subject)
+        for name in names if about else names & {*SETTLES.get(one.claim, ())}:
+            if (one.claim, name) in unsettled:
+                continue
+            settled.setdefault(name, one.claim)
+    return settled
+
+
+def sentence(functions: Functions, blame: Blame, at: Point) -> str:
+    """Return the conclusion in a sentence, "" where the first failure says all of it."""
+    named = [
+        INPUTS[x].what if INPUTS[x].what == x else f"{INPUTS[x].what} {x}" for x in blame.causes
+    ]
+    failing = tuple(dict.fromkeys(one.finding.claim for one in blame.conflicts))
+    if blame.certain:
+        if len(blame.conflicts[0].suspects) == 1:
+            return ""  # as gravity that raises, whatever follows from it
+        text = f"{named[0]} is wrong: {_listed(failing, 'fail')}"
+        text = f"{text}, {_listed(blame.settled, 'pass')}" if blame.settled else text
+        return f"{text}{_nearest(blame)}"
+    tell = would_tell(functions, blame.causes, at)
+    said = f"{' or '.join(named)} is wrong"
+    return f"{said}: {tell} would tell" if tell else said
+
+
+def _nearest(blame: Blame) -> str:
+    """Return the detail of the first failure about the function itself, unless it is the head."""
+    what = f"{INPUTS[blame.causes[0]].what}, "
+    for one in blame.conflicts:
+        if one.finding.detail.startswith(what):
+            text = f"; {one.finding.claim}: {one.finding.detail.removeprefix(what)}"
+            return "" if one is blame.conflicts[0] else text
+    return ""
+
+
+def _listed(claims: Sequence[str], verb: str) -> str:
+    """Return claims and a verb, a few by name."""
+    names, more = [*claims[:LISTED]], len(claims) - LISTED
+    if more > 0:
+        names.append(f"{more} more")
+    joined = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+    third = "passes" if verb == "pass" else f"{verb}s"
+    return f"{joined} {third if len(names) == 1 else verb}"
+
+
+TELL = "T", "U", "M", "bias", "gravity", "c", "a", "gamma", "qdd"
+"""Inputs that may tell suspects apart, in the order in which they are named."""
+
+CONSTRAINTS = "a", "b", "c", "gamma"
+"""Inputs without which there are no constraints."""
+
+INERTIA, SPEEDS = frozenset({"M", "T"}), frozenset({"bias", "C"})
+
+
+def would_tell(functions: Functions, causes: Sequence[str], at: Point) -> str:
+    """Return the inputs that are not given and tell the causes apart, in words."""
+    constrained = any(functions.function(x) is not None for x in CONSTRAINTS)
+    names = [
+        x
+        for x in TELL
+        if functions.function(x) is None
+        and (constrained or x not in CONSTRAINTS)
+        and not (x == "gravity" and functions.bias_has_gravity)
+        and _tells(functions, x, {*causes})
+    ]
+    if not at.has("against"):
+        names.append("against")
+    return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def _tells(functions: Functions, name: str, causes: set[str]) -> bool:
+    """Whether a claim that needs one more function reads some of the causes and not all."""
+    if name == "qdd" and causes & INERTIA and causes & SPEEDS:
+        return True  # M leaves what q̈ has, the bias what is even in v
+    wider = replace(functions, **{name: lambda *_: None})
+    for id, claim in FUNCTION_CLAIMS.items():
+        if "against" in claim.needs:
+            continue
+        read = reads(wider, id)
+        there = all(any(wider.function(x) for x in need.split("|")) for need in claim.needs)
+        excluded = any(wider.function(x) for x in claim.without)
+        if there and not excluded and name in read and 0 < len(read & causes) < len(causes):
+            return True
+    return False

@@ -1,0 +1,612 @@
+"""`check_functions` and `check`: every claim at random states, and blind spots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims.finding import (
+    Entries,
+    Finding,
+    Verdict,
+    diagnose,
+    entries_of,
+    entry_name,
+    judged,
+    left_of,
+    listing,
+    worst_entry,
+)
+from eomcheck.claims.registry import Names, Skipped
+from eomcheck.errors import InputError, named, some, whole_number
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
+from eomcheck.mechanics.records import State
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.safe_output import counted
+
+from eomcheck.testing import claims_answers, claims_terms  # isort: skip
+from eomcheck.testing import claims_motions  # isort: skip
+from eomcheck.testing.converters import reference_of
+from eomcheck.testing.equations_of_motion import (
+    INPUTS,
+    Answers,
+    BrokenError,
+    ComparedFunctions,
+    Function,
+    Functions,
+    checked_states,
+    functions_of,
+)
+from eomcheck.testing.fault_localization import concluded
+from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, Outcome, Sides, Told
+from eomcheck.testing.function_state import NOT_QUADRATIC, Point
+from eomcheck.testing.uncertain import NEAR
+
+# In the order in which a failure is closest to its cause.
+
+GATHERED = claims_answers, claims_terms, claims_terms, claims_terms, claims_motions, claims_motions
+"""The files that register claims."""
+
+RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "not looked at")
+"""Verdicts by precedence: of several states or entries the first of these that occurs counts, and
+entries that were not resolved are listed beside it."""
+
+BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
+"""Index into `RANKS` of each verdict of `eomcheck.claims.finding.judged`, which count from 1."""
+
+LAST = "answers-repeat", "arguments-unchanged"
+"""Claims that are checked last, in this order: they are about all calls of a run."""
+
+WIDE = 3
+"""Number of states outside the default ranges, beside those that are asked for."""
+
+
+def check_functions(
+    n: int,
+    *,
+    M: Function | None = None,
+    bias: Function | None = None,
+    gravity: Function | None = None,
+    C: Function | None = None,
+    qdd: Function | None = None,
+    T: Function | None = None,
+    U: Function | None = None,
+    R: Function | None = None,
+    Q: Function | None = None,
+    a: Function | None = None,
+    b: Function | None = None,
+    c: Function | None = None,
+    gamma: Function | None = None,
+    qdot: Function | None = None,
+    against: Any = None,
+    states: int | Iterable[Any] = 20,
+    seed: int = 0,
+    claims: Iterable[str] | None = None,
+    **options: Any,
+) -> list[Finding]:
+    """Check equations of motion that are given as functions of doubles, as black boxes.
+
+    The convention is M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ, a v + b = 0, a q̈ + γ = 0. A function
+    that is not given stands for a term that is not there. What cannot be told without it is a
+    Finding of its own, with the verdict "not looked at", that says which function would tell.
+
+    Args:
+        n: number of coordinates.
+        M: M(q) -> mass matrix (n, n).
+        bias: bias(q, v) -> B (n,), without gravity unless `bias_has_gravity=True` is given.
+        gravity: gravity(q) -> ∂U/∂q (n,), on the left-hand side.
+        C: C(q, v) -> Coriolis matrix (n, n), C v = B and Ṁ - 2 C skew-symmetric.
+        qdd: qdd(q, v) -> acceleration (n,), with everything in it.
+        T: T(q, v) -> kinetic energy, J.
+        U: U(q) -> potential energy, J.
+        R: R(q, v) -> half the power that dampers take, W.
+        Q: Q(q, v) -> generalized forces (n,) beside gravity and damping.
+        a: a(q) -> constraint Jacobian (r, n).
+        b: b(t), or b(q, t) -> constraint velocity (r,).
+        c: c(q) -> what vanishes where loops are closed (r,), a = ∂c/∂q; with two arguments
+            c(q, v) -> what vanishes where nothing slips, a = ∂c/∂v.
+        gamma: gamma(q, v) -> ȧ v + ḃ (r,).
+        qdot: qdot(q, u) -> q̇ (n,), where all functions read generalized speeds u for v.
+        against: what every quantity is compared with that both have: a scene, an engine made for
+            one, (engine or its name, scene), or other `Functions`.
+        states: number of random states, or a list of (q (n,), v (n,)).
+        seed: of the draws.
+        claims: ids of the claims to look at, keys of `FUNCTION_CLAIMS`; all by default.
+        options: `bias_has_gravity`, `holonomic`, `ranges`, `speeds`, `name`, `factory`, `array`,
+            see `eomcheck.testing.Functions`.
+
+    Returns:
+        One Finding per claim and subject, that of the state where it is worst, by the largest error
+        per allowed error among failures, or else among what passed.
+
+    Raises:
+        InputError: n, states or a range is nothing of the kind, or a function is not callable.
+        UnknownNameError: an unknown name of a function, a claim or an engine.
+    """
+    functions = {
+        **{"M": M, "bias": bias, "gravity": gravity, "C": C, "qdd": qdd, "T": T, "U": U, "R": R},
+        **{"Q": Q, "a": a, "b": b, "c": c, "gamma": gamma, "qdot": qdot},
+    }
+    subject = functions_of(n, {**functions, **options})
+    return check(subject, states=states, seed=seed, against=against, claims=claims)
+
+
+def check(
+    functions: Functions,
+    *,
+    states: int | Iterable[Any] = 20,
+    seed: int = 0,
+    against: Any = None,
+    claims: Iterable[str] | None = None,
+    holonomic: bool | None = None,
+) -> list[Finding]:
+    """Return the Findings of `functions`; see `check_functions`.
+
+    Args:
+        functions: the functions.
+        states, seed, against, claims: see `check_functions`.
+        holonomic: in place of what `functions` say of themselves, see `Functions.holonomic`.
+    """
+    ids = tuple(FUNCTION_CLAIMS if claims is None else some("claims", claims))
+    selected = [named("claim", one, FUNCTION_CLAIMS) for one in ids]
+    given = (
+        states
+        if isinstance(states, int | np.integer)
+        else list(states)
+        if isinstance(states, Iterable)
+        else states
+    )
+    wanted = checked_states(functions, given)
+    reference = None if against is None else reference_of(against)
+    if reference is not None and (reference.n, reference.p) != (functions.n, functions.p):
+        raise InputError(
+            f"against has {reference.n} coordinates, expected {functions.n} as the functions have"
+        )
+    whole_number("seed", seed, 0)
+    if holonomic is not None:
+        functions = replace(functions, holonomic=holonomic)
+    if against is not None:
+        functions = ComparedFunctions.of(functions, against)
+    where = drawn(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
+    answers = Answers(functions)
+    points = [
+        Point(answers, state.q, state.v, seed + k, reference) for k, state in enumerate(where)
+    ]
+    if reference is not None:
+        claims_motions.check_reference(points)
+    found = {
+        claim.id: [*worst(functions, claim, points), *untold(functions, claim, points[0])]
+        for claim in selected
+        if claim.id not in LAST
+    }
+    if isinstance(wanted, int) and functions.ranges is None:
+        for one in beyond(functions, answers, found, seed + wanted, reference):
+            found[one.claim].append(one)
+    for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
+        if claim.id in LAST:
+            found[claim.id] = [*worst(functions, claim, points)]
+    if claims is not None:
+        for claim in selected:
+            found[claim.id] = found[claim.id] or [lacking(functions, claim)]
+    ordered = [one for claim in selected for one in found[claim.id]]
+    return concluded(functions, ordered, points)
+
+
+def beyond(
+    functions: Functions,
+    answers: Answers,
+    found: Mapping[str, list[Finding]],
+    seed: int,
+    reference: Functions | None = None,
+) -> Iterator[Finding]:
+    """Yield what fails outside the default ranges only, and what the ranges are.
+
+    A few states have q in [-π, π], where every function has a value, if nothing failed inside. A
+    domain may end outside the ranges, as of tables and of arccos: what fails there is inconclusive.
+
+    Args:
+        functions: the functions, without `ranges` of their own.
+        answers: of the functions.
+        found: id -> Findings inside the ranges, of the claims that are asked.
+        seed: of the draws.
+        reference: what they are compared with, or None.
+    """
+    wide = []
+    if not any(one.verdict == "failed" for all_ in found.values() for one in all_):
+        middle, half = functions.half_ranges()
+        half[: functions.n] = np.pi
+        wide = [
+            Point(answers, state.q, state.v, seed + k, reference)
+            for k, state in enumerate(_draws(functions, middle, half, WIDE, seed))
+            if _finite(answers, state)
+        ]
+    for id in found:
+        for one in worst(functions, FUNCTION_CLAIMS[id], wide):
+            if one.verdict == "failed":
+                detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
+                yield replace(one, verdict="inconclusive", detail=detail)
+    if {"answers", "reference"} <= set(found):  # in a report about everything
+        more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
+        yield _within(functions, more)
+
+
+def _within(functions: Functions, more: str = "") -> Finding:
+    """Return the Finding that says which ranges were checked: the default ones, and `more`."""
+    detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
+    skipped: Verdict = "not looked at"
+    about = "reference", functions.name, functions, None
+    return Finding(*about, 0.0, 0.0, skipped, skipped, detail)
+
+
+def _finite(answers: Answers, state: State) -> bool:
+    """Whether every function has a value at a state."""
+    try:
+        with np.errstate(all="ignore"):
+            for name in answers.functions.given:
+                answers(name, state.q, state.v)
+    except BrokenError:
+        return False
+    return True
+
+
+def drawn(functions: Functions, count: int, seed: int) -> list[State]:
+    """Return random states, evenly spread over the ranges."""
+    return _draws(functions, *functions.half_ranges(), count, seed)
+
+
+def _draws(functions: Functions, middle: Array, half: Array, count: int, seed: int) -> list[State]:
+    rng, n = np.random.default_rng(seed), functions.n
+    draws = middle + half * rng.uniform(-1.0, 1.0, (count, len(half)))
+    return [State(x[:n], x[n:]) for x in draws]
+
+
+class Judged(NamedTuple):
+    """Verdicts of a comparison at a state, entry by entry.
+
+    Attributes:
+        told: of all entries, the worst one that is resolved.
+        verdicts: indices into `RANKS`, an array of the shape of what is compared.
+        same: whether both sides are equal in bits, same shape.
+        vanish: whether both sides are exactly 0, same shape.
+        observed: errors, same shape.
+        allowed: errors that are allowed, same shape.
+        names: names along each axis, None for what a claim decides by itself.
+    """
+
+    told: Told
+    verdicts: Array
+    same: Array
+    vanish: Array
+    observed: Array
+    allowed: Array
+    names: Names | None
+
+    @property
+    def entries(self) -> Entries:
+        """Which entries are resolved; what is the same in bits is not hidden."""
+        assert self.names is not None
+        resolved = (self.verdicts < RANKS.index("inconclusive")) & ~np.asarray(self.vanish, bool)
+        hidden = ~resolved & ~np.asarray(self.same, bool)
+        return entries_of(self.names, resolved, hidden)
+
+
+class Compared(NamedTuple):
+    """A Finding at a state, with the verdict of each entry."""
+
+    finding: Finding
+    judged: Judged
+    at: Point
+
+
+def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> Iterator[Finding]:
+    """Yield the worst Finding of each subject of a claim, and one of all that is not resolved.
+
+    An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
+    the same in bits on both sides in every state is right, 0 or not. An entry that is resolved in
+    no state is listed by name in one Finding of the claim, with the verdict "inconclusive": it
+    never hides behind those that are.
+    """
+    by_subject: dict[str, list[Compared]] = {}
+    for at in points:
+        for one in _compared_at(functions, claim, at):
+            by_subject.setdefault(one.finding.subject, []).append(one)
+    hidden: list[Hidden] = []
+    for subject, all_ in by_subject.items():
+        chosen = min(all_, key=lambda x: (RANKS.index(x.finding.verdict), -x.finding.ratio))
+        unresolved = [one for group in _same_shape(all_) for one in _unresolved(subject, group)]
+        hidden += unresolved
+        finding = chosen.finding
+        if finding.verdict == "failed":
+            named_ = chosen.judged.names is not None
+            yield _with_jump(claim, finding, chosen.at) if named_ else finding
+        elif finding.verdict == "passed":
+            if len(unresolved) < chosen.judged.verdicts.size or not unresolved:
+                yield replace(finding, detail=_not_resolved(all_))
+        elif not unresolved:
+            yield finding
+    if hidden:
+        yield _listed(functions, claim, hidden)
+
+
+class Hidden(NamedTuple):
+    """An entry that is resolved in no state.
+
+    Attributes:
+        name: of its subject and of the entry.
+        subject: what was compared.
+        states: number of states in which it was compared.
+        observed: the error where the least is allowed.
+        allowed: the least error that is allowed in a state.
+        at: that state.
+    """
+
+    name: str
+    subject: str
+    states: int
+    observed: float
+    allowed: float
+    at: Point
+
+
+def _same_shape(all_: list[Compared]) -> list[list[Compared]]:
+    """Comparisons of named entries, in groups of one shape."""
+    groups: dict[tuple[int, ...], list[Compared]] = {}
+    for one in all_:
+        if one.judged.names is not None:
+            groups.setdefault(one.judged.verdicts.shape, []).append(one)
+    return list(groups.values())
+
+
+def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
+    """Yield the entries that none of the comparisons, of one shape, resolves."""
+    names = group[0].judged.names
+    assert names is not None
+    left = set(left_of(one.judged.entries for one in group))
+    for where in np.ndindex(group[0].judged.verdicts.shape) if left else ():
+        if entry_name(where, names) not in left:
+            continue
+        least = min(group, key=lambda one: one.judged.allowed[where])
+        yield Hidden(
+            f"{words(subject)}, {entry_name(where, names)}",
+            subject,
+            len(group),
+            float(least.judged.observed[where]),
+            float(least.judged.allowed[where]),
+            least.at,
+        )
+
+
+def _not_resolved(all_: list[Compared]) -> str:
+    """Return how many entries of a subject that passes were not resolved, "" for none."""
+    compared_ = [one for one in all_ if one.finding.verdict != "not looked at"]
+    skipped = [one for one in all_ if one.finding.verdict == "not looked at"]
+    open_ = RANKS.index("inconclusive")
+    hidden = sum(int((one.judged.verdicts == open_).sum()) for one in compared_)
+    parts = []
+    if hidden:
+        count = sum(one.judged.verdicts.size for one in compared_)
+        states = counted(len(compared_), "state")
+        parts.append(f"{hidden} of {count} entries in {states} not resolved")
+    if skipped:
+        why = skipped[0].finding.detail
+        parts.append(f"skipped in {len(skipped)} of {counted(len(all_), 'state')}: {why}")
+    return "; ".join(parts)
+
+
+def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) -> Finding:
+    """Return the one Finding of all entries of a claim that are resolved in no state."""
+    first = min(hidden, key=lambda one: one.allowed)
+    names = [one.name for one in hidden]
+    finding = Finding(
+        claim.id,
+        ", ".join(dict.fromkeys(one.subject for one in hidden)),
+        functions,
+        State(first.at.q, first.at.v),
+        first.observed,
+        first.allowed,
+        "inconclusive",
+        "property-tested",
+        listing(names, first.states),
+    )
+    return _with_jump(claim, finding, first.at)
+
+
+def _with_jump(claim: FunctionClaim, finding: Finding, at: Point) -> Finding:
+    """Return the Finding with the names of the functions that jump beside the state."""
+    about = {name for need in claim.needs for name in need.split("|")}
+    about.add(finding.subject.split(" ~ ")[0])
+    here = (at.consistent() if claim.consistent else at) or at
+    jump = [name for name in at.functions.given if name in about and here.jumps(name)]
+    if not jump:
+        return finding
+    return finding.because(f"{' and '.join(jump)} jumps within {NEAR:g} of this state")
+
+
+def functions_at(
+    functions: Functions, state: State, claims: Iterable[str], seed: int = 0
+) -> list[Finding]:
+    """Return the Findings of some claims at one state; nothing of what cannot be told.
+
+    Args:
+        functions: the functions.
+        state: coordinates (n,) and velocities (p,).
+        claims: ids, keys of `FUNCTION_CLAIMS`.
+        seed: of the directions in which noise is measured.
+    """
+    at = Point(Answers(functions), state.q, state.v, seed)
+    return [one for id in claims for one in at_point(functions, FUNCTION_CLAIMS[id], at)]
+
+
+def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
+    """Yield the Findings of a claim at a state."""
+    for one in _compared_at(functions, claim, at):
+        finding = one.finding
+        if one.judged.names is not None:
+            failed = finding.verdict == "failed"
+            finding = _with_jump(claim, finding, at) if failed else finding
+            finding = replace(finding, entries=one.judged.entries)
+        yield finding
+
+
+def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Compared]:
+    state = State(at.q, at.v)
+    for outcome in outcomes(claim, at):
+        judged = decided(claim, outcome)
+        told = judged.told
+        finding = Finding(
+            claim.id,
+            told.subject,
+            functions,
+            state,
+            told.observed,
+            told.allowed,
+            told.verdict,
+            "property-tested" if told.verdict != "not looked at" else "not looked at",
+            told.detail,
+        )
+        yield Compared(finding, judged, at)
+
+
+def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
+    """Yield what a claim says at a state; nothing where a function that it needs breaks."""
+    if not claim.applies(at):
+        return
+    try:
+        with np.errstate(all="ignore"):
+            if claim.natural and not at.natural():
+                yield Skipped(claim.term, NOT_QUADRATIC)
+                return
+            here = at.consistent() if claim.consistent else at
+            if here is None:
+                yield Skipped(claim.term, at.why_not_consistent())
+                return
+            yield from claim.look(here)
+    except BrokenError as broken:
+        if claim.id != "answers":
+            # Why only once: by `answers` where it breaks at the state itself, else here.
+            once = broken.name in at.answers.told
+            at.answers.told.add(broken.name)
+            why = "does not answer" if once else f"breaks: {broken.why}"
+            yield Skipped(broken.name, f"{broken.name} {why}")
+    except np.linalg.LinAlgError as error:
+        yield Skipped(claim.term, f"not computed here: {error}")
+
+
+def decided(claim: FunctionClaim, outcome: Outcome) -> Judged:
+    """Return the verdicts of an outcome."""
+    if isinstance(outcome, Sides):
+        return compared(claim, outcome)
+    told = (
+        Told(outcome.subject, 0.0, 0.0, "not looked at", outcome.reason)
+        if isinstance(outcome, Skipped)
+        else outcome
+    )
+    verdict, none = np.asarray(RANKS.index(told.verdict)), np.zeros(())
+    return Judged(told, verdict, none, none, none, none, None)
+
+
+def compared(claim: FunctionClaim, sides: Sides) -> Judged:
+    """Return the verdicts of two sides, each entry judged by its own error.
+
+    An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
+    the larger one is allowed: then it would pass with any sign.
+    """
+    found, expected = sides.found, sides.expected
+    if found.value.size == 0:
+        nothing = np.zeros(found.shape)
+        told = Told(sides.subject, 0.0, 0.0, "passed")
+        return Judged(told, nothing, nothing, nothing, nothing, nothing, sides.names)
+    error = found.error + expected.error
+    with np.errstate(all="ignore"):
+        observed = np.abs(found.value - expected.value)
+        allowed = allowed_error(1.0) * (error / EPS)
+        larger = np.maximum(np.abs(found.value), np.abs(expected.value))
+        known = (np.abs(found.value) > C * found.error) | (
+            np.abs(expected.value) > C * expected.error
+        )
+        blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
+        verdicts = BY_NUMBER[judged(observed, allowed, np.maximum(found.size, expected.size))]
+        told_by = np.isfinite(error) & np.isfinite(observed)
+        verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~told_by, 2, verdicts)
+        ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
+    allowed = np.where(told_by, allowed, np.inf)
+    same = found.value == expected.value
+    vanish = same & (found.value == 0.0)
+    order = np.lexsort((-np.nan_to_num(ratio, nan=0.0).ravel(), verdicts.ravel()))
+    index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
+    verdict, detail = RANKS[int(verdicts[index])], ""
+    if verdict == "failed":
+        detail = blamed(claim, sides, index, float(allowed[index]))
+    elif verdict == "inconclusive":
+        detail = "the error of what is measured is as large as its value"
+    told = Told(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
+    return Judged(told, verdicts, same, vanish, observed, allowed, sides.names)
+
+
+def blamed(claim: FunctionClaim, sides: Sides, index: tuple[int, ...], allowed: float) -> str:
+    """Return the term to blame, the entry, and what is wrong with it."""
+    found, expected = sides.found.value, sides.expected.value
+    only: Array = np.zeros(found.shape)
+    only[index] = 1.0
+    term = claim.term or words(sides.subject)
+    where = worst_entry(only, sides.names) if found.ndim else "value"
+    said = sides.say(found, expected, allowed, index) if sides.say is not None else ""
+    return f"{term}, {where}: {said or diagnose(found, expected, allowed, index)}"
+
+
+def words(subject: str) -> str:
+    """Return what a subject is about, in words where it is a function."""
+    name = subject.split(" ~ ")[0]
+    return INPUTS[name].what if name in INPUTS else name
+
+
+def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
+    """Caveats of some claims about functions that hold in every state; no function is called.
+
+    Args:
+        functions: the functions.
+        claims: ids, keys of `FUNCTION_CLAIMS`.
+    """
+    middle, _ = functions.half_ranges()
+    at = Point(Answers(functions), middle[: functions.n], middle[functions.n :])
+    ids = tuple(claims)
+    found: list[Finding] = []
+    for claim in map(FUNCTION_CLAIMS.__getitem__, ids):
+        each = list(untold(functions, claim, at))
+        if not (each or claim.applies(at) or len(ids) == len(FUNCTION_CLAIMS)):
+            each = [lacking(functions, claim)]
+        found += each
+    if functions.ranges is None and {"answers", "reference"} <= {*ids}:
+        found.append(_within(functions))
+    return found
+
+
+def lacking(functions: Functions, claim: FunctionClaim) -> Finding:
+    """The Finding of a claim that was asked for and has nothing to look at."""
+    either = [need.replace("|", " or ") for need in claim.needs]
+    several = len(either) > 1
+    needs = " and ".join(f"({x})" if several and " or " in x else x for x in either)
+    detail = f"needs {needs}" if needs else "does not hold"
+    if claim.without:
+        detail += f", without {' or '.join(claim.without)}"
+    about = claim.id, functions.name, functions, None
+    return Finding(*about, 0.0, 0.0, "not looked at", "not looked at", detail)
+
+
+def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
+    """Yield what cannot be told because an input is missing."""
+    if claim.applies(at):
+        return
+    for blind in claim.blind:
+        if blind.derived and not functions.derived:
+            continue
+        about = not blind.about or at.has(blind.about)
+        if about and (would := blind.would_tell(at)):
+            detail = f"{blind.what}: {would} would tell"
+            about_ = blind.about or functions.name
+            said = (claim.id, about_, functions, None, 0.0, 0.0, "not looked at", "not looked at")
+            yield Finding(*said, detail)

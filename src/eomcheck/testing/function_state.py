@@ -1,0 +1,495 @@
+"""The quantities at one state (`Point`) of user-supplied functions, each with its error.
+
+Those that a function gives come first, then those derived from several: the inertia, the bias, the
+drift of constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from eomcheck.evaluation.tolerance import C
+from eomcheck.numbers.generic import Array
+from eomcheck.numbers.pivots import EPS
+from eomcheck.testing.equations_of_motion import Answers, BrokenError, Functions
+from eomcheck.testing.uncertain import (
+    Measured,
+    contract,
+    exact,
+    gradient,
+    jumps,
+    noise,
+    opposite,
+    partial,
+    size_of,
+)
+
+FLIPS = 4
+"""Least number of choices of signs of v among which the largest entries are looked for."""
+
+STEPS, CLOSE = 50, 1e-10
+"""Steps of Newton's method at most, and how small the last one has to be, relative to q."""
+
+NOT_QUADRATIC = "T has terms that are not quadratic in v"
+REST_ENERGY = "T(q, 0) changes with q; is the potential energy in it?"
+
+
+class Point:
+    """Quantities at (q, v), each computed on first use.
+
+    Args:
+        answers: the functions.
+        q: coordinates (n,).
+        v: velocities (p,).
+        seed: of the directions in which noise is measured.
+        reference: what they are compared with, or None.
+    """
+
+    def __init__(
+        self,
+        answers: Answers,
+        q: Array,
+        v: Array,
+        seed: int = 0,
+        reference: Functions | None = None,
+    ):
+        self.answers, self.functions, self.reference = answers, answers.functions, reference
+        self.q, self.v, self.seed = q, v, seed
+        _, widths = self.functions.half_ranges()
+        self.width_q, self.width_v = widths[: len(q)], widths[len(q) :]
+        self._kept: dict[Any, Any] = {}
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` gives, once."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def answering(self, name: str) -> bool:
+        """Return whether the function `name` is given, and answers here."""
+
+        def look() -> bool:
+            with suppress(BrokenError):
+                self.answers(name, self.q, self.v)
+                return True
+            return False
+
+        given = self.functions.function(name) is not None
+        return given and self.kept(("answers", name), look)
+
+    def has(self, name: str) -> bool:
+        """Return whether a quantity can be had: one that is given, or follows at once."""
+        if name == "gravity":
+            return self.functions.gravity is not None or self.functions.bias_has_gravity
+        if name == "against":
+            return self.reference is not None
+        return self.functions.function(name) is not None
+
+    def moved(self, v: Array) -> Point:
+        """Return the same coordinates with another velocity."""
+        return self.kept(
+            ("v", v.tobytes()), lambda: Point(self.answers, self.q, v, self.seed, self.reference)
+        )
+
+    # ---- Black boxes ---------------------------------------------------------------------------
+
+    def raw(self, name: str) -> Callable[[Array, Array], Array]:
+        """Return the function `name` of (q, v), NaN where it has no value."""
+        here = self.answers(name, self.q, self.v)
+
+        def quiet(q: Array, v: Array) -> Array:
+            try:
+                return self.answers(name, q, v)
+            except BrokenError:
+                return np.full(here.shape, np.nan)
+
+        return quiet
+
+    def measure(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return f(q, v) with the noise it shows, and the size of what cancels in it."""
+        n = len(self.q)
+        x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
+        value = f(self.q, self.v)
+        spread = noise(lambda y: f(y[:n], y[n:]), x, width, self.seed)
+        flipped = [size_of(f(self.q, sign * self.v)) for sign in self._signs()]
+        size = np.fmax.reduce([size_of(value), *flipped])
+        return Measured(value, spread + np.finfo(np.float64).eps * size, size)
+
+    def _signs(self) -> Array:
+        """Signs of v (flips, p): any two velocities have opposite ones in one of them.
+
+        So that terms in v_i v_j that cancel at v do not cancel in all.
+        """
+        signs = opposite(len(self.v))
+        more = max(FLIPS - len(signs), 0), len(self.v)
+        drawn = np.random.default_rng(self.seed).choice((-1.0, 1.0), more)
+        return np.concatenate((signs, drawn))
+
+    def of(self, name: str) -> Measured:
+        """Return what the function `name` answers."""
+
+        return self.kept(name, lambda: self.measure(self.raw(name)))
+
+    def jumps(self, name: str) -> bool:
+        """Whether the function `name` jumps beside this state, see `eomcheck.testing.uncertain`."""
+        n = len(self.q)
+        x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
+        try:
+            f = self.raw(name)
+        except BrokenError:
+            return False
+        return jumps(lambda y: f(y[:n], y[n:]), x, width, self.seed)
+
+    def by_q(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return ∂f/∂q (n, ...)."""
+        return gradient(lambda q: f(q, self.v), self.q, self.width_q, self.measure(f))
+
+    def by_v(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return ∂f/∂v (p, ...)."""
+        return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
+
+    # ---- What follows --------------------------------------------------------------------------
+
+    def S(self) -> Measured:
+        """∂q̇/∂v (n, p)."""
+
+        def columns(q: Array, v: Array) -> Array:
+            qdot = self.raw("qdot")
+            return np.array([qdot(q, axis) for axis in np.eye(len(self.v))]).T
+
+        if self.functions.qdot is None:
+            return exact(np.eye(len(self.q)))
+        return self.kept("S", lambda: self.measure(columns))
+
+    def rates(self) -> Measured:
+        """q̇ (n,)."""
+        return self.S() @ exact(self.v)
+
+    def along(self, gradient_: Measured) -> Measured:
+        """Return the rate of what has the derivatives ∂/∂q (n, ...) while q moves."""
+        axes = "abc"[: len(gradient_.shape) - 1]
+        return contract(f"n{axes},n->{axes}", gradient_, self.rates())
+
+    def rate_of(self, f: Callable[[Array, Array], Array]) -> Measured:
+        """Return the rate of f while q moves as v says and v stays."""
+        rates = self.rates().value
+        longest = float(np.abs(rates / self.width_q).max(initial=0.0))
+        if longest == 0.0:
+            return 0.0 * self.measure(f)
+        here = self.measure(f)
+        width = np.array([1.0 / longest])  # no further than the ranges are wide
+        found = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, here)
+        return found[0]
+
+    def dM(self) -> Measured:
+        """∂M/∂q (n, p, p)."""
+        return self.kept("dM", lambda: self.by_q(self.raw("M")))
+
+    def B(self) -> Measured:
+        """Bias without gravity (p,)."""
+        if not self.functions.bias_has_gravity:
+            return self.of("bias")
+        return self.of("bias") - self.gravity()
+
+    def gravity(self) -> Measured:
+        """∂U/∂q (p,), along v: as given, else as `bias` holds it, else differentiated from U."""
+        if self.functions.gravity is not None:
+            return self.of("gravity")
+        if self.functions.bias_has_gravity:
+            return self.moved(np.zeros(len(self.v))).of("bias")
+        return self.U_q()
+
+    def U_q(self) -> Measured:
+        """∂U/∂q along v (p,)."""
+        return self.kept("U_q", lambda: self.S().T @ self.by_q(self.raw("U")))
+
+    def R_v(self) -> Measured:
+        """∂R/∂v (p,)."""
+        return self.kept("R_v", lambda: self.by_v(self.raw("R")))
+
+    def forces(self) -> Measured:
+        """Return Q - gravity - ∂R/∂v (p,), of what there is."""
+        return sum(self.parts().values(), exact(np.zeros(len(self.v))))
+
+    def parts(self) -> dict[str, Measured]:
+        """Return what forces are summed from, by name."""
+        found: dict[str, Measured] = {}
+        if self.has("Q"):
+            found["Q"] = self.of("Q")
+        if self.has("gravity") or self.has("U"):
+            found["gravity"] = -self.gravity()
+        if self.has("R"):
+            found["damping"] = -self.R_v()
+        return found
+
+    def natural(self) -> bool:
+        """Return whether T, where it is given, is quadratic in v and nothing else."""
+
+        def look() -> bool:
+            rest = self.moved(np.zeros(len(self.v))).of("T")
+            here, back = self.of("T"), self.moved(-self.v).of("T")
+            odd = here - back
+            return all(abs(x.value) <= C * (x.error + here.error) for x in (rest, odd))
+
+        return not self.has("T") or self.kept("natural", look)
+
+    def even(self) -> bool:
+        """Return whether T, where it is given, has no terms linear in v: those of a potential."""
+        if self.natural():
+            return True
+        odd = self.of("T") - self.moved(-self.v).of("T")
+        return bool(np.abs(odd.value) <= C * (odd.error + self.of("T").error))
+
+    def rest_energy_changes(self) -> bool:
+        """Whether T(q, 0) changes with q, and T is even in v: U is in it, or a clock drives it."""
+
+        def look() -> bool:
+            rest = self.moved(np.zeros(len(self.v)))
+            slope = rest.by_q(rest.raw("T"))
+            return bool((np.abs(slope.value) > C * slope.error).any())
+
+        if self.natural() or not self.even():
+            return False
+        return self.kept("T(q, 0) changes", look)
+
+    def why_not_natural(self) -> str:
+        """Reason why `natural` is False."""
+        return REST_ENERGY if self.rest_energy_changes() else NOT_QUADRATIC
+
+    def consistent(self) -> Point | None:
+        """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.
+
+        None where none is found nearby, or c is given without its Jacobian a.
+        """
+        if not self.has("a"):
+            return None if self.has("c") else self
+        return self.kept("consistent", lambda: _consistent(self))
+
+    def why_not_consistent(self) -> str:
+        """Reason why `consistent` is None."""
+        if self.has("c") and not self.has("a"):
+            return "c is given without a: a would tell which states and motions it allows"
+        return "no state is found nearby that keeps the constraints"
+
+    def free(self) -> Array:
+        """Directions of v that the constraints leave (p, p - r), or all of them (p, p)."""
+        if not self.has("a"):
+            return np.eye(len(self.v))
+        a = self.of("a").value
+        _, singular, rows = np.linalg.svd(a)
+        largest = singular.max(initial=0.0)
+        rank = int((singular > max(a.shape) * np.finfo(np.float64).eps * largest * C).sum())
+        return rows[rank:].T
+
+
+def _consistent(at: Point) -> Point | None:
+    """Return a consistent point nearby: Newton's method for q, least squares for v."""
+    answers, q = at.answers, at.q
+    try:
+        if at.has("c") and answers.reads("c") == "q":
+            q = _closed(at)
+            if q is None:
+                return None
+        a = answers("a", q, at.v)
+        b = answers("b", q, at.v) if at.has("b") else 0.0
+        inverse, v = np.linalg.pinv(a), at.v
+        # The second time what the first one has rounded, which is large where v becomes small.
+        for _ in range(2):
+            v = v - inverse @ (a @ v + b)
+    except (BrokenError, np.linalg.LinAlgError):
+        return None
+    return Point(answers, q, v, at.seed)
+
+
+def _closed(at: Point) -> Array | None:
+    """Return q (n,) with c(q) = 0, to the last bit that steps of Newton's method still gain."""
+    answers, q, left = at.answers, at.q, np.inf
+    for _ in range(STEPS):
+        c = answers("c", q, at.v)
+        residual = float(np.abs(c).max(initial=0.0))
+        step = at.S().value @ (np.linalg.pinv(answers("a", q, at.v)) @ c)
+        small = float(np.abs(step).max(initial=0.0)) <= CLOSE * max(1.0, float(np.abs(q).max()))
+        if small and residual >= left:
+            return q
+        q, left = q - step, residual
+    return None
+
+
+# ---- Derived quantities --------------------------------------------------------------------------
+
+BUILT_IN = "constraints may be built into M, which then does not tell B"
+CLOCK = 0.25
+"""Half width of the times, s, in which ḃ is differentiated."""
+
+
+# ---- Mass matrix ---------------------------------------------------------------------------------
+
+
+def of_matrix(at: Point) -> bool:
+    """Whether M tells the inertia: it is given, and T is not or M answers here."""
+    return at.has("M") and (not at.has("T") or at.answering("M"))
+
+
+def inertia(at: Point) -> Measured:
+    """Mass matrix (p, p): M if it is given and answers, else ∂²T/∂v²."""
+    return at.of("M") if of_matrix(at) else second_differences(at)
+
+
+def inertia_rate(at: Point) -> Measured:
+    """Rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
+    if of_matrix(at):
+        return at.along(at.dM())
+    return at.kept("Ṁ of T", lambda: at.rate_of(_second_of(at)))
+
+
+def second_differences(at: Point) -> Measured:
+    """∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
+
+    def second() -> Measured:
+        value, size = differences(at.raw("T"), at.q, at.width_v)
+        scale, here = np.outer(at.width_v, at.width_v), at.of("T")
+        # Each entry is a sum of four, as noisy for their sizes as T is here.
+        noisy = float(here.error / here.size) if here.size > 0.0 else EPS
+        return Measured(value / scale, noisy * size / scale, size / scale)
+
+    return at.kept("∂²T/∂v²", second)
+
+
+def _second_of(at: Point) -> Callable[[Array, Array], Array]:
+    """Function (q, v) -> ∂²T/∂v² (p, p)."""
+    T, scale = at.raw("T"), np.outer(at.width_v, at.width_v)
+    return lambda q, v: differences(T, q, at.width_v)[0] / scale
+
+
+def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> tuple[Array, Array]:
+    """Second differences (p, p) of f(q, v) in steps of `widths`, and sizes of their terms."""
+    steps, p = np.diag(widths), len(widths)
+    rest = float(f(q, np.zeros(p)))
+    ahead = np.array([float(f(q, step)) for step in steps])
+    behind = np.array([float(f(q, -step)) for step in steps])
+    found, size = np.diag(ahead + behind - 2.0 * rest), np.zeros((p, p))
+    sizes = np.maximum(np.abs(ahead), np.abs(behind))
+    for i, k in zip(*np.tril_indices(p, -1), strict=True):
+        both = float(f(q, steps[i] + steps[k]))
+        found[i, k] = found[k, i] = both - ahead[i] - ahead[k] + rest
+        size[i, k] = size[k, i] = max(np.max(sizes[[i, k]]), abs(both))
+    np.fill_diagonal(size, sizes)
+    return found, 4.0 * np.maximum(size, abs(rest))
+
+
+# ---- Bias ----------------------------------------------------------------------------------------
+
+
+def bias(at: Point) -> Measured | None:
+    """Bias without gravity (p,): as given, else C v, else of M, else of T; None if none tells."""
+    if at.has("bias"):
+        return at.B()
+    if at.has("C") and at.natural():
+        return at.of("C") @ exact(at.v)
+    return bias_of_inertia(at)
+
+
+def bias_of_inertia(at: Point) -> Measured | None:
+    """Bias (p,) of M or else of T; None where neither tells it."""
+    if of_matrix(at) and at.natural():
+        return bias_of_mass_matrix(at)
+    return bias_of_energy(at) if at.has("T") and at.functions.of_lagrange else None
+
+
+def why_no_bias(at: Point) -> str:
+    """Reason why `bias` is None."""
+    if not at.natural():
+        return f"{NOT_QUADRATIC}: bias would tell B"
+    if not at.functions.of_lagrange:
+        return f"{BUILT_IN}: bias or C would, or holonomic=True if none are"
+    return "M or T tells B only where there are as many speeds as coordinates: bias or C would"
+
+
+def bias_of_mass_matrix(at: Point) -> Measured | None:
+    """Bias (p,) of M by Lagrange's equations; None where M does not tell it.
+
+    With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
+    B = Sᵀ (b + S⁻ᵀ M S⁻¹ Ṡ u).
+    """
+    if not at.functions.of_lagrange or len(at.q) != len(at.v):
+        return None
+    if at.functions.qdot is None:
+        return _christoffel(at.dM(), exact(at.v))
+    return at.kept("B of M", lambda: _bias_along_speeds(at))
+
+
+def _christoffel(dM: Measured, v: Measured) -> Measured:
+    """Bias (p,) of the derivatives ∂M_ij/∂q_k, [k, i, j] (p, p, p), and of v (p,)."""
+    return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
+
+
+def bias_along(at: Point, v: Array) -> Measured:
+    """Bias (p,) of M at another velocity v (p,), where velocities are q̇."""
+    return _christoffel(at.dM(), exact(v))
+
+
+def _bias_along_speeds(at: Point) -> Measured:
+    """Bias (p,) of M where velocities are generalized speeds; see `bias_of_mass_matrix`."""
+    mass, S = at.raw("M"), at.S()
+    qdot = at.raw("qdot")
+
+    def speeds(q: Array) -> Array:
+        return np.array([qdot(q, axis) for axis in np.eye(len(at.v))]).T
+
+    def of_rates(q: Array, v: Array) -> Array:
+        back = np.linalg.inv(speeds(q))
+        return back.T @ mass(q, v) @ back
+
+    rates = at.rates()
+    dM, M = at.by_q(of_rates), at.measure(of_rates)
+    Su = at.along(at.by_q(lambda q, v: speeds(q) @ at.v))
+    return S.T @ (_christoffel(dM, rates) + M @ Su)
+
+
+def bias_of_energy(at: Point) -> Measured | None:
+    """Bias (p,) of T by Lagrange's equations, also of terms linear in v; None with `qdot`."""
+    if at.functions.qdot is not None:
+        return None
+    T, widths = at.raw("T"), at.width_v
+    steps = np.diag(widths)
+
+    def momentum(q: Array, v: Array) -> Array:
+        # Exact but for rounding: T is quadratic in v.
+        ahead = np.array([float(T(q, v + step)) for step in steps])
+        behind = np.array([float(T(q, v - step)) for step in steps])
+        return (ahead - behind) / (2.0 * widths)
+
+    return at.kept("B of T", lambda: at.rate_of(momentum) - at.by_q(T))
+
+
+# ---- Constraints ---------------------------------------------------------------------------------
+
+
+def drift(at: Point) -> Measured:
+    """Constraint drift γ (r,): as given, else ȧ v + ḃ."""
+    return at.of("gamma") if at.has("gamma") else drift_of_jacobian(at)
+
+
+def drift_of_jacobian(at: Point) -> Measured:
+    """ȧ v + ḃ (r,), by finite differences of a and b."""
+
+    def rate() -> Measured:
+        expected = at.rate_of(at.raw("a")) @ exact(at.v)
+        return expected + clock_rate(at) if at.has("b") else expected
+
+    return at.kept("ȧ v + ḃ", rate)
+
+
+def clock_rate(at: Point) -> Measured:
+    """ḃ (r,) at t = 0 s."""
+    here = at.of("b")
+
+    def of_time(t: Array) -> Array:
+        return at.answers("b", at.q, at.v, float(t[0]))
+
+    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size, here.value)
+    return rate + at.rate_of(at.raw("b")) if at.answers.reads("b") == "qt" else rate
