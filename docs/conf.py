@@ -13,8 +13,7 @@ from sphinx.errors import ConfigError
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
 from eomcheck.lab.references import reference_sheet
-from eomcheck.lab.report.parameters import parameter_sheet
-from eomcheck.lab.report.registries import in_paper, registry_sheet, yes
+from eomcheck.lab.report.registries import in_paper, parameter_sheet, registry_sheet, yes
 from eomcheck.lab.show.table import escaped as cell
 from eomcheck.lab.show.table import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of

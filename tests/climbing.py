@@ -26,12 +26,12 @@ from tests.mutants import PACKAGE, ROOT
 from tests.unmended import unmended
 
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.file import read_finds
-from eomcheck.lab.fuzzing.judging import SILENT
-from eomcheck.lab.fuzzing.rounds import Plan
+from eomcheck.lab.fuzzing.cases import strata_of
+from eomcheck.lab.fuzzing.failures import read_finds
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration
-from eomcheck.lab.fuzzing.strata import strata_of
-from eomcheck.lab.options import interval
+from eomcheck.lab.fuzzing.state_rounds import Plan
+from eomcheck.lab.fuzzing.triage import SILENT
+from eomcheck.lab.option_parsing import interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.scenes import Snake
 

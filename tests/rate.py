@@ -16,13 +16,11 @@ import numpy as np
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.batched_claims import liftable
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import ORDINARY
-from eomcheck.lab.fuzzing.judging import checked
-from eomcheck.lab.fuzzing.rounds import BATCH
+from eomcheck.lab.fuzzing.cases import ORDINARY, drawn, strata_of
 from eomcheck.lab.fuzzing.screening import screened
-from eomcheck.lab.fuzzing.strata import strata_of
-from eomcheck.lab.options import interval
+from eomcheck.lab.fuzzing.state_rounds import BATCH
+from eomcheck.lab.fuzzing.triage import checked
+from eomcheck.lab.option_parsing import interval
 from eomcheck.scenes import Snake
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from eomcheck.claims.run import Run, Selection
-from eomcheck.lab.proof_jobs import proof_jobs
-from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
-from eomcheck.lab.store.validation import look_at_kind
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.store.record_file import Record, Records
+from eomcheck.lab.store.validation_runs import look_at_kind
 from eomcheck.lab.studies import paper, work_precision
 from eomcheck.lab.studies.operations import STUDY
 from eomcheck.lab.studies.operations.measure import Operations

@@ -14,11 +14,11 @@ import argparse
 from eomcheck.claims import CLAIMS
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.rounds import Plan
+from eomcheck.lab.fuzzing.cases import strata_of
 from eomcheck.lab.fuzzing.screening import Ration
-from eomcheck.lab.fuzzing.strata import strata_of
-from eomcheck.lab.options import interval
-from eomcheck.lab.report.fuzzing import Teller, print_campaign
+from eomcheck.lab.fuzzing.state_rounds import Plan
+from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.report.campaign_tables import Teller, print_campaign
 from eomcheck.scenes import Snake
 
 ACCURACY = ("true-error",), Ration(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import settings
 
-from eomcheck.lab.options import interval
+from eomcheck.lab.option_parsing import interval
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -12,7 +12,7 @@ from hypothesis.strategies import SearchStrategy
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.lab.fuzzing.file import read_finds
+from eomcheck.lab.fuzzing.failures import read_finds
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake

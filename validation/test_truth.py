@@ -5,7 +5,7 @@ import pytest
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.lab.draws import draw
+from eomcheck.lab.strategy_samples import draw
 from validation.harness import holds
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from eomcheck import strategies
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.draws import draw
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 from eomcheck.strategies.scene_strategies import (

@@ -27,7 +27,7 @@ from eomcheck.claims.proof import by_proof
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.report.findings import print_runs
+from eomcheck.lab.report.finding_output import print_runs
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians
 from eomcheck.numbers.generic import generic

@@ -15,7 +15,7 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.draws import UNHURRIED
+from eomcheck.lab.strategy_samples import UNHURRIED
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)

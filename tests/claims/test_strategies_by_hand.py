@@ -18,7 +18,7 @@ from eomcheck import strategies
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.draws import draw
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
 from eomcheck.strategies import scene_strategies, state_strategies

@@ -10,7 +10,7 @@ from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.draws import draw
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 
 COIL = Snake.coil(3)

@@ -19,10 +19,9 @@ from eomcheck.claims import run as run_of_claims
 from eomcheck.cli.check_commands import REGISTRIES
 from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.options import check_count
-from eomcheck.lab.store.findings import RUNS
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.option_parsing import check_count
+from eomcheck.lab.store.record_file import Records, record_of_rows
+from eomcheck.lab.store.stored_findings import RUNS
 from eomcheck.lab.studies import rhs
 from eomcheck.scenes import SCENES, Snake
 
@@ -303,7 +302,7 @@ def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_do
         yield items[0], function(items[0])
         raise ended
 
-    monkeypatch.setattr("eomcheck.lab.store.validation.spread", spread)
+    monkeypatch.setattr("eomcheck.lab.store.validation_runs.spread", spread)
     files = {name: str(tmp_path / name) for name in ("json", "records")}
     options = [word for name, file in files.items() for word in (f"--{name}", file)]
     arguments = ["validate", "--scene", "all", "--examples", "2", "--links", "2", *options]

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 from rich.console import Console
 
-from eomcheck.lab.report.junit import write_junit
+from eomcheck.lab.report.report_formats import write_junit
 from eomcheck.lab.show import document_text, table
 from eomcheck.lab.show.table import Cell, Sheet
 from eomcheck.safe_output import harmless

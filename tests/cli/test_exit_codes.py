@@ -16,13 +16,12 @@ from eomcheck.cli.study_commands import GROUPS
 from eomcheck.engines import engine_of
 from eomcheck.errors import WorkerError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab import comparing
-from eomcheck.lab.comparison import Comparison
+from eomcheck.lab import library_comparison
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.failures import Find
 from eomcheck.lab.fuzzing.replay import Replayed
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
@@ -58,7 +57,7 @@ def found(monkeypatch: pytest.MonkeyPatch, *findings: Finding, error: Any = None
         if error is not None:
             raise error
 
-    monkeypatch.setattr("eomcheck.lab.store.validation.look_at_kind", look)
+    monkeypatch.setattr("eomcheck.lab.store.validation_runs.look_at_kind", look)
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -153,7 +152,7 @@ class Proofs:
 )
 def test_a_disproof_is_1_and_nothing_proved_2(change, code, monkeypatch):
     monkeypatch.setattr("eomcheck.lab.proofs.Proofs", type("Made", (Proofs,), change))
-    monkeypatch.setattr("eomcheck.lab.report.proofs.print_proofs", lambda proofs: None)
+    monkeypatch.setattr("eomcheck.lab.report.finding_output.print_proofs", lambda proofs: None)
     assert code_of(monkeypatch, "prove", "--scene", "sleigh") == code
 
 
@@ -168,7 +167,7 @@ def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
 
     made = SimpleNamespace(finds=finds, run=run)
     monkeypatch.setattr(campaigns, "Campaign", lambda *how: made)
-    monkeypatch.setattr("eomcheck.lab.report.fuzzing.print_campaign", lambda campaign: None)
+    monkeypatch.setattr("eomcheck.lab.report.campaign_tables.print_campaign", lambda campaign: None)
     assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--states", "1") == code
 
 
@@ -186,7 +185,7 @@ def test_a_kept_failure_that_fails_is_1_and_one_not_checked_2(
     outcomes, code, monkeypatch, tmp_path
 ):
     results = [Replayed(Find("sleigh", {}, [], []), one, "why") for one in outcomes]
-    monkeypatch.setattr("eomcheck.lab.fuzzing.file.read_finds", lambda path: [1])
+    monkeypatch.setattr("eomcheck.lab.fuzzing.failures.read_finds", lambda path: [1])
     monkeypatch.setattr("eomcheck.lab.fuzzing.replay.replayed", lambda *how: results)
     monkeypatch.setattr(Find, "python", "code")
     (tmp_path / "kept.json").write_text("")
@@ -200,11 +199,11 @@ def test_one_motion_that_does_not_reach_its_end_is_1(place, status, code, monkey
     both[place] = status
     left = [SimpleNamespace(status=x) for x in both]
     monkeypatch.setattr("eomcheck.simulate", lambda *how, **more: left.pop(0))
-    monkeypatch.setattr("eomcheck.lab.report.motions.print_trajectories", lambda found: None)
+    monkeypatch.setattr("eomcheck.lab.report.motion_tables.print_trajectories", lambda found: None)
     assert code_of(monkeypatch, "simulate", "1", "--formulation", "au,el") == code
     many = SimpleNamespace(status=np.array(both))
     monkeypatch.setattr("eomcheck.simulate_many", lambda *how, **more: many)
-    monkeypatch.setattr("eomcheck.lab.report.many.print_many", lambda found: None)
+    monkeypatch.setattr("eomcheck.lab.report.motion_tables.print_many", lambda found: None)
     assert code_of(monkeypatch, "simulate", "1", "--draws", "2") == code
 
 
@@ -237,7 +236,7 @@ def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatc
     for name, value in change.items():
         setattr(made, name, value)
     made.apart = {"M": np.zeros((2, 2))}
-    monkeypatch.setattr(comparing, "compare", lambda *how: made)
+    monkeypatch.setattr(library_comparison, "compare", lambda *how: made)
     monkeypatch.setattr("eomcheck.scene_lookup.scene_of", lambda name: SLEIGH)
     assert code_of(monkeypatch, "compare", "robot.urdf") == code
 

@@ -11,8 +11,8 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.cli.fuzz_command import seconds_of
-from eomcheck.lab.fuzzing import motion_rounds, rounds
-from eomcheck.lab.fuzzing.work import Result
+from eomcheck.lab.fuzzing import motion_rounds, state_rounds
+from eomcheck.lab.fuzzing.campaign import Result
 
 FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
 
@@ -21,8 +21,10 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     """Run `eomcheck fuzz` in this process and return its exit code."""
     few = () if "--replay" in arguments else FEW
     monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *few, *arguments])
-    monkeypatch.setattr(rounds, "BATCH", 8)
-    monkeypatch.setattr("eomcheck.lab.report.fuzzing.EVERY", math.inf)  # no line of progress
+    monkeypatch.setattr(state_rounds, "BATCH", 8)
+    monkeypatch.setattr(
+        "eomcheck.lab.report.campaign_tables.EVERY", math.inf
+    )  # no line of progress
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return stop.value.code or 0
@@ -70,7 +72,7 @@ def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch
     def stopped(plan, given) -> Result:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rounds, "run_round", stopped)
+    monkeypatch.setattr(state_rounds, "run_round", stopped)
     assert run("--states", "1", monkeypatch=monkeypatch) == 130
     assert "interrupted" in capsys.readouterr().out
 

@@ -18,7 +18,7 @@ from eomcheck.cli.app import DOORS, EXIT_CODES
 from eomcheck.cli.shared_options import WRITTEN, keys
 from eomcheck.engines import engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
-from eomcheck.lab.options import listed, numbers, parameters
+from eomcheck.lab.option_parsing import listed, numbers, parameters
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.scene_lookup import ROBOTS, kinds_of, scene_of
 from eomcheck.scenes import FourBarChain, Sleigh, Snake

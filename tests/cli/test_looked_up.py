@@ -13,7 +13,7 @@ from eomcheck import class_lookup
 from eomcheck.class_lookup import announced, home_of_code, in_file, looked_up, outside, value_of
 from eomcheck.cli import shared_options
 from eomcheck.errors import CallError, EngineError, InputError, UnknownNameError
-from eomcheck.lab.options import interval, no_more_than, parameters, whole_numbers
+from eomcheck.lab.option_parsing import interval, no_more_than, parameters, whole_numbers
 from eomcheck.scene_lookup import SCENE, kind_of
 from eomcheck.scenes import Sleigh, Snake
 
@@ -201,7 +201,7 @@ def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypa
 
 def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp_path, monkeypatch):
     page, path = tmp_path / "page.html", tmp_path / "r.db"
-    installed = "eomcheck.lab.report.page.check_installed"
+    installed = "eomcheck.lab.report.report_formats.check_installed"
     monkeypatch.setattr(installed, lambda: None)
     with shared_options.records_to_report(None, None) as records:
         assert records is None

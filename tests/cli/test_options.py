@@ -19,9 +19,8 @@ from eomcheck import cli
 from eomcheck.cli.study_commands import GROUPS, command_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.strata import strata_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.fuzzing.cases import strata_of
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
@@ -83,67 +82,67 @@ def stub(monkeypatch: pytest.MonkeyPatch, seen: Seen, name: str, value: Any = No
 
 STUBS: dict[str, dict[str, Any]] = {
     "validate": {
-        "eomcheck.lab.store.validation.look_at_kind": None,
-        "eomcheck.lab.store.validation.look_at_kinds": None,
-        "eomcheck.lab.report.findings.print_runs": None,
-        "eomcheck.lab.report.document.write_json": None,
+        "eomcheck.lab.store.validation_runs.look_at_kind": None,
+        "eomcheck.lab.store.validation_runs.look_at_kinds": None,
+        "eomcheck.lab.report.finding_output.print_runs": None,
+        "eomcheck.lab.report.finding_output.write_json": None,
         "eomcheck.claims.run.check_compared": None,
         "eomcheck.cli.check_commands._write_page": None,
     },
     "prove": {
-        "eomcheck.lab.proof_jobs.proof_jobs": SimpleNamespace(),
+        "eomcheck.lab.proofs.proof_jobs": SimpleNamespace(),
         "eomcheck.lab.proofs.Proofs": lambda *given, **how: SimpleNamespace(
             run=lambda: None, write=lambda: None, failed=False, decided=True
         ),
-        "eomcheck.lab.report.proofs.print_proofs": None,
+        "eomcheck.lab.report.finding_output.print_proofs": None,
     },
     "list": {"eomcheck.lab.report.registries.registry_sheet": lambda name: name}
     | {"eomcheck.lab.show.table.print_sheets": None},
     "report": {
-        "eomcheck.lab.report.page.write_page": None,
-        "eomcheck.lab.report.markdown.write_markdown": None,
-        "eomcheck.lab.report.junit.write_junit": None,
+        "eomcheck.lab.report.report_formats.write_page": None,
+        "eomcheck.lab.report.report_formats.write_markdown": None,
+        "eomcheck.lab.report.report_formats.write_junit": None,
         "eomcheck.lab.report.equivalences.write_equivalences": None,
         "eomcheck.lab.report.overview.read": lambda paths, unread=None: [],
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
     "reference": {
-        "eomcheck.lab.reference_runs.produce_all": lambda cases, where=None: ["made"],
+        "eomcheck.lab.references.produce_all": lambda cases, where=None: ["made"],
         "eomcheck.lab.references.write_reference": Path("there.json"),
         "eomcheck.lab.references.reference_sheet": None,
         "eomcheck.lab.show.table.print_sheets": None,
     },
     "fuzz": {
-        "eomcheck.lab.report.fuzzing.print_campaign": None,
-        "eomcheck.lab.fuzzing.file.read_finds": lambda path: ["kept"],
-        "eomcheck.lab.fuzzing.file.write_finds": None,
+        "eomcheck.lab.report.campaign_tables.print_campaign": None,
+        "eomcheck.lab.fuzzing.failures.read_finds": lambda path: ["kept"],
+        "eomcheck.lab.fuzzing.failures.write_finds": None,
         "eomcheck.lab.fuzzing.replay.replayed": [],
     },
     "simulate": {
         "eomcheck.simulate": SimpleNamespace(status="finished"),
         "eomcheck.simulate_many": SimpleNamespace(status=np.array(["finished"])),
-        "eomcheck.lab.report.motions.print_trajectories": None,
-        "eomcheck.lab.report.many.print_many": None,
-        "eomcheck.lab.report.many.chart_of_many": None,
+        "eomcheck.lab.report.motion_tables.print_trajectories": None,
+        "eomcheck.lab.report.motion_tables.print_many": None,
+        "eomcheck.lab.report.motion_tables.chart_of_many": None,
         "eomcheck.lab.show.chart_matplotlib.draw": None,
     },
-    "acceleration": {"eomcheck.lab.report.accelerations.print_accelerations": 0},
-    "constraints": {"eomcheck.lab.report.constraints.print_constraints": 0},
+    "acceleration": {"eomcheck.lab.report.motion_tables.print_accelerations": 0},
+    "constraints": {"eomcheck.lab.report.motion_tables.print_constraints": 0},
     "compare": {
-        "eomcheck.lab.comparing.compare": SimpleNamespace(
+        "eomcheck.lab.library_comparison.compare": SimpleNamespace(
             disagree=False, unanswered=[], check_decided=lambda: None
         ),
-        "eomcheck.lab.report.comparison.print_comparison": None,
-        "eomcheck.lab.report.comparison.write_comparison": None,
+        "eomcheck.lab.report.comparison_tables.print_comparison": None,
+        "eomcheck.lab.report.comparison_tables.write_comparison": None,
     },
     "draw scene": {
         "eomcheck.lab.show.pictures.draw_scene": None,
         "eomcheck.lab.show.pictures.draw_motion": None,
-        "eomcheck.lab.mechanisms.sketches_of_motion": ([], np.zeros(1), 1),
+        "eomcheck.lab.figure_data.sketches_of_motion": ([], np.zeros(1), 1),
     },
     "draw structure": {
         "eomcheck.lab.show.pictures.draw_structure": None,
-        "eomcheck.lab.structures.structure_of": lambda scene, formulation, *state: (
+        "eomcheck.lab.figure_data.structure_of": lambda scene, formulation, *state: (
             f"{formulation.key} of {scene!r}"
         ),
     },

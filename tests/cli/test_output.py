@@ -16,8 +16,8 @@ import pytest
 
 from eomcheck.console import progress, stoppable
 from eomcheck.errors import InputError
-from eomcheck.lab.store.findings import STATES
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.store.stored_findings import STATES
 from eomcheck.safe_output import NAMES, plain, unfailing
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]

@@ -17,9 +17,9 @@ from eomcheck import cli
 from eomcheck.console import undisturbed
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing import file as corpus
-from eomcheck.lab.fuzzing.finds import Find
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.fuzzing import failures as corpus
+from eomcheck.lab.fuzzing.failures import Find
+from eomcheck.lab.store.record_file import Records
 
 FULL = Path("/dev/full")
 FIND = Find("sleigh", {}, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0, "bias", "au ~ el", 1.0, 0.5, "au")

@@ -20,7 +20,7 @@ import eomcheck
 from eomcheck import cli
 from eomcheck.cli.study_commands import GROUPS
 from eomcheck.console import console
-from eomcheck.lab.fuzzing import rounds
+from eomcheck.lab.fuzzing import state_rounds
 from eomcheck.lab.report.registries import registry_sheet
 from eomcheck.lab.show import table
 
@@ -108,7 +108,7 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
 
 @pytest.mark.night
 def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
-    monkeypatch.setattr(rounds, "BATCH", 8)
+    monkeypatch.setattr(state_rounds, "BATCH", 8)
     assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
     check_fits(capsys.readouterr().out, width)
 

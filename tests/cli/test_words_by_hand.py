@@ -35,7 +35,7 @@ from eomcheck.errors import (
     some,
     whole_number,
 )
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.safe_output import counted, harmless, plain, printable
 
 app: Any = import_module("eomcheck.cli.app")

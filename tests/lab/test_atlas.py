@@ -11,7 +11,7 @@ import pytest
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.show.chart import Heat, Panel
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.stability.measure import FAMILIES, STUDY, Method, cells, settings_of
 from eomcheck.scenes import bicycle

@@ -29,8 +29,7 @@ from eomcheck.lab.show.chart_matplotlib import HOLLOW, draw_heat, draw_panel, ti
 from eomcheck.lab.show.chart_plotly import json_of
 from eomcheck.lab.show.document_text import grouped, seconds_text
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement

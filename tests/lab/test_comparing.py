@@ -24,13 +24,10 @@ from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.floating_base import AXES, BaseVelocity, free_base
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab import comparing
-from eomcheck.lab.comparing import _worse, compare
-from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.parting import Parting, Why
-from eomcheck.lab.quantities import QUANTITIES, apart
-from eomcheck.lab.reasons import reasons
-from eomcheck.lab.report.comparison import print_comparison, write_comparison
+from eomcheck.lab import library_comparison
+from eomcheck.lab.discrepancy import Parting, Why, reasons
+from eomcheck.lab.library_comparison import QUANTITIES, Comparison, _worse, apart, compare
+from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake, from_urdf
 
@@ -147,7 +144,7 @@ class Single(PinocchioFile):
 
 def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> Comparison:
     """Compare with an engine that reads as a faulty library would."""
-    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], kind.key, kind)
+    monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], kind.key, kind)
     return compare(from_urdf(arm(path, **options)), [kind.key], states=3)
 
 
@@ -231,7 +228,7 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
         key = "taken_file"
         base_velocity = taken
 
-    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], "taken_file", Taken)
+    monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
     found = compare(scene, ["taken_file"], states=3)
     ((why, _),) = found.why["taken_file"]
@@ -399,7 +396,7 @@ def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, t
         return 2 * T, U
 
     scene = from_urdf(tmp_path / "arm.urdf")
-    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], Heavy.key, Heavy)
+    monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], Heavy.key, Heavy)
     monkeypatch.setattr(type(scene), "energies", staticmethod(twice))
     found = compare(scene, [Heavy.key], states=3)
     assert {one.claim for one in found.own} >= {"kinetic-energy"}
@@ -419,9 +416,9 @@ def test_derivations_of_ours_are_compared_in_no_state_in_which_all_libraries_agr
     monkeypatch.setattr(
         type(scene), "energies", staticmethod(lambda *here: (2 * energies(*here)[0], None))
     )
-    monkeypatch.setitem(comparing.BY_FORMAT["urdf"], HeavyAbove.key, HeavyAbove)
+    monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], HeavyAbove.key, HeavyAbove)
     states = [State(np.array([0.3, x, -0.7]), np.ones(3)) for x in (-0.4, 0.6, -0.8, 1.2)]
-    monkeypatch.setattr(comparing, "draw", lambda cases, count, seed: states)
+    monkeypatch.setattr(library_comparison, "draw", lambda cases, count, seed: states)
     found = compare(scene, [HeavyAbove.key], states=4)
     assert {one.state.q[1] for one in found.own if one.state is not None} == {0.6, 1.2}
 
@@ -579,7 +576,7 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
 
 def test_who_fails_at_rest_alone_does_not_agree(monkeypatch, tmp_path):
     moving = State(np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.2, 1.0]), 0.0)
-    monkeypatch.setattr(comparing, "draw", lambda *_: [moving])
+    monkeypatch.setattr(library_comparison, "draw", lambda *_: [moving])
     found = compared(monkeypatch, AtRest, tmp_path / "arm.urdf")
     assert (found.failed, list(found.faults)) == ([], [("at_rest_file", "gravity")])
     assert not found.agree
@@ -627,7 +624,7 @@ def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monke
             raise RuntimeError("no such\njoint")
 
     readers = {"a": Refusing, "pinocchio": PinocchioFile}
-    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", readers)
+    monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", readers)
     found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
     assert found.refused == {"a": "no such joint"}
     assert list(found.versions) == ["pinocchio"]
@@ -642,7 +639,7 @@ def test_a_library_that_lacks_a_joint_is_told(monkeypatch, tmp_path):
         def joints(self):
             return super().joints()[:2]
 
-    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"locked": Locked})
+    monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"locked": Locked})
     with pytest.raises(InputError, match="locked_file has no joint 'wrist', which the file moves"):
         compare(from_urdf(arm(tmp_path / "arm.urdf")))
 

@@ -12,11 +12,9 @@ import pytest
 
 from eomcheck.cli import main
 from eomcheck.errors import InputError
-from eomcheck.lab.report.junit import write_junit
-from eomcheck.lab.report.markdown import write_markdown
 from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.report.report_formats import write_junit, write_markdown
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import STUDIES
 from eomcheck.motion.reference_io import load_reference
 

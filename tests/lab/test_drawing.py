@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from eomcheck.lab.figure_data import Block, Matrix, Structure
 from eomcheck.lab.show import pictures, sketch_drawing
 from eomcheck.lab.show.pictures import _title, canvas, paint, scene_figure, structure_figure
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Drawing, View
-from eomcheck.lab.structures import Block, Matrix, Structure
 from eomcheck.mechanics import sketch as s
 
 GROUND = s.Body([(0.0, 0.0), (10.0, 0.0)])

@@ -12,15 +12,18 @@ import eomcheck
 from eomcheck import CLAIMS
 from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.proof_jobs import proof_jobs
-from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.report.equivalences import RUN, write_equivalences
-from eomcheck.lab.report.named_tests import PROVED, named_tests
-from eomcheck.lab.report.other_data import other_data
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.report.equivalences import (
+    PROVED,
+    RUN,
+    named_tests,
+    other_data,
+    write_equivalences,
+)
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.show.document_text import ranges
-from eomcheck.lab.store.records import Records
-from eomcheck.lab.store.validation import look_at_kind
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.store.validation_runs import look_at_kind
 from eomcheck.scenes import SCENES, Sleigh
 
 ROOT = Path(__file__).parents[2]

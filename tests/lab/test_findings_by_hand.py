@@ -17,18 +17,18 @@ from eomcheck.claims.run import Run
 from eomcheck.lab import run_time as timing
 from eomcheck.lab.run_time import disturbed, run_time
 from eomcheck.lab.store import provenance
-from eomcheck.lab.store.findings import (
+from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_of
+from eomcheck.lab.store.stored_findings import (
+    COLUMNS,
     PROOFS,
     STATES,
+    Kept,
     cases_of,
     fault_of,
     kept_in,
     kept_of,
     record_of,
 )
-from eomcheck.lab.store.groups import by_setting, group, record_of_rows, rows_of
-from eomcheck.lab.store.kept import COLUMNS, Kept
-from eomcheck.lab.store.record import Record
 from eomcheck.scenes import Snake
 
 SNAKE = Snake.coil(2)

@@ -12,24 +12,26 @@ from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.lab.fuzzing import growth, motion_finds, parameters, velocities
-from eomcheck.lab.fuzzing.growth import starts_nearby
-from eomcheck.lab.fuzzing.motion_finding import (
-    ALONE,
-    CLAIMS_OF_MOTIONS,
-    END_STATES,
-    ENERGY,
-    MotionFinding,
-)
-from eomcheck.lab.fuzzing.motion_finds import MOST_TRIES, shrunk_motion
-from eomcheck.lab.fuzzing.parameters import (
+from eomcheck.lab.fuzzing import cases as velocities
+from eomcheck.lab.fuzzing import failures as parameters
+from eomcheck.lab.fuzzing import motion_comparison, motion_rounds
+from eomcheck.lab.fuzzing.cases import consistent
+from eomcheck.lab.fuzzing.failures import (
     case_of,
     numbers_of,
     parameters_of,
     plain_random,
     random_of,
 )
-from eomcheck.lab.fuzzing.velocities import consistent
+from eomcheck.lab.fuzzing.motion_comparison import (
+    ALONE,
+    CLAIMS_OF_MOTIONS,
+    END_STATES,
+    ENERGY,
+    MotionFinding,
+    starts_nearby,
+)
+from eomcheck.lab.fuzzing.motion_rounds import MOST_TRIES, shrunk_motion
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.scenes import Sleigh, Snake
@@ -94,8 +96,8 @@ def test_a_motion_is_rounded_at_its_shorter_time_and_kept_as_it_was_if_all_toget
         (found,) = look((other, AT))
         return found
 
-    monkeypatch.setattr(motion_finds, "failures_of_motion", failures)
-    monkeypatch.setattr(motion_finds, "rounded", rounded)
+    monkeypatch.setattr(motion_rounds, "failures_of_motion", failures)
+    monkeypatch.setattr(motion_rounds, "rounded", rounded)
     small = shrunk_motion(of(SLEIGH, 2.25), ("au", "em", "gw", "kane", "ml", "uk"))
     assert tries == [(1.0, MOST_TRIES)] and MOST_TRIES == 60
     assert [t for _, _, t in asked] == [1.125, 0.5625, 1.1, 1.0, 1.0, 1.0]
@@ -200,8 +202,8 @@ def test_a_start_that_cannot_be_closed_nearby_is_left_out_and_the_others_keep_th
         cases = [(s, State(x.q, y, x.t)) for s, x, y in zip(scenes, states, v, strict=True)]
         return cases[1:], [*range(1, len(cases))]
 
-    monkeypatch.setattr(growth, "closed_position", closed)
-    monkeypatch.setattr(growth, "consistent", consistent)
+    monkeypatch.setattr(motion_comparison, "closed_position", closed)
+    monkeypatch.setattr(motion_comparison, "consistent", consistent)
     cases = [
         (SLEIGH, State(np.array([x, -2.0, 0.0]), np.array([0.0, -x, 3.0]), 9.0))
         for x in (5.0, 6.0, 7.0, 8.0)

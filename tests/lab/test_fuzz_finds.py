@@ -15,31 +15,45 @@ from eomcheck.claims import CLAIMS, Finding
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.fuzzing import draws, function_states, replay, smaller, structures
-from eomcheck.lab.fuzzing import functions as fuzzed
-from eomcheck.lab.fuzzing.draws import drawn_of, drawn_position
-from eomcheck.lab.fuzzing.families import FAST, ORDINARY, SPECIAL, WIDE
-from eomcheck.lab.fuzzing.file import read_finds, told_apart, write_finds
-from eomcheck.lab.fuzzing.finds import (
+from eomcheck.lab.fuzzing import cases as draws
+from eomcheck.lab.fuzzing import cases as structures
+from eomcheck.lab.fuzzing import failures, function_rounds, replay
+from eomcheck.lab.fuzzing import function_rounds as fuzzed
+from eomcheck.lab.fuzzing.campaign import Candidate, Round
+from eomcheck.lab.fuzzing.cases import (
+    ACROSS,
+    FAST,
+    MOST_STRUCTURES,
+    ORDINARY,
+    SPECIAL,
+    WIDE,
+    Stratum,
+    consistent,
+    distances,
+    drawn_of,
+    drawn_position,
+    drawn_scene,
+    special_number,
+    strata_of,
+    varied,
+)
+from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     Find,
     cause_of,
     diagnosis_of,
     find_of,
     name_of,
+    read_finds,
+    rounded,
+    shrunk,
+    told_apart,
+    write_finds,
 )
-from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state
-from eomcheck.lab.fuzzing.functions import FunctionsPlan
-from eomcheck.lab.fuzzing.judging import Fault, named_in
-from eomcheck.lab.fuzzing.motion_finding import END_STATES, ENERGY, MotionFinding
+from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, climbed_states, drawn_state
+from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
 from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.rounding import rounded
-from eomcheck.lab.fuzzing.scenes import ACROSS, distances, drawn_scene, special_number
-from eomcheck.lab.fuzzing.smaller import shrunk
-from eomcheck.lab.fuzzing.strata import MOST_STRUCTURES, Stratum, strata_of
-from eomcheck.lab.fuzzing.structures import varied
-from eomcheck.lab.fuzzing.velocities import consistent
-from eomcheck.lab.fuzzing.work import Candidate, Round
+from eomcheck.lab.fuzzing.triage import Fault, named_in
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import Functions
@@ -271,7 +285,7 @@ def test_special_states_of_functions_are_at_special_numbers_and_sometimes_at_res
 
 def test_near_states_of_functions_take_numbers_of_any_claim(monkeypatch):
     monkeypatch.setattr(
-        function_states, "changed_entries", lambda here, there, random: there + 0 * here
+        function_rounds, "changed_entries", lambda here, there, random: there + 0 * here
     )
     population: Any = {
         (name, ""): [Candidate(1.0, (NARROW, State(np.full(2, x), np.full(2, x))))]
@@ -280,7 +294,7 @@ def test_near_states_of_functions_take_numbers_of_any_claim(monkeypatch):
     found = climbed_states(NARROW, population, 60, np.random.default_rng(0))
     assert {0.25, 0.5} <= {state.q[0] for state in found} <= {0.25, 0.5, 2.0}
     assert {state.v[0] for state in found} <= {0.25, 0.5, 1.0}
-    monkeypatch.setattr(function_states, "changed_entries", lambda here, *_: 0 * here + 5.0)
+    monkeypatch.setattr(function_rounds, "changed_entries", lambda here, *_: 0 * here + 5.0)
     del population["c", ""]
     found = climbed_states(NARROW, population, 60, np.random.default_rng(0))
     # What leaves a range goes to its end, or stays.
@@ -391,12 +405,12 @@ def test_what_is_made_round_keeps_the_constraints():
 
 def test_what_is_made_small_is_of_the_same_formulations(monkeypatch):
     asked: list = []
-    monkeypatch.setattr(smaller, "rounded", lambda finding, look: finding)
+    monkeypatch.setattr(failures, "rounded", lambda finding, look: finding)
     pair = failure("equivalence", "au ~ em")
     for found, expected in (("em ~ im", pair), ("au ~ em", None), ("em ~ au", pair)):
         other = replace(pair, subject=found, observed=7.0)
         monkeypatch.setattr(
-            smaller, "smallest_failure", lambda *given, x=other: asked.append(given[3]) or x
+            failures, "smallest_failure", lambda *given, x=other: asked.append(given[3]) or x
         )
         assert shrunk(pair, ("au", "em", "im"), 5) is (other if expected is None else expected)
     assert asked == [5, 5, 5]

@@ -9,16 +9,39 @@ import pytest
 
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import growth, judging, motion_finds, motion_rounds, motions
-from eomcheck.lab.fuzzing.growth import of_moved_starts, starts_nearby
-from eomcheck.lab.fuzzing.motion_finding import ALONE, END_STATES, ENERGY, MotionFinding
-from eomcheck.lab.fuzzing.motion_finds import fault_of_motion, shrunk_motion
-from eomcheck.lab.fuzzing.motion_rounds import LONGEST, SHORTEST, MotionPlan, informative, told
-from eomcheck.lab.fuzzing.motions import _at, _found, _judged, _median, _Shown, findings_of_motion
-from eomcheck.lab.fuzzing.moved import COARSE, TIGHT, TIMES, Moved
-from eomcheck.lab.fuzzing.poses import branchings, crossings
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Round
+from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing import motion_rounds as motion_finds
+from eomcheck.lab.fuzzing.campaign import Round
+from eomcheck.lab.fuzzing.cases import Stratum
+from eomcheck.lab.fuzzing.motion_comparison import (
+    ALONE,
+    COARSE,
+    END_STATES,
+    ENERGY,
+    TIGHT,
+    TIMES,
+    MotionFinding,
+    Moved,
+    _at,
+    _found,
+    _judged,
+    _median,
+    _Shown,
+    branchings,
+    crossings,
+    findings_of_motion,
+    of_moved_starts,
+    starts_nearby,
+)
+from eomcheck.lab.fuzzing.motion_rounds import (
+    LONGEST,
+    SHORTEST,
+    MotionPlan,
+    fault_of_motion,
+    informative,
+    shrunk_motion,
+    told,
+)
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import FourBarChain, Sleigh
 
@@ -92,11 +115,11 @@ def test_what_is_observed_and_allowed_of_motions_is_as_its_docstring_says(monkey
         asked["scale"] = [scale.shape, scale[:, 0].tolist()]
         return growing, of_energy
 
-    monkeypatch.setattr(motions, "branchings", branching)
-    monkeypatch.setattr(motions, "crossings", lambda *_: np.array([TIMES, place]))
-    monkeypatch.setattr(motions, "of_moved_starts", moved_starts)
-    monkeypatch.setattr(motions, "moved_alone", lambda case, key, t_end, x: alone[x])
-    monkeypatch.setattr(motions, "_found", found)
+    monkeypatch.setattr(motion_comparison, "branchings", branching)
+    monkeypatch.setattr(motion_comparison, "crossings", lambda *_: np.array([TIMES, place]))
+    monkeypatch.setattr(motion_comparison, "of_moved_starts", moved_starts)
+    monkeypatch.setattr(motion_comparison, "moved_alone", lambda case, key, t_end, x: alone[x])
+    monkeypatch.setattr(motion_comparison, "_found", found)
     with np.errstate(all="ignore"):
         listed = _judged(CASES, both, 2.0, [(1, "em")])  # type: ignore[arg-type]
     assert listed == [[END_STATES, ENERGY] * 3, [END_STATES, ENERGY] * 3 + [ALONE]]
@@ -244,8 +267,8 @@ def test_how_motions_grow_is_told_by_the_formulation_that_comes_furthest(monkeyp
         asked.append((len(cases), key, t_end, tolerance))
         return Moved(there.y[:1], there.energy[:1], there.status[:1], there.reason[:1])
 
-    monkeypatch.setattr(growth, "moved", moved)
-    monkeypatch.setattr(growth, "starts_nearby", lambda cases: ([CASES[1]], [1]))
+    monkeypatch.setattr(motion_comparison, "moved", moved)
+    monkeypatch.setattr(motion_comparison, "starts_nearby", lambda cases: ([CASES[1]], [1]))
     scale = np.array([[[1.0] * 6], [[2.0, 2.0, 2.0, 4.0, 4.0, 4.0]]])
     apart, energy = of_moved_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
     assert asked == [(1, "em", 1.5, TIGHT)]
@@ -256,7 +279,7 @@ def test_how_motions_grow_is_told_by_the_formulation_that_comes_furthest(monkeyp
     assert np.isnan(apart[1, 60:]).all()
     gained = np.abs(there.energy[0] - here.energy[1])
     assert np.allclose(energy[1], np.maximum.accumulate(gained), rtol=1e-12)
-    monkeypatch.setattr(growth, "starts_nearby", lambda cases: ([], []))
+    monkeypatch.setattr(motion_comparison, "starts_nearby", lambda cases: ([], []))
     apart, energy = of_moved_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
     assert np.isnan(apart).all() and np.isnan(energy).all() and len(asked) == 1
 
@@ -390,13 +413,13 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
 @pytest.mark.parametrize(
     ("others", "whose", "said"),
     [
-        ("pp", judging.SILENT, "2 of 2 others agree to 0.3"),
-        ("ppi", judging.SILENT, "2 of 3 others agree to 0.3"),
-        ("ppii", judging.UNKNOWN, "2 of 4 others agree to 0.3"),
-        ("ppff", judging.UNKNOWN, "2 of 4 others agree to 0.3"),
-        ("p", judging.UNKNOWN, "1 of 1 others agree to 0.2"),
-        ("iii", judging.UNKNOWN, "0 of 3 others agree to 0"),
-        ("fpppf", judging.SILENT, "3 of 5 others agree to 0.4"),
+        ("pp", triage.SILENT, "2 of 2 others agree to 0.3"),
+        ("ppi", triage.SILENT, "2 of 3 others agree to 0.3"),
+        ("ppii", triage.UNKNOWN, "2 of 4 others agree to 0.3"),
+        ("ppff", triage.UNKNOWN, "2 of 4 others agree to 0.3"),
+        ("p", triage.UNKNOWN, "1 of 1 others agree to 0.2"),
+        ("iii", triage.UNKNOWN, "0 of 3 others agree to 0"),
+        ("fpppf", triage.SILENT, "3 of 5 others agree to 0.4"),
     ],
 )
 def test_a_formulation_is_to_blame_which_most_others_contradict(monkeypatch, others, whose, said):
@@ -450,7 +473,9 @@ def test_a_motion_is_made_shorter_while_it_fails_and_judged_among_all_at_the_end
 def test_a_motion_alone_is_asked_by_those_formulations_that_apply(monkeypatch):
     asked: list = []
     monkeypatch.setattr(
-        motions, "judged_motions", lambda cases, keys, t_end, alone: asked.append(alone) or [["x"]]
+        motion_comparison,
+        "judged_motions",
+        lambda cases, keys, t_end, alone: asked.append(alone) or [["x"]],
     )
     able = [key for key, f in FORMULATIONS.items() if f.applies_to(SLEIGH)]
     assert findings_of_motion(CASES[0], tuple(FORMULATIONS), 1.0) == ["x"]

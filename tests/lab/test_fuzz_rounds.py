@@ -19,20 +19,31 @@ from eomcheck.claims.batched_claims import LaneCase
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing import judging, random_rounds, rounds, screening, smaller
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY
-from eomcheck.lab.fuzzing.finds import find_of
-from eomcheck.lab.fuzzing.functions import FunctionsPlan
-from eomcheck.lab.fuzzing.judging import Fault
+from eomcheck.lab.fuzzing import failures as smaller
+from eomcheck.lab.fuzzing import screening, state_rounds, triage
+from eomcheck.lab.fuzzing.campaign import (
+    KEPT,
+    Campaign,
+    Candidate,
+    Result,
+    Round,
+    generator,
+    raise_population,
+)
+from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, Stratum, drawn
+from eomcheck.lab.fuzzing.failures import find_of
+from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-from eomcheck.lab.fuzzing.on_trial import heights_of, is_ordinary, on_trial, tamed
-from eomcheck.lab.fuzzing.random_rounds import RandomPlan
-from eomcheck.lab.fuzzing.rounds import Plan
 from eomcheck.lab.fuzzing.screening import DECIDED, TRUTH, Ration, Screened, runs_in_lanes, screened
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import KEPT, Candidate, Result, Round, generator, raise_population
+from eomcheck.lab.fuzzing.state_rounds import (
+    Plan,
+    RandomPlan,
+    heights_of,
+    is_ordinary,
+    on_trial,
+    tamed,
+)
+from eomcheck.lab.fuzzing.triage import Fault
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
@@ -84,8 +95,8 @@ def test_the_highest_claim_is_climbed_from_more_often_and_the_highest_of_its_cas
         ("low", ""): [Candidate(0.1 - i / 100, (f"low {i}", state)) for i in range(6)],
         ("high", ""): [Candidate(0.9 - i / 100, (f"high {i}", state)) for i in range(6)],
     }
-    monkeypatch.setattr(rounds, "mutated", lambda pairs, *_: (pairs, [*range(len(pairs))]))
-    found: Any = rounds.climbed(population, 400, np.random.default_rng(0))
+    monkeypatch.setattr(state_rounds, "mutated", lambda pairs, *_: (pairs, [*range(len(pairs))]))
+    found: Any = state_rounds.climbed(population, 400, np.random.default_rng(0))
     parents = Counter(case[0] for case, _ in found)
     others = Counter(other[0] for _, other in found)
     # The higher of three that are drawn is the low one once in eight times.
@@ -102,7 +113,7 @@ def test_a_climb_goes_in_steps_from_what_lanes_found_and_then_from_what_engines_
         ("bias", "kane"): [Candidate(0.5, 1)],
         ("bias", "on_trial"): [Candidate(0.7, 2)],
     }
-    monkeypatch.setattr(rounds, "on_trial", lambda engines: [SimpleNamespace(key="on_trial")])
+    monkeypatch.setattr(state_rounds, "on_trial", lambda engines: [SimpleNamespace(key="on_trial")])
 
     def climbed(of, count, random):
         asked.append((sorted(of), count))
@@ -111,13 +122,13 @@ def test_a_climb_goes_in_steps_from_what_lanes_found_and_then_from_what_engines_
     def look_at(plan, result, cases, ordinary, most):
         asked.append((len(cases), ordinary, most))
 
-    monkeypatch.setattr(rounds, "climbed", climbed)
-    monkeypatch.setattr(rounds, "look_at", look_at)
+    monkeypatch.setattr(state_rounds, "climbed", climbed)
+    monkeypatch.setattr(state_rounds, "look_at", look_at)
     monkeypatch.setattr(
-        rounds, "_climb_on_trial", lambda plan, result, of, random: asked.append(sorted(of))
+        state_rounds, "_climb_on_trial", lambda plan, result, of, random: asked.append(sorted(of))
     )
     result = Result(0, STRATUM, population)
-    rounds._climb(plan(batch=16), result, np.random.default_rng(0))
+    state_rounds._climb(plan(batch=16), result, np.random.default_rng(0))
     assert asked == [([("bias", "kane")], 4), (3, set(), 6)] * 4 + [[("bias", "on_trial")]]
     assert result.counts["climbed"] == 12
 
@@ -144,13 +155,13 @@ def test_engines_on_trial_are_asked_as_often_near_their_highest_as_in_the_round(
         asked.append(("climbed", count, tame))
         return near
 
-    monkeypatch.setattr(rounds, "climbed", climbed)
-    monkeypatch.setattr(rounds, "checked", checked)
-    monkeypatch.setattr(rounds, "is_ordinary", lambda one: one is case)
-    monkeypatch.setattr(rounds, "on_trial", lambda engines: (Mine,))
+    monkeypatch.setattr(state_rounds, "climbed", climbed)
+    monkeypatch.setattr(state_rounds, "checked", checked)
+    monkeypatch.setattr(state_rounds, "is_ordinary", lambda one: one is case)
+    monkeypatch.setattr(state_rounds, "on_trial", lambda engines: (Mine,))
     result = Result(0, STRATUM, {}, Counter({"engines": 3}))
     here = plan(claims=("bias", "mass-matrix", "kinetic-energy"))
-    rounds._climb_on_trial(here, result, {("bias", "mine"): []}, np.random.default_rng(0))
+    state_rounds._climb_on_trial(here, result, {("bias", "mine"): []}, np.random.default_rng(0))
     assert asked == [("climbed", 6, tamed)] + [(("bias", "mass-matrix"), (Mine,))] * 3
     assert result.counts["engines, climbed"] == 3 and len(result.failed) == 3
     assert [x.height for x in result.population["bias", "mine"]] == pytest.approx([0.8, 0.6, 0.4])
@@ -163,14 +174,16 @@ def test_every_other_ordinary_case_is_wide_where_engines_were_named(monkeypatch)
     cases, families = drawn(Snake, LINKED, FAMILIES, 12, np.random.default_rng(0))
     places = {i for i, family in enumerate(families) if family == ORDINARY}
     before = list(cases)
-    found, asked = rounds.for_engines(plan(), list(cases), families, np.random.default_rng(1))
+    found, asked = state_rounds.for_engines(plan(), list(cases), families, np.random.default_rng(1))
     assert asked == places and all(x is y for x, y in zip(found, before, strict=True))
-    found, asked = rounds.for_engines(
+    found, asked = state_rounds.for_engines(
         plan(wide=True), list(cases), families, np.random.default_rng(1)
     )
     changed = {i for i, (x, y) in enumerate(zip(found, before, strict=True)) if x[1] is not y[1]}
     assert asked == places and changed == set(sorted(places)[1::2])
-    again, _ = rounds.for_engines(plan(wide=True), list(cases), families, np.random.default_rng(2))
+    again, _ = state_rounds.for_engines(
+        plan(wide=True), list(cases), families, np.random.default_rng(2)
+    )
     assert any(x[1].q.tolist() != again[i][1].q.tolist() for i, x in enumerate(found))
 
 
@@ -197,14 +210,14 @@ def test_rations_go_on_counting_where_the_states_before_ended(monkeypatch, ratio
         engines.append(tuple(asked))
         return []
 
-    monkeypatch.setattr(rounds, "checked", checked)
-    monkeypatch.setattr(rounds, "screened", lambda *how: Screened(4))
-    monkeypatch.setattr(rounds, "raise_population", lambda *how: None)
+    monkeypatch.setattr(state_rounds, "checked", checked)
+    monkeypatch.setattr(state_rounds, "screened", lambda *how: Screened(4))
+    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
     result = Result(3, STRATUM, {}, Counter({"states": 7}))
     claims = (*ENGINES, "power-balance", "enclosures", "true-error")
     here = plan(claims=claims, ration=ration, engines=("pinocchio",) if named else ())
     # States 103 to 106: the second and the fourth are even, the third is a multiple of 5 and 7.
-    rounds.look_at(here, result, range(4), {1, 2})  # type: ignore[arg-type]
+    state_rounds.look_at(here, result, range(4), {1, 2})  # type: ignore[arg-type]
     assert judged == expected
     assert result.counts["states"] == 11
     asked = any(CLAIMS[one].asks for of in expected.values() for one in of)
@@ -217,16 +230,16 @@ def test_a_suspect_of_the_truth_is_as_high_as_its_true_error_is_judged_to_be(mon
         finding("true-error", "kane", "passed", 0.25),
         finding("true-error", "em", "inconclusive", 9.0),
     ]
-    monkeypatch.setattr(rounds, "checked", lambda *_: said)
-    monkeypatch.setattr(rounds, "raise_population", lambda *how: None)
+    monkeypatch.setattr(state_rounds, "checked", lambda *_: said)
+    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
     found = Screened(
         2,
         {(TRUTH, "kane"): np.array([9.0, 9.0]), ("bias", ""): np.array([8.0, 0.1])},
         {0: {"true-error"}},
     )
-    monkeypatch.setattr(rounds, "screened", lambda *how: found)
+    monkeypatch.setattr(state_rounds, "screened", lambda *how: found)
     result = Result(0, STRATUM, {})
-    rounds.look_at(plan(), result, range(2), set())  # type: ignore[arg-type]
+    state_rounds.look_at(plan(), result, range(2), set())  # type: ignore[arg-type]
     assert found.heights[TRUTH, "kane"].tolist() == [0.8, 9.0]
     assert found.heights["bias", ""].tolist() == [8.0, 0.1]  # it is not suspect by that
 
@@ -358,15 +371,15 @@ def test_each_structure_is_proved_for_itself(monkeypatch):
         said = "failed" if scene.damping is not None else "passed"
         return [SimpleNamespace(claim="bias", verdict=said, proof=1)]
 
-    monkeypatch.setattr(judging, "prove", prove)
-    judging._unproved.cache_clear()
+    monkeypatch.setattr(triage, "prove", prove)
+    triage._unproved.cache_clear()
     try:
         coils = [Snake.coil(2), Snake.coil(3), Snake.coil(2)]
         of = {name: getattr(coils[0], name) for name in Snake.declared}
         damped = Snake(**(of | {"damping": [0.5]}))
-        found = [judging.unproved(one) for one in (*coils, damped)]
+        found = [triage.unproved(one) for one in (*coils, damped)]
     finally:
-        judging._unproved.cache_clear()
+        triage._unproved.cache_clear()
     assert found == [frozenset(), frozenset(), frozenset(), frozenset({"bias"})]
     assert len(asked) == 3
 
@@ -385,11 +398,11 @@ def test_a_failure_is_looked_for_at_the_first_finds_and_else_made_small_by_its_s
         asked.append(case)
         return at[case]
 
-    monkeypatch.setattr(rounds, "alike", alike)
+    monkeypatch.setattr(state_rounds, "alike", alike)
     monkeypatch.setattr(
-        rounds, "shrunk", lambda one, keys, seed: asked.append((keys, seed)) or small
+        state_rounds, "shrunk", lambda one, keys, seed: asked.append((keys, seed)) or small
     )
-    monkeypatch.setattr(rounds, "find_of", lambda one, name: (one.subject, name))
+    monkeypatch.setattr(state_rounds, "find_of", lambda one, name: (one.subject, name))
     known: Any = [SimpleNamespace(case=case) for case in "abcd"]
     plans = plan(seed=7, formulations=("au", "kane"))
     assert plans.find(failed, "x", known) == ("small", "x")
@@ -427,7 +440,7 @@ class Worked:
     most: int = 10
     each: int = 5
     settings: dict = field(default_factory=dict)
-    rounds: list = field(default_factory=list)
+    state_rounds: list = field(default_factory=list)
     failing: Sequence[Finding] = ()
 
     def run(self, given: Round) -> Result:
@@ -528,7 +541,7 @@ def test_a_plan_looks_at_no_more_states_than_it_says():
     here = plan(batch=6, climbing=True)
     assert here.most == 12 and here._replace(batch=7).most == 14
     random = RandomPlan(**plan(batch=6)._asdict())
-    assert random.most == 6 * (2 * random_rounds.STRUCTURES + 1)
+    assert random.most == 6 * (2 * state_rounds.STRUCTURES + 1)
 
 
 # ---- Random kinds --------------------------------------------------------------------------------
@@ -542,7 +555,7 @@ def test_of_earlier_rounds_the_structure_of_the_highest_of_some_claim_is_climbed
         ("c", ""): [Candidate(7.0, (B, 6))],
     }
     found = [
-        random_rounds._of_the_highest(population, np.random.default_rng(seed)) for seed in range(9)
+        state_rounds._of_the_highest(population, np.random.default_rng(seed)) for seed in range(9)
     ]
     numbers = {
         tuple((key[0], *[x.case[1] for x in best]) for key, best in one.items()) for one in found
@@ -554,7 +567,7 @@ def test_what_is_merged_is_each_case_once_the_highest_first():
     one: Any = [Candidate(float(x), str(x)) for x in (9, 7, 5, 3, 1)]
     more: Any = [Candidate(0.5, "low"), one[1], Candidate(8.0, "new")]
     best = {("a", ""): list(one)}
-    random_rounds._merge(best, {("a", ""): more, ("b", ""): more[:1]})
+    state_rounds._merge(best, {("a", ""): more, ("b", ""): more[:1]})
     assert [x.case for x in best["a", ""]] == ["9", "new", "7", "5", "3", "1"]
     assert best["b", ""] == more[:1]
 

@@ -21,23 +21,35 @@ from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.draws import draw
-from eomcheck.lab.fuzzing import draws, judging, rounds
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import FAMILIES, FAST, ORDINARY, WIDE
-from eomcheck.lab.fuzzing.file import add_finds, read_finds, told_apart, write_finds
-from eomcheck.lab.fuzzing.finds import Find, find_of
-from eomcheck.lab.fuzzing.judging import checked, failures, fault_of
-from eomcheck.lab.fuzzing.mutation import mutated
+from eomcheck.lab.fuzzing import cases as draws
+from eomcheck.lab.fuzzing import state_rounds, triage
+from eomcheck.lab.fuzzing.campaign import Campaign, Candidate, Result, Round
+from eomcheck.lab.fuzzing.cases import (
+    FAMILIES,
+    FAST,
+    ORDINARY,
+    WIDE,
+    Stratum,
+    consistent,
+    drawn,
+    mutated,
+    strata_of,
+)
+from eomcheck.lab.fuzzing.failures import (
+    Find,
+    add_finds,
+    find_of,
+    read_finds,
+    shrunk,
+    told_apart,
+    write_finds,
+)
 from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
-from eomcheck.lab.fuzzing.smaller import shrunk
-from eomcheck.lab.fuzzing.strata import Stratum, strata_of
-from eomcheck.lab.fuzzing.velocities import consistent
-from eomcheck.lab.fuzzing.work import Candidate, Result, Round
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.fuzzing.state_rounds import Plan, run_round
+from eomcheck.lab.fuzzing.triage import checked, failures, fault_of
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake
 
@@ -169,7 +181,7 @@ class Hole(Snake, functions=()):
 
 @pytest.mark.night
 def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
-    monkeypatch.setattr(rounds, "MOST_JUDGED", 4)
+    monkeypatch.setattr(state_rounds, "MOST_JUDGED", 4)
 
     def deepest(climbing: bool) -> float:
         population = {}
@@ -243,7 +255,7 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
 def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_at(
     tmp_path: Path, monkeypatch
 ):
-    fault = judging.Fault(judging.SCENE, "by hand")
+    fault = triage.Fault(triage.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
     monkeypatch.setattr(Plan, "find", kept)
     scene = Snake.paper()
@@ -288,7 +300,7 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
 
 
 def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(monkeypatch):
-    fault = judging.Fault(judging.SCENE, "by hand")
+    fault = triage.Fault(triage.SCENE, "by hand")
     made: list[str] = []
 
     def kept(self, failed, name, known=None):
@@ -329,7 +341,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
 )
 def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, other: dict[str, Any]):
     """Neither with its states nor with what it found; the last is another scene's."""
-    fault = judging.Fault(judging.SCENE, "by hand")
+    fault = triage.Fault(triage.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
     monkeypatch.setattr(Plan, "find", kept)
     here = plan(engines=("pinocchio",))
@@ -370,7 +382,7 @@ def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     result = run_round(wrong, Round(0, STRATUM, {}))
     assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
     fault = fault_of(next(one for one in result.failed if one.claim == "power-balance"))
-    assert fault.whose == judging.SCENE
+    assert fault.whose == triage.SCENE
 
 
 def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
@@ -379,14 +391,14 @@ def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
         monkeypatch.setattr(f"{module}.acceleration_sensitivity", lambda *_, **__: 1e-9)
     (finding, *_) = failures(case, ["equivalence"], KEYS)
     fault = fault_of(finding)
-    assert fault.whose == judging.SILENT and "true error" in fault.evidence
+    assert fault.whose == triage.SILENT and "true error" in fault.evidence
 
 
 def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
     (case,), _ = drawn(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
     monkeypatch.setattr("eomcheck.claims.case.sensitivity_of", lambda *_, **__: 1e-9)
     found = failures(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
-    assert found and fault_of(found[0]).whose == judging.ALARM
+    assert found and fault_of(found[0]).whose == triage.ALARM
 
 
 def test_screening_finds_a_wrong_truth(monkeypatch):
@@ -406,11 +418,11 @@ def test_suspects_are_judged_by_check_alone(monkeypatch):
         judged.append(set(claims))
         return []
 
-    monkeypatch.setattr(rounds, "checked", nothing)
+    monkeypatch.setattr(state_rounds, "checked", nothing)
     wrong = plan(kind=Wrong, families=(ORDINARY,))
     result = run_round(wrong, Round(0, STRATUM, {}))
     assert judged and not result.failed
-    assert result.counts["suspects judged"] == len(judged) <= 2 * rounds.MOST_JUDGED
+    assert result.counts["suspects judged"] == len(judged) <= 2 * state_rounds.MOST_JUDGED
     # What was not confirmed is nothing to climb to.
     assert all(best[0].height <= 1.0 for best in result.population.values())
 
@@ -423,7 +435,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
         made_small.append(finding)
         return finding
 
-    monkeypatch.setattr("eomcheck.lab.fuzzing.rounds.shrunk", small)
+    monkeypatch.setattr("eomcheck.lab.fuzzing.state_rounds.shrunk", small)
     claims = ("power-balance", "equivalence", "constraint-acceleration")
     wrong = Campaign(plan(kind=Wrong, claims=claims, families=(ORDINARY,)), "wrong", (STRATUM,))
     wrong.run(states=1)
@@ -431,7 +443,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
 
 
 def test_a_scene_of_which_no_state_can_be_drawn_is_refused(monkeypatch):
-    monkeypatch.setattr(rounds, "drawn", lambda *_: ([], []))
+    monkeypatch.setattr(state_rounds, "drawn", lambda *_: ([], []))
     with pytest.raises(InputError, match="open: no state could be drawn in 1 round:"):
         Campaign(plan(), "open", (STRATUM,)).run(states=1)
 

@@ -11,27 +11,27 @@ import pytest
 from eomcheck import velocity
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import growth, judging, motion_finds, motion_starts, motions
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.families import ORDINARY
-from eomcheck.lab.fuzzing.file import read_finds, write_finds
-from eomcheck.lab.fuzzing.motion_finding import (
+from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing.campaign import Campaign, Round
+from eomcheck.lab.fuzzing.cases import ORDINARY, Stratum, strata_of
+from eomcheck.lab.fuzzing.failures import read_finds, write_finds
+from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     END_STATES,
     ENERGY,
+    MOST_STEPS,
+    TIGHT,
+    TIMES,
     MotionFinding,
+    branchings,
+    crossings,
+    failures_of_motion,
+    judged_motions,
     python_of_motion,
 )
-from eomcheck.lab.fuzzing.motion_finds import fault_of_motion
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, informative
-from eomcheck.lab.fuzzing.motion_starts import started
-from eomcheck.lab.fuzzing.motions import failures_of_motion, judged_motions
-from eomcheck.lab.fuzzing.moved import MOST_STEPS, TIGHT, TIMES
-from eomcheck.lab.fuzzing.poses import branchings, crossings
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, fault_of_motion, informative, started
 from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.strata import Stratum, strata_of
-from eomcheck.lab.fuzzing.work import Round
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.motion import batch
 from eomcheck.scenes import SCENES, FourBarChain, Sleigh, Snake
@@ -62,9 +62,9 @@ def one_round(kind, **options):
 def test_the_largest_error_so_far_is_unknown_once_one_is():
     errors = np.array([[1.0, 3.0, 2.0, 4.0], [1.0, 3.0, np.nan, 4.0], [np.nan, 3.0, 2.0, 4.0]])
     expected = [[1.0, 3.0, 3.0, 4.0], [1.0, 3.0, np.nan, np.nan], [np.nan] * 4]
-    assert np.array_equal(growth.largest_so_far(errors), expected, equal_nan=True)
+    assert np.array_equal(motion_comparison.largest_so_far(errors), expected, equal_nan=True)
     difference = np.stack((-2 * errors, 0 * errors), axis=2)
-    found = growth.grown(difference, np.full((3, 4, 2), 2.0))
+    found = motion_comparison.grown(difference, np.full((3, 4, 2), 2.0))
     assert np.array_equal(found, expected, equal_nan=True)
 
 
@@ -110,9 +110,9 @@ def test_families_of_motions_that_cannot_begin_are_not_counted(monkeypatch, shar
     def some(scenes, states, velocities):
         return [(scenes[i], states[i]) for i in (0, 2)], [0, 2]
 
-    monkeypatch.setattr(motion_starts, "drawn", lambda *_: (cases, families))
-    monkeypatch.setattr(motion_starts, "closed_position", closed)
-    monkeypatch.setattr(motion_starts, "consistent", some)
+    monkeypatch.setattr(motion_rounds, "drawn", lambda *_: (cases, families))
+    monkeypatch.setattr(motion_rounds, "closed_position", closed)
+    monkeypatch.setattr(motion_rounds, "consistent", some)
     begun, of = started(kind, Stratum(None, ()), families, 4, np.random.default_rng(0))
     assert [state.q[0] for _, state in begun] == [0.0, 3.0]
     assert of == ["a", "d"]
@@ -120,7 +120,7 @@ def test_families_of_motions_that_cannot_begin_are_not_counted(monkeypatch, shar
 
 def test_motions_of_scenes_without_time_all_begin(monkeypatch):
     cases = [(TURNING, State(np.zeros(3), np.zeros(3), 0.5))] * 2
-    monkeypatch.setattr(motion_starts, "drawn", lambda *_: (cases, ["a", "b"]))
+    monkeypatch.setattr(motion_rounds, "drawn", lambda *_: (cases, ["a", "b"]))
     begun, of = started(Sleigh, Stratum(None, ()), (), 2, np.random.default_rng(0))
     assert ([state.t for _, state in begun], of) == ([0.0, 0.0], ["a", "b"])
 
@@ -156,7 +156,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     first = failed[0]
     assert "singular" in first.detail and 0.2 < first.crossed < 0.35
     find = plan(Sleigh).find(first, "sleigh", [])
-    assert find.whose == judging.SILENT and find.t_end < 5.0
+    assert find.whose == triage.SILENT and find.t_end < 5.0
     assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
     file = tmp_path / "found.json"
     write_finds(file, [find])
@@ -196,7 +196,7 @@ def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
 
 
 def test_a_motion_alone_is_allowed_what_it_is_allowed_beside_others(monkeypatch):
-    right, together, judged, runs = motions._found, motions.moved, {}, {}
+    right, together, judged, runs = motion_comparison._found, motion_comparison.moved, {}, {}
 
     def found(claim, shown, observed, allowed, scale):
         judged[claim, shown.key] = observed, allowed
@@ -207,10 +207,10 @@ def test_a_motion_alone_is_allowed_what_it_is_allowed_beside_others(monkeypatch)
         runs[key, tolerance] = found.y
         return found
 
-    monkeypatch.setattr(motions, "_found", found)
-    monkeypatch.setattr(motions, "moved", moved)
+    monkeypatch.setattr(motion_comparison, "_found", found)
+    monkeypatch.setattr(motion_comparison, "moved", moved)
     # Alone it comes to the same numbers.
-    monkeypatch.setattr(motions, "moved_alone", lambda case, key, t_end, x: runs[key, x])
+    monkeypatch.setattr(motion_comparison, "moved_alone", lambda case, key, t_end, x: runs[key, x])
     judged_motions([turning()], FEW, 1.0, [(0, key) for key in FEW])
     for key in FEW:
         assert np.array_equal(judged[ALONE, key], judged[END_STATES, key], equal_nan=True)
@@ -226,7 +226,7 @@ def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
 
     By the formulations `alone` it is also looked at alone, and changed as "alone".
     """
-    right, runs = motions.moved, {}
+    right, runs = motion_comparison.moved, {}
 
     def moved(cases, key, t_end, tolerance, most=MOST_STEPS):
         found = right(cases, key, t_end, tolerance, most)
@@ -238,9 +238,9 @@ def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
         found = runs[tolerance]
         return spoil("alone", tolerance, found.y.copy(), found.energy.copy())[0]
 
-    for module in (growth, motions):
+    for module in (motion_comparison, motion_comparison):
         monkeypatch.setattr(module, "moved", moved)
-    monkeypatch.setattr(motions, "moved_alone", by_itself)
+    monkeypatch.setattr(motion_comparison, "moved_alone", by_itself)
     q = np.array([0.1, 0.2, 0.3])
     here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)
     case = here, State(q, np.asarray(velocity(here, q, [0.5, 0.1])), 0.0)
@@ -271,7 +271,7 @@ def test_a_motion_that_is_off_is_told_with_the_time_and_the_pose_before_it(monke
         y[:, middle] += 1e-4 * (key == "gw")
         return y, energy
 
-    monkeypatch.setattr(motions, "crossings", lambda cases, *_: np.array([pose]))
+    monkeypatch.setattr(motion_comparison, "crossings", lambda cases, *_: np.array([pose]))
     (failed,) = spoilt(monkeypatch, off)
     assert "than the others at t = 0.5 s" in failed.detail
     assert failed.detail.endswith(f"before t = {pose / 64:.4g} s") == (pose <= middle)
@@ -330,7 +330,7 @@ def test_what_differs_only_behind_a_pose_with_branches_is_no_failure(
         here = wrong * (key == spoils[claim])
         return (y, energy + here) if claim == ENERGY else (y + here[:, None], energy)
 
-    monkeypatch.setattr(motions, "branchings", lambda cases, *_: np.array([pose]))
+    monkeypatch.setattr(motion_comparison, "branchings", lambda cases, *_: np.array([pose]))
     failed = spoilt(monkeypatch, off, ("kane",))
     assert [x.claim for x in failed] == [claim] * fails
 
@@ -349,7 +349,7 @@ def test_a_pose_with_branches_that_a_wrong_motion_comes_to_hides_no_failure(monk
     def some(cases, y, t_end):
         return np.array([30 if any(y is one for one in strayed) else TIMES])
 
-    monkeypatch.setattr(motions, "branchings", some)
+    monkeypatch.setattr(motion_comparison, "branchings", some)
     failed = spoilt(monkeypatch, off)
     assert strayed
     assert {(x.claim, x.subject) for x in failed} == {(END_STATES, "gw"), (END_STATES, "em")}
@@ -369,14 +369,14 @@ def test_poses_are_crossed_where_the_determinant_changes_its_sign():
 @pytest.mark.parametrize(
     ("verdicts", "whose"),
     [
-        (("passed", "passed", "passed"), judging.SILENT),
-        (("passed", "passed", "inconclusive"), judging.SILENT),
-        (("passed", "passed", "failed"), judging.SILENT),
-        (("passed", "passed", "inconclusive", "failed"), judging.UNKNOWN),
-        (("passed", "inconclusive", "inconclusive"), judging.UNKNOWN),
-        (("inconclusive",) * 3, judging.UNKNOWN),
-        (("passed",), judging.UNKNOWN),
-        ((), judging.UNKNOWN),
+        (("passed", "passed", "passed"), triage.SILENT),
+        (("passed", "passed", "inconclusive"), triage.SILENT),
+        (("passed", "passed", "failed"), triage.SILENT),
+        (("passed", "passed", "inconclusive", "failed"), triage.UNKNOWN),
+        (("passed", "inconclusive", "inconclusive"), triage.UNKNOWN),
+        (("inconclusive",) * 3, triage.UNKNOWN),
+        (("passed",), triage.UNKNOWN),
+        ((), triage.UNKNOWN),
     ],
 )
 def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
@@ -392,7 +392,7 @@ def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
     failed = finding(END_STATES, 0, "failed")
     others = [finding(END_STATES, i, verdict) for i, verdict in enumerate(verdicts, 1)]
     of_energy = [finding(ENERGY, i, "passed") for i in range(len(KEYS))]
-    monkeypatch.setattr(motion_finds, "judged_motions", lambda *_: [[failed, *others, *of_energy]])
+    monkeypatch.setattr(motion_rounds, "judged_motions", lambda *_: [[failed, *others, *of_energy]])
     fault = fault_of_motion(failed, KEYS)
     assert fault.whose == whose
     best = 0.12 if "passed" in verdicts else 0

@@ -16,22 +16,22 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import entries_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import functions as fuzzed
-from eomcheck.lab.fuzzing import judging
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, SPECIAL
-from eomcheck.lab.fuzzing.file import read_finds, write_finds
-from eomcheck.lab.fuzzing.finds import FUNCTIONS
-from eomcheck.lab.fuzzing.function_states import climbed_states, drawn_state, limits
-from eomcheck.lab.fuzzing.functions import SKIPPED, FunctionsPlan
-from eomcheck.lab.fuzzing.on_trial import is_ordinary
+from eomcheck.lab.fuzzing import function_rounds as fuzzed
+from eomcheck.lab.fuzzing import triage
+from eomcheck.lab.fuzzing.campaign import Campaign, Candidate, Round
+from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, SPECIAL, Stratum, drawn
+from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_finds, write_finds
+from eomcheck.lab.fuzzing.function_rounds import (
+    SKIPPED,
+    FunctionsPlan,
+    climbed_states,
+    drawn_state,
+    limits,
+)
 from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.rounds import Plan, run_round
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, Ration, runs_in_lanes
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Candidate, Round
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.fuzzing.state_rounds import Plan, is_ordinary, run_round
+from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake, snake
 from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
@@ -470,7 +470,7 @@ def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
     assert {claim for claim, _ in right.worst} == {"power-balance", "equivalence"}
     wrong.run(states=1)
     assert "power-balance" in {find.claim for find in wrong.finds.values()}
-    assert {find.whose for find in wrong.finds.values()} == {judging.UNKNOWN}
+    assert {find.whose for find in wrong.finds.values()} == {triage.UNKNOWN}
 
 
 def test_terms_that_are_no_numbers_end_a_campaign_with_a_sentence():

@@ -13,23 +13,25 @@ from eomcheck.descriptions.random_mechanisms import MOTION, NOTHING, RANDOM
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.draws import draw
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.draws import drawn_of
-from eomcheck.lab.fuzzing.families import FAMILIES, ORDINARY, WIDE
-from eomcheck.lab.fuzzing.file import read_finds, write_finds
-from eomcheck.lab.fuzzing.finds import find_of
-from eomcheck.lab.fuzzing.judging import SCENE, Fault, failures
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-from eomcheck.lab.fuzzing.motion_starts import started
-from eomcheck.lab.fuzzing.parameters import case_of, parameters_of
-from eomcheck.lab.fuzzing.random_rounds import STRUCTURES, RandomPlan
-from eomcheck.lab.fuzzing.rounds import Plan
+from eomcheck.lab.fuzzing.campaign import Campaign, Round
+from eomcheck.lab.fuzzing.cases import (
+    FAMILIES,
+    ORDINARY,
+    WIDE,
+    Stratum,
+    Topology,
+    drawn_of,
+    strata_of_any,
+    structure_drawn,
+    varied,
+)
+from eomcheck.lab.fuzzing.failures import case_of, find_of, parameters_of, read_finds, write_finds
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, started
 from eomcheck.lab.fuzzing.screening import Ration
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.structures import Topology, strata_of_any, structure_drawn, varied
-from eomcheck.lab.fuzzing.work import Round
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.fuzzing.state_rounds import STRUCTURES, Plan, RandomPlan
+from eomcheck.lab.fuzzing.triage import SCENE, Fault, failures
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.mechanics.records import State
 from eomcheck.strategies import scene_states, scenes
 

@@ -16,17 +16,15 @@ from eomcheck.claims.numerical_accuracy import Drawn
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine, version_of
 from eomcheck.errors import DiedError, InputError, UnwrittenError
-from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.parting import Why
-from eomcheck.lab.store import provenance, validation, workers
-from eomcheck.lab.store.cells import run_cells
-from eomcheck.lab.store.findings import RUNS, STATES, fault_of, kept_of_runs
-from eomcheck.lab.store.groups import rows_of, select, values
-from eomcheck.lab.store.keeper import Keeper
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.discrepancy import Why
+from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.store import parallel_map, provenance, validation_runs
+from eomcheck.lab.store.record_file import Record, Records, rows_of, select, values
+from eomcheck.lab.store.stored_findings import RUNS, STATES, fault_of, kept_of_runs
+from eomcheck.lab.store.validation_runs import Keeper
 from eomcheck.lab.studies import engines, motion, rhs, robots, tolerance
 from eomcheck.lab.studies.motion import MotionTime
+from eomcheck.lab.study import run_cells
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import FourBarChain, Sleigh
 
@@ -125,15 +123,15 @@ def test_kinds_are_looked_at_alike_the_largest_first_and_each_state_is_counted(
                 raise UnwrittenError("full")
             super().add(record)
 
-    monkeypatch.setattr(validation, "spread", spread)
-    monkeypatch.setattr(validation, "look_at_kind", look)
+    monkeypatch.setattr(validation_runs, "spread", spread)
+    monkeypatch.setattr(validation_runs, "look_at_kind", look)
     runs = {key: Run() for key in ("sleigh", "snake", "rolling-disk")}
     selection = Selection.of(["au"], [], ["bias"])
     failed = ""
     with Full(None) as records:
         try:
             how = selection, (2, 3), 7, 5, lambda: told.append(1), records, "local:3"
-            validation.look_at_kinds(runs, *how)
+            validation_runs.look_at_kinds(runs, *how)
         except UnwrittenError as error:
             failed = str(error)
         status = {one.settings["scene"]: one.status for one in records.all(RUNS)}
@@ -176,7 +174,7 @@ def test_cells_that_share_settings_are_handed_over_together_and_come_back_in_the
             yield one, work(one)
 
     with Records(None) as records, pytest.MonkeyPatch.context() as patched:
-        patched.setattr("eomcheck.lab.store.cells.spread", spread)
+        patched.setattr("eomcheck.lab.study.spread", spread)
         how: dict[str, Any] = {"where": "local:2", "by": ("key", "m")}
         found = run_cells(records, "s", cells, lambda one: Record("s", one), **how)
         assert [one.settings for one in found] == cells
@@ -220,15 +218,15 @@ def test_a_result_is_of_a_commit_that_is_marked_where_files_were_changed(monkeyp
 def test_items_that_kill_workers_are_counted_and_the_first_three_are_named(monkeypatch):
     items = [f"item {k} {'x' * 70}" for k in range(5)]
     here = SimpleNamespace(open=nullcontext)
-    monkeypatch.setattr(workers, "place_of", lambda where: here)
+    monkeypatch.setattr(parallel_map, "place_of", lambda where: here)
 
     def killed(pool: Any, place: Any, function: Any, queue: Any, more: Any) -> Any:
         for task in (*queue, *more):
-            yield task, workers._Killed() if "2" not in str(task.item)[:7] else 7
+            yield task, parallel_map._Killed() if "2" not in str(task.item)[:7] else 7
         queue.clear()
 
-    monkeypatch.setattr(workers, "_work_off", killed)
-    results = workers.spread("local:1", print, items)
+    monkeypatch.setattr(parallel_map, "_work_off", killed)
+    results = parallel_map.spread("local:1", print, items)
     assert next(results) == (items[2], 7)
     with pytest.raises(DiedError) as error:
         next(results)

@@ -12,11 +12,9 @@ import pytest
 from eomcheck.claims import Finding, State
 from eomcheck.claims.run import Run, Selection
 from eomcheck.errors import InputError
-from eomcheck.lab.store.findings import PROOFS, RUNS, STATES, kept_in, kept_of, record_of
-from eomcheck.lab.store.groups import select
-from eomcheck.lab.store.keeper import Keeper
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records, select
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS, STATES, kept_in, kept_of, record_of
+from eomcheck.lab.store.validation_runs import Keeper
 from eomcheck.scenes import Sleigh, Snake
 
 SNAKE = Snake.coil(2)

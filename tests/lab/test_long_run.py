@@ -10,7 +10,7 @@ from tests.widths import check_sheets_fit
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.table import print_sheets
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Records
 from eomcheck.lab.studies import long_run
 from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, record_of
 

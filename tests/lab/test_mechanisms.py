@@ -15,11 +15,17 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import closing_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.mechanisms import moving_state, posed, sketch_of, sketched, sketches_of_motion
+from eomcheck.lab.figure_data import (
+    moving_state,
+    posed,
+    sketch_of,
+    sketched,
+    sketches_of_motion,
+    structure_of,
+)
 from eomcheck.lab.show.pictures import scene_figure
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, symbol
-from eomcheck.lab.structures import structure_of
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import FLOAT64

@@ -11,7 +11,7 @@ import pytest
 
 from eomcheck.errors import InputError
 from eomcheck.lab import study as module
-from eomcheck.lab.options import (
+from eomcheck.lab.option_parsing import (
     MOST_LINKS,
     check_count,
     interval,
@@ -21,8 +21,7 @@ from eomcheck.lab.options import (
     parameters,
     whole_numbers,
 )
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.study import Study
 
 # ---- Options -------------------------------------------------------------------------------------

@@ -11,8 +11,7 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
 from eomcheck.lab.studies.paper import measure as paper
 from eomcheck.lab.studies.paper.measure import FULL, PAPER, QUICK, Found, Plan, Solver

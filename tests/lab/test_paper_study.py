@@ -11,7 +11,7 @@ from tests.widths import check_sheets_fit
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Panel
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
 from eomcheck.lab.studies.paper.measure import PAPER, STUDY, Found, Solver
 from eomcheck.lab.studies.paper.paper_claims import (

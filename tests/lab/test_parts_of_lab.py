@@ -18,17 +18,21 @@ from eomcheck.engines.file_engine import described
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab import comparing, proof_jobs, proofs, run_time
-from eomcheck.lab.comparing import compare, readers
-from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.parting import Parting, Why, scale_of
-from eomcheck.lab.proof_jobs import LINKS, ProofJobs, numbers_of_links
-from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.quantities import QUANTITIES, ours_at, summed_at, theirs_at
-from eomcheck.lab.reasons import reasons
+from eomcheck.lab import library_comparison, proofs, run_time
+from eomcheck.lab import proofs as proof_jobs
+from eomcheck.lab.discrepancy import Parting, Why, reasons, scale_of
+from eomcheck.lab.library_comparison import (
+    QUANTITIES,
+    Comparison,
+    compare,
+    ours_at,
+    readers,
+    summed_at,
+    theirs_at,
+)
+from eomcheck.lab.proofs import LINKS, ProofJobs, Proofs, numbers_of_links
 from eomcheck.lab.run_time import disturbed, slope
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh, Snake, from_urdf
@@ -134,8 +138,8 @@ def test_a_library_that_is_not_installed_is_left_out_unless_it_was_named(monkeyp
             raise EngineError("gone is not installed")
         return "1.2"
 
-    monkeypatch.setattr(comparing, "version_of", version_of)
-    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"gone": Gone, "here": PinocchioFile})
+    monkeypatch.setattr(library_comparison, "version_of", version_of)
+    monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"gone": Gone, "here": PinocchioFile})
     scene, told = from_urdf(arm(tmp_path / "arm.urdf")), []
     found = compare(scene, states=2, advance=lambda: told.append(1))
     assert (found.missing, found.refused) == (["gone"], {"gone": "gone is not installed"})
@@ -152,8 +156,8 @@ def test_what_no_state_resolves_is_kept_by_library_and_why_is_told_once(monkeypa
         "mass-matrix": [SimpleNamespace(finding=SimpleNamespace(engine=PinocchioFile), entry="")],
         "bias": [SimpleNamespace(finding=SimpleNamespace(engine=None), entry="")],
     }
-    monkeypatch.setattr(comparing, "unresolved", lambda findings: left)
-    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"a": Heavy, "b": PinocchioFile})
+    monkeypatch.setattr(library_comparison, "unresolved", lambda findings: left)
+    monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Heavy, "b": PinocchioFile})
     found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=3)
     assert found.hidden == {("b", "mass-matrix"): left["mass-matrix"]}
     assert [one.label for one in found.why["a"]] == [""] and found.why["b"] == []
@@ -179,7 +183,7 @@ def test_the_largest_difference_of_all_states_is_kept_for_each_quantity(monkeypa
         if len(asked) < 2:
             asked.append(1)
 
-    monkeypatch.setitem(comparing.BY_FORMAT, "urdf", {"a": Drifting})
+    monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Drifting})
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare(scene, states=3, advance=advance)
     assert found.apart["M"][0, 1] == pytest.approx(3e-3 / 1.003, rel=1e-6)

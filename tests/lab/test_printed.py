@@ -19,31 +19,27 @@ from eomcheck.claims.finding import Finding, Left
 from eomcheck.claims.numerical_accuracy import Drawn
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
-from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.discrepancy import Why
+from eomcheck.lab.fuzzing.failures import Find
 from eomcheck.lab.fuzzing.replay import Replayed
-from eomcheck.lab.parting import Why
+from eomcheck.lab.library_comparison import Comparison
 from eomcheck.lab.report import (
-    accelerations,
-    comparison,
-    constraints,
+    campaign_tables,
+    comparison_tables,
     equivalences,
-    findings,
-    fuzzing,
-    page,
+    finding_output,
+    motion_tables,
     registries,
+    report_formats,
 )
-from eomcheck.lab.report.claims import worst_sheet
-from eomcheck.lab.report.document import write_json
-from eomcheck.lab.report.evidence import evidence_sheet
-from eomcheck.lab.report.judged import Judged, by_claim
-from eomcheck.lab.report.junit import write_junit
-from eomcheck.lab.report.named_tests import named_tests
-from eomcheck.lab.report.overview import Overview, made
-from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.report.claim_summary import Judged, by_claim, evidence_sheet, worst_sheet
+from eomcheck.lab.report.equivalences import named_tests
+from eomcheck.lab.report.finding_output import write_json
+from eomcheck.lab.report.overview import Overview, made, sections_of
+from eomcheck.lab.report.report_formats import write_junit
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.store.findings import PROOFS, RUNS
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Bricard, FourBarChain, Sleigh, Snake
 
@@ -64,7 +60,7 @@ def finding(state: State, verdict: Any = "passed", scene: Any = SLEIGH, **change
 def said_of(capsys: pytest.CaptureFixture[str], runs: dict[str, Run], **how: Any) -> str:
     """Return what is printed of runs, in one line."""
     asked = {"engines": ["casadi"], "claims": ["mass-matrix"], "scenes": [SLEIGH, CHAIN]} | how
-    findings.print_runs(runs, Selection.of(**asked))
+    finding_output.print_runs(runs, Selection.of(**asked))
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -120,7 +116,7 @@ def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsy
         kept(subject="el", detail="no a′", case=3, scene="sleigh", links=None, **how),
         kept(detail="passed"),
     ]
-    findings.print_unseen(by_claim(rows))
+    finding_output.print_unseen(by_claim(rows))
     assert capsys.readouterr().out.splitlines() == [
         "not looked at: bias [au] on snake, N = 3, state 1: no speeds",
         "not looked at: bias [el] on sleigh, state 3: no a′",
@@ -131,7 +127,7 @@ def test_only_the_library_that_reads_the_file_is_said_to():
     selection = Selection.of(engines=[CasadiEngine, PinocchioEngine], scenes=[SLEIGH])
     selection = replace(selection, reader=PinocchioEngine)  # type: ignore[arg-type]
     ends = [
-        findings._called(one, selection).endswith(" (reads the file itself)")
+        finding_output._called(one, selection).endswith(" (reads the file itself)")
         for one in selection.engines
     ]
     assert ends == [False, True]
@@ -335,7 +331,7 @@ def test_a_page_shows_failing_states_first_and_each_state_once():
         kept("motion", case=5, evidence="compared: x"),
         kept("bias", case=6, scene="sleigh", links=None),
     ]
-    states = [(one.scene, one.case, one.verdict) for one in page._states(overview)]
+    states = [(one.scene, one.case, one.verdict) for one in report_formats._states(overview)]
     assert states == [
         ("snake", 3, "failed"),
         ("snake", 2, "failed"),
@@ -343,8 +339,8 @@ def test_a_page_shows_failing_states_first_and_each_state_once():
         ("snake", 5, "passed"),
     ]
     line = Chart("c", "t", ["x"], {("a",): Panel(Axis("x"), Axis("y"), [Line("kane", [1], [1])])})
-    assert page.overview_formulations(overview, [line]) == ["au", "el", "em", "kane"]
-    assert page.overview_formulations(Overview([]), []) == []
+    assert report_formats.overview_formulations(overview, [line]) == ["au", "el", "em", "kane"]
+    assert report_formats.overview_formulations(Overview([]), []) == []
 
 
 def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
@@ -360,7 +356,7 @@ def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
         ("failed", "multipliers", ""),
         ("holds", "bias", ""),
     ]
-    fuzzing.print_replayed(
+    campaign_tables.print_replayed(
         [Replayed(Find("sleigh", {}, [], [], claim=x), one, why) for one, x, why in outcomes]
     )
     lines = capsys.readouterr().out.splitlines()
@@ -404,8 +400,8 @@ def test_a_document_has_each_state_once_and_each_finding_with_the_number_of_its_
 def test_constraints_are_told_with_their_distance_from_the_others_and_its_rounding(
     monkeypatch, capsys
 ):
-    sheets = shown(monkeypatch, constraints)
-    assert constraints.print_constraints(Bricard(angle=1.0, redundant=1.0)) == 1
+    sheets = shown(monkeypatch, motion_tables)
+    assert motion_tables.print_constraints(Bricard(angle=1.0, redundant=1.0)) == 1
     rows = [tuple(row.values()) for row in table(sheets[0])]
     assert [row[0] for row in rows] == ["tip along y", "hinge along y", "tip along z",
                                         "tip along x", "hinge along z"]  # fmt: skip
@@ -419,16 +415,16 @@ def test_constraints_are_told_with_their_distance_from_the_others_and_its_roundi
 
 
 def test_a_state_is_told_with_units_and_how_many_coordinates_are_left_out(monkeypatch, capsys):
-    shown(monkeypatch, accelerations)
+    shown(monkeypatch, motion_tables)
     scene = Snake.coil(13)
     q, v = scene.initial_state()
     v = np.arange(1.0, 16.0)
-    said = accelerations._state(scene, q, v)
+    said = motion_tables._state(scene, q, v)
     places, rates = said.split(" Their rates: ")
     assert places.startswith("At t = 0 s: x = ") and places.endswith(" rad and 3 more.")
     assert places.count(",") == rates.count(",") == 11
     assert rates.startswith("x: 1 m/s, y: 2 m/s, ") and rates.endswith(": 12 rad/s and 3 more.")
-    assert accelerations._state(SLEIGH, np.array([0.5, 2.0, 3.0]), np.zeros(3)).startswith(
+    assert motion_tables._state(SLEIGH, np.array([0.5, 2.0, 3.0]), np.zeros(3)).startswith(
         "At t = 0 s, at rest: x = 0.5 m, y = 2 m, "
     )
 
@@ -458,12 +454,12 @@ def compared() -> Comparison:
 
 def test_what_is_said_of_libraries_has_every_reason_count_and_name():
     found = compared()
-    assert list(comparison.sentences(found)) == [
+    assert list(comparison_tables.sentences(found)) == [
         "One 1.0 differs: row x is 2 times; row y has a sign. Why: leaves out the damping; has an "
         "armature.",
         "    It said: line 0 / line 1 / line 2 / line 3 (and 3 lines more)",
         "Two 2.0: bias is not resolved in any of 5 states: two, row x",
-        comparison.NOBODY,
+        comparison_tables.NOBODY,
         "q̈ of two, one: inconclusive in 4 of 5 states, rounding explains any difference there",
         "q̈ is not compared in 3 of 5 states: singular",
         "three gave no answer: cannot",
@@ -475,7 +471,7 @@ def test_what_is_said_of_libraries_has_every_reason_count_and_name():
         finding(state, "failed", observed=4.0, detail="more"),
     ]
     found.said["one"] = found.said["one"][:4]
-    said = list(comparison.sentences(found))
+    said = list(comparison_tables.sentences(found))
     assert said[1].endswith("line 3")
     assert said[3] == "The two derivations of eomcheck differ from each other: most"
 
@@ -484,7 +480,7 @@ def test_a_comparison_is_written_with_all_that_was_found(tmp_path):
     found = compared()
     found.faults = {("two", "M"): "raises"}
     found.own = [finding(at(SLEIGH, 2), "failed", detail="ours")]
-    comparison.write_comparison(found, tmp_path / "a.json")
+    comparison_tables.write_comparison(found, tmp_path / "a.json")
     told = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert told["findings"] == json.loads(
         json.dumps([x.as_dict() for x in found.findings.values()])

@@ -15,9 +15,8 @@ import pytest
 
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab import proofs
-from eomcheck.lab.proof_jobs import proof_jobs
-from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.store.record_file import Records
 
 
 def jobs(links=(1, 2, 3), points=1, seed=5, formulations=None):

@@ -19,14 +19,12 @@ import pytest
 
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
-from eomcheck.lab.report.records import columns, record_sheet
-from eomcheck.lab.store import cells as module
+from eomcheck.lab import study as module
+from eomcheck.lab.report.record_table import columns, record_sheet
 from eomcheck.lab.store import provenance
-from eomcheck.lab.store.cells import run_cells
 from eomcheck.lab.store.provenance import blas_threads, machine, sources, versions
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
-from eomcheck.lab.store.settings import key_of
+from eomcheck.lab.store.record_file import Record, Records, key_of
+from eomcheck.lab.study import run_cells
 
 
 @pytest.fixture
@@ -101,7 +99,7 @@ def test_threads_that_nothing_sets_are_unknown(monkeypatch):
 def test_versions_are_read_without_importing_libraries():
     code = (
         "import sys\n"
-        "from eomcheck.lab.store.record import Record; print(Record('s', {}).versions);"
+        "from eomcheck.lab.store.record_file import Record; print(Record('s', {}).versions);"
         "print(*{'numpy', 'scipy', 'numba', 'casadi', 'CyRK', 'distributed'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -406,8 +404,8 @@ def test_only_cells_that_are_left_advance_the_bar(path: Path, monkeypatch):
 
 STUDY = """
 import sys, time
-from eomcheck.lab.store.cells import run_cells
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.study import run_cells
+from eomcheck.lab.store.record_file import Record, Records
 
 path, log, cells, seconds = sys.argv[1:]
 
@@ -462,7 +460,7 @@ def test_kill_9_loses_at_most_the_cell_in_flight(path: Path, tmp_path: Path):
 
 WRITER = """
 import sys
-from eomcheck.lab.store.records import Record, Records
+from eomcheck.lab.store.record_file import Record, Records
 
 path, who = sys.argv[1:]
 with Records(path) as records:

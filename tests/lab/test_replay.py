@@ -14,8 +14,7 @@ from eomcheck.claims import Finding
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import replay
-from eomcheck.lab.fuzzing.file import read_finds
-from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.failures import Find, read_finds
 from eomcheck.lab.fuzzing.replay import replayed, runs_code
 
 KEYS = tuple(FORMULATIONS)

@@ -14,17 +14,21 @@ from tests.cli.test_cli import run
 from eomcheck import CLAIMS, check
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
-from eomcheck.lab.report.junit import write_junit
-from eomcheck.lab.report.markdown import write_markdown
-from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.report.page import CONTRAST, DARK, contrast, on_dark, write_page
-from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.report.overview import Overview, read, sections_of
+from eomcheck.lab.report.report_formats import (
+    CONTRAST,
+    DARK,
+    contrast,
+    on_dark,
+    write_junit,
+    write_markdown,
+    write_page,
+)
 from eomcheck.lab.show.chart import STYLES
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.findings import RUNS, STATES, kept_in, kept_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
-from eomcheck.lab.store.validation import look_at_kinds
+from eomcheck.lab.store.record_file import Record, Records
+from eomcheck.lab.store.stored_findings import RUNS, STATES, kept_in, kept_of
+from eomcheck.lab.store.validation_runs import look_at_kinds
 from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.scenes import SCENES
 

@@ -10,16 +10,25 @@ import pytest
 from tests.lab.test_tables import kept, proof, table
 
 from eomcheck.errors import EngineError, InputError
-from eomcheck.lab.report import other_data, proofs, registries, sections
-from eomcheck.lab.report.claims import CELLS, WORST, name_of, party_sheet, scene_sheet, worst_sheet
-from eomcheck.lab.report.judged import by_claim
+from eomcheck.lab.report import equivalences, finding_output, registries
+from eomcheck.lab.report import overview as sections
+from eomcheck.lab.report.claim_summary import (
+    CELLS,
+    WORST,
+    by_claim,
+    digits_sheet,
+    name_of,
+    party_sheet,
+    scene_sheet,
+    strata_sheet,
+    worst_sheet,
+)
 from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.parameters import parameter_sheet
-from eomcheck.lab.report.records import columns, record_sheet
-from eomcheck.lab.report.states import digits_sheet, strata_sheet
+from eomcheck.lab.report.record_table import columns, record_sheet
+from eomcheck.lab.report.registries import parameter_sheet
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.findings import RUNS
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.store.stored_findings import RUNS
 from eomcheck.lab.study import Study
 from eomcheck.scenes import SCENES, ChainPendulum
 
@@ -260,18 +269,18 @@ def test_proofs_are_printed_with_what_was_started_over_and_how_sure_they_are(cap
     jobs = SimpleNamespace(scenes=[1], points=9)
     of: Any = SimpleNamespace(findings={"a": rows[: 1 + failed]}, jobs=jobs, started_over=over)
     of.taken_over, of.seed = 0, 3
-    proofs.print_proofs(of)
+    finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert ("an unfinished file of other settings or sources was started over" in said) == over
     assert f"1 identity proved, {int(failed)} disproved on 1 of 1 structure Had any" in said
     of.findings = {"a": rows[1:]}
-    proofs.print_proofs(of)
+    finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert said.endswith("0 identities proved, 1 disproved on 1 of 1 structure")
     of.findings = {"a": []}
-    proofs.print_proofs(of)
+    finding_output.print_proofs(of)
     assert capsys.readouterr().out == "nothing was proved\n"
-    sheet = proofs.proof_sheet(by_claim(rows))
+    sheet = finding_output.proof_sheet(by_claim(rows))
     assert (sheet.name, sheet.title) == ("proofs", "")
     assert list(sheet.columns) == [
         *("claim", "statement", "proved", "disproved", "not looked at"),
@@ -419,10 +428,10 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
     monkeypatch, engines, by
 ):
     kinds = {"jointed": Jointed, "free": Free}
-    monkeypatch.setattr(other_data, "SCENES", kinds)
-    monkeypatch.setattr(other_data, "links_of", lambda scene: None)
+    monkeypatch.setattr(equivalences, "SCENES", kinds)
+    monkeypatch.setattr(equivalences, "links_of", lambda scene: None)
     monkeypatch.setattr(
-        other_data,
+        equivalences,
         "ENGINES",
         {
             "reads": SimpleNamespace(reads_parameters=True),
@@ -437,7 +446,7 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
     overview: Any = SimpleNamespace(runs=runs)
     every = "common mode not covered: length, mass, damping, spring"
     of_tree = f"length, mass ({by}, from the tree)", "common mode not covered: damping, spring"
-    assert [tuple(one) for one in other_data.other_data(overview)] == [
+    assert [tuple(one) for one in equivalences.other_data(overview)] == [
         ("jointed", *(of_tree if by else ("-", every))),
         ("free", "-", every),
     ]

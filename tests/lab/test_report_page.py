@@ -9,7 +9,7 @@ import pytest
 from tests import reports
 
 from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.report.page import DARK, LIGHT, on_dark, write_page
+from eomcheck.lab.report.report_formats import DARK, LIGHT, on_dark, write_page
 from eomcheck.lab.show.chart import STYLES
 
 sync_api = pytest.importorskip("playwright.sync_api")

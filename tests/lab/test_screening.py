@@ -15,15 +15,14 @@ from eomcheck.claims.batched_claims import LaneCase, liftable
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import judging, rounds, screening
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import ORDINARY
-from eomcheck.lab.fuzzing.finds import Find, find_of
-from eomcheck.lab.fuzzing.judging import fault_of
+from eomcheck.lab.fuzzing import screening, state_rounds, triage
+from eomcheck.lab.fuzzing.campaign import Result, Round
+from eomcheck.lab.fuzzing.cases import ORDINARY, drawn
+from eomcheck.lab.fuzzing.failures import Find, find_of
 from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.rounds import run_round
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, TRUTH, Ration, Screened, screened
-from eomcheck.lab.fuzzing.work import Result, Round
+from eomcheck.lab.fuzzing.state_rounds import run_round
+from eomcheck.lab.fuzzing.triage import fault_of
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake
 
@@ -40,7 +39,7 @@ def ordinary(kind: Any, count: int) -> list:
 def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch):
     """With a ration of one in one, also what differs from lane to lane: pivoted partitions."""
     asked, subjects, in_lanes = set(), set(), set()
-    right, look = judging.checked, LaneCase.look
+    right, look = triage.checked, LaneCase.look
 
     def recorded(case, claims, *how):
         found = right(case, claims, *how)
@@ -53,7 +52,7 @@ def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch
         in_lanes.update(one.claim for one in found)
         return found
 
-    monkeypatch.setattr(rounds, "checked", recorded)
+    monkeypatch.setattr(state_rounds, "checked", recorded)
     monkeypatch.setattr(LaneCase, "look", looked)
     here = plan(batch=2, families=(ORDINARY,), climbing=False, engines=("pinocchio",))
     run_round(here._replace(ration=Ration(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
@@ -95,10 +94,10 @@ def test_of_many_suspects_the_highest_are_judged(monkeypatch):
         judged.append(next(i for i, one in enumerate(cases) if one is case))
         return []
 
-    monkeypatch.setattr(rounds, "screened", lambda *_: found)
-    monkeypatch.setattr(rounds, "checked", nothing)
+    monkeypatch.setattr(state_rounds, "screened", lambda *_: found)
+    monkeypatch.setattr(state_rounds, "checked", nothing)
     result = Result(0, STRATUM, {})
-    rounds.look_at(plan(), result, cases, set(), 2)
+    state_rounds.look_at(plan(), result, cases, set(), 2)
     assert judged == [1, 2]
     assert result.counts["suspect"] == 3 and result.counts["suspects judged"] == 2
 
@@ -173,7 +172,7 @@ def test_a_claim_that_no_lane_decides_is_counted_beside_those_that_are(monkeypat
     assert found.by_claim[DECIDED, "equations-residual"] == found.verdicts["passed"] > 0
     result = Result(0, STRATUM, {})
     cases = ordinary(Snake, 2)
-    rounds.look_at(plan(claims=("kinetic-energy", "equivalence")), result, cases, set(), 0)
+    state_rounds.look_at(plan(claims=("kinetic-energy", "equivalence")), result, cases, set(), 0)
     assert result.counts[f"{OPEN}kinetic-energy"] == 2
 
 
@@ -245,7 +244,7 @@ def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
     scene, state = driven_case()
     failed = Finding("power-balance", "au", scene, state, 1.0, 0.1, "failed", "made up")
     fault = fault_of(failed)
-    assert fault.whose == judging.ALARM
+    assert fault.whose == triage.ALARM
     kept = find_of(failed, "turntable-ball", fault)
     assert kept.t == kept.case[1].t == 0.7 and "t=0.7" in kept.python
 
@@ -257,7 +256,7 @@ def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
 def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monkeypatch):
     (case,) = ordinary(Snake, 1)
     finding = Finding("equivalence", "au ~ im", *case, 1.0, 0.1, "failed", "made up")
-    right = judging.acceleration
+    right = triage.acceleration
 
     def answer(scene, key, *arguments, **options):
         found = right(scene, key, *arguments, **options)
@@ -265,22 +264,22 @@ def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monk
             found = replace(found, vdot=found.vdot + 1e-3)
         return found
 
-    monkeypatch.setattr(judging, "acceleration", answer)
+    monkeypatch.setattr(triage, "acceleration", answer)
     fault = fault_of(finding)
-    assert fault.whose == judging.SILENT and f"{wrong}: true error" in fault.evidence
+    assert fault.whose == triage.SILENT and f"{wrong}: true error" in fault.evidence
 
 
-@pytest.mark.parametrize(("share", "whose"), [(1.5, judging.SILENT), (0.5, judging.ALARM)])
+@pytest.mark.parametrize(("share", "whose"), [(1.5, triage.SILENT), (0.5, triage.ALARM)])
 def test_an_error_a_little_above_its_bound_is_a_silent_one(share, whose, monkeypatch):
     ((scene, state),) = ordinary(Snake, 1)
     finding = Finding("equivalence", "au ~ im", scene, state, 1.0, 0.1, "failed", "made up")
-    right = judging.acceleration
+    right = triage.acceleration
 
     def answer(*arguments, **options):
         found = right(*arguments, **options)
         return replace(found, vdot=found.vdot + share * found.error_bound)
 
-    monkeypatch.setattr(judging, "acceleration", answer)
+    monkeypatch.setattr(triage, "acceleration", answer)
     assert fault_of(finding).whose == whose
 
 
@@ -291,22 +290,22 @@ class OnTrial(CasadiEngine):
 @pytest.mark.parametrize(
     ("wrong", "engine", "whose"),
     [
-        ({"kinetic-energy"}, None, judging.SCENE),
-        (set(), None, judging.ENGINE),
-        (None, None, judging.UNKNOWN),
-        (None, OnTrial, judging.ENGINE),
-        ({"kinetic-energy"}, OnTrial, judging.ENGINE),
+        ({"kinetic-energy"}, None, triage.SCENE),
+        (set(), None, triage.ENGINE),
+        (None, None, triage.UNKNOWN),
+        (None, OnTrial, triage.ENGINE),
+        ({"kinetic-energy"}, OnTrial, triage.ENGINE),
     ],
 )
 def test_an_engine_of_ours_is_blamed_only_where_the_scene_is_proved(
     monkeypatch, wrong, engine, whose
 ):
     ((scene, state),) = ordinary(Snake, 1)
-    monkeypatch.setattr(judging, "unproved", lambda scene: wrong)
+    monkeypatch.setattr(triage, "unproved", lambda scene: wrong)
     own = Finding("kinetic-energy", "scene", scene, state, 1.0, 0.1, "failed", "made up")
     finding = replace(own, claim="mass-matrix", subject="casadi", engine=engine)
     assert fault_of(finding).whose == whose
-    others = {None: judging.UNKNOWN, False: judging.ALARM, True: judging.SCENE}
+    others = {None: triage.UNKNOWN, False: triage.ALARM, True: triage.SCENE}
     assert fault_of(own).whose == others[wrong if wrong is None else bool(wrong)]
 
 
@@ -327,13 +326,13 @@ def test_what_is_proved_of_one_structure_says_nothing_of_another_or_of_another_k
         (Snake.coil(2), False),
         (replace(Snake.coil(2), **damped), False),
     ]
-    judging._unproved.cache_clear()
+    triage._unproved.cache_clear()
     for scene, wrong in scenes:
-        assert ("active-forces" in (judging.unproved(scene) or ())) == wrong
-    assert judging._unproved.cache_info().misses == 4
+        assert ("active-forces" in (triage.unproved(scene) or ())) == wrong
+    assert triage._unproved.cache_info().misses == 4
     # Other numbers are the same structure, which is proved once.
-    assert judging.unproved(replace(scenes[1][0], damping=[0.7]))
-    assert judging._unproved.cache_info().misses == 4
+    assert triage.unproved(replace(scenes[1][0], damping=[0.7]))
+    assert triage._unproved.cache_info().misses == 4
 
 
 # ---- Kept failures of all claims -----------------------------------------------------------------

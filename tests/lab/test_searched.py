@@ -16,12 +16,13 @@ from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab import mechanisms, reference_runs, references, run_time
-from eomcheck.lab.fuzzing import campaign, judging, motion_starts, moved, mutation
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Result
-from eomcheck.lab.reference_cases import CASES, Case
+from eomcheck.lab import figure_data, references, run_time
+from eomcheck.lab import references as reference_runs
+from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing import cases as mutation
+from eomcheck.lab.fuzzing.campaign import Campaign, Result
+from eomcheck.lab.fuzzing.cases import Stratum
+from eomcheck.lab.references import CASES, Case
 from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake, TurntableBall
@@ -58,14 +59,14 @@ def asked(monkeypatch) -> list[tuple[tuple, dict]]:
         q = np.arange(3.0 * k).reshape(k, 3)
         return SimpleNamespace(times=options["output_times"][:k], q=q, v=-q)
 
-    monkeypatch.setattr(moved, "simulate_many", simulate_many)
-    monkeypatch.setattr(moved, "simulate", simulate)
+    monkeypatch.setattr(motion_comparison, "simulate_many", simulate_many)
+    monkeypatch.setattr(motion_comparison, "simulate", simulate)
     return seen
 
 
 def test_motions_of_several_scenes_are_asked_with_the_numbers_of_each(asked):
     light, heavy = Sleigh.example(), Sleigh(mass=7.0, offset=0.25)
-    found = moved.moved(cases_of(light, heavy), "au", 2.0, 1e-7, most=300)
+    found = motion_comparison.moved(cases_of(light, heavy), "au", 2.0, 1e-7, most=300)
     ((of, options),) = asked
     assert of == (light, "au", 2.0)
     given = options.pop("parameters")
@@ -82,18 +83,18 @@ def test_motions_of_several_scenes_are_asked_with_the_numbers_of_each(asked):
 
 def test_motions_of_one_scene_need_no_numbers_and_take_a_thousand_steps(asked):
     one = Sleigh.example()
-    moved.moved(cases_of(one, one), "au", 1.0, 1e-9)
+    motion_comparison.moved(cases_of(one, one), "au", 1.0, 1e-9)
     ((_, options),) = asked
     assert (options["parameters"], options["max_steps"]) == ({}, 1000)
-    assert moved.moved(cases_of(one), "refusing", 1.0, 1e-9) is None
+    assert motion_comparison.moved(cases_of(one), "refusing", 1.0, 1e-9) is None
 
 
 def test_parameters_that_a_scene_lacks_are_not_set(asked):
     first, second = (ChainPendulum.rods(2) for _ in range(2))
     state = State(np.zeros(2), np.zeros(2), 0.0)
     snakes = Snake.coil(2), Snake.coil(2)
-    moved.moved([(one, state) for one in (first, second)], "au", 1.0, 1e-9)
-    moved.moved([(one, state) for one in snakes], "au", 1.0, 1e-9)
+    motion_comparison.moved([(one, state) for one in (first, second)], "au", 1.0, 1e-9)
+    motion_comparison.moved([(one, state) for one in snakes], "au", 1.0, 1e-9)
     assert all(len(x) == 2 for _, options in asked for x in options["parameters"].values())
     assert "damping" not in asked[1][1]["parameters"]
     assert asked[1][1]["parameters"]["stiffness"].shape == (2, 1)
@@ -101,7 +102,7 @@ def test_parameters_that_a_scene_lacks_are_not_set(asked):
 
 def test_a_motion_alone_takes_another_integrator_and_ten_times_the_steps(asked):
     ((scene, state),) = cases_of(Sleigh.example())
-    found = moved.moved_alone((scene, state), "kane", 3.2, 1e-6)
+    found = motion_comparison.moved_alone((scene, state), "kane", 3.2, 1e-6)
     ((of, options),) = asked
     assert of == (scene, "kane", 3.2)
     assert options.pop("q0") is state.q and options.pop("v0") is state.v
@@ -111,7 +112,7 @@ def test_a_motion_alone_takes_another_integrator_and_ten_times_the_steps(asked):
     assert found is not None and found.shape == (1, 65, 6)
     assert found[0, 39].tolist() == [117.0, 118.0, 119.0, -117.0, -118.0, -119.0]
     assert np.isnan(found[0, 40:]).all() and np.isfinite(found[0, :40]).all()
-    assert moved.moved_alone((scene, state), "refusing", 3.2, 1e-6) is None
+    assert motion_comparison.moved_alone((scene, state), "refusing", 3.2, 1e-6) is None
 
 
 # ---- Where motions begin -------------------------------------------------------------------------
@@ -130,11 +131,11 @@ def test_what_begins_is_closed_at_0_and_known_by_its_place(monkeypatch):
         cases = [(s, State(x.q, v, 0.0)) for s, x, v in zip(scenes, states, wished, strict=True)]
         return cases[1:], list(range(1, len(cases)))
 
-    monkeypatch.setattr(motion_starts, "closed_position", closed)
-    monkeypatch.setattr(motion_starts, "consistent", consistent)
+    monkeypatch.setattr(motion_rounds, "closed_position", closed)
+    monkeypatch.setattr(motion_rounds, "consistent", consistent)
     scene = TurntableBall(swing=1.0, frequency=3.0)
     given = [(scene, State(np.full(5, float(i)), np.full(5, 10.0 * i), 7.0)) for i in range(5)]
-    begun, places = motion_starts.at_start(given)
+    begun, places = motion_rounds.at_start(given)
     assert places == [1, 3, 4]
     assert [(x.q[0], x.v[0], x.t) for _, x in begun] == [
         (1.5, 10.0, 0.0),
@@ -142,9 +143,9 @@ def test_what_begins_is_closed_at_0_and_known_by_its_place(monkeypatch):
         (4.5, 40.0, 0.0),
     ]
     still = [(Sleigh.example(), State(np.ones(3), np.ones(3), 7.0))]
-    begun, places = motion_starts.at_start(still)
+    begun, places = motion_rounds.at_start(still)
     assert places == [0] and begun[0][1].t == 0.0 and begun[0][1].v.tolist() == [1.0] * 3
-    assert motion_starts.at_start([]) == ([], [])
+    assert motion_rounds.at_start([]) == ([], [])
 
 
 # ---- Cases near others ---------------------------------------------------------------------------
@@ -283,78 +284,78 @@ def fault(monkeypatch, claim: str, subject: str, errors: dict[str, float], **kno
         assert (q.tolist(), v.tolist(), t) == ([1.0] * 3, [2.0] * 3, 3.0)
         return SimpleNamespace(doubles=lambda: np.array([1.0, -SIZE]))
 
-    monkeypatch.setattr(judging, "acceleration", accelerated)
-    monkeypatch.setattr(judging, "enclose", enclosed)
-    monkeypatch.setattr(judging, "true_error", lambda key, truth: np.array([0.0, errors[key]]))
-    monkeypatch.setattr(judging, "unproved", lambda scene: known.get("unproved", frozenset()))
-    monkeypatch.setattr(judging, "is_on_trial", lambda engine: engine == "mine")
+    monkeypatch.setattr(triage, "acceleration", accelerated)
+    monkeypatch.setattr(triage, "enclose", enclosed)
+    monkeypatch.setattr(triage, "true_error", lambda key, truth: np.array([0.0, errors[key]]))
+    monkeypatch.setattr(triage, "unproved", lambda scene: known.get("unproved", frozenset()))
+    monkeypatch.setattr(triage, "is_on_trial", lambda engine: engine == "mine")
     state = State(np.full(3, 1.0), np.full(3, 2.0), 3.0)
     failed = Finding(
         *(claim, subject, scene, state, 1.0, 0.1, "failed", "made up"),
         detail="the detail",
         engine=known.get("engine"),
     )
-    return judging.fault_of(failed)
+    return triage.fault_of(failed)
 
 
 @pytest.mark.parametrize(
     ("claim", "subject", "errors", "known", "whose", "evidence"),
     [
-        ("refusals", "au", {"au": 1.0}, {}, judging.REFUSAL, "the detail"),
+        ("refusals", "au", {"au": 1.0}, {}, triage.REFUSAL, "the detail"),
         (
             *("equivalence", "au ~ el", {"au": 1e-10, "el": 1e-8, "kane": 1.0}, {}),
-            *(judging.SILENT, "enclosed: el: true error 1e-08 of 8, bound 1e-09"),
+            *(triage.SILENT, "enclosed: el: true error 1e-08 of 8, bound 1e-09"),
         ),
         (
             *("equivalence", "au ~ el", {"au": 9e-6, "el": 1e-8}, {}),
-            judging.SILENT,
+            triage.SILENT,
             "enclosed: au: true error 9e-06 of 8, bound 1e-09, noticeable; "
             "el: true error 1e-08 of 8, bound 1e-09",
         ),
         (
             *("equivalence", "au ~ el", {"au": 1e-9, "el": 0.0}, {}),
-            judging.ALARM,
+            triage.ALARM,
             "identities proved; enclosed: au: true error 1e-09 of 8, bound 1e-09; "
             "el: true error 0 of 8, bound 1e-09",
         ),
         (
             *("equivalence", "au ~ el", {"kane": 1.0}, {}),
-            *(judging.ALARM, "identities proved; enclosed: no formulation"),
+            *(triage.ALARM, "identities proved; enclosed: no formulation"),
         ),
         (
             *("equivalence", "au ~ el", {"au": 0.0}),
-            *({"unproved": frozenset(["speed-forces", "bias"])}, judging.SCENE),
+            *({"unproved": frozenset(["speed-forces", "bias"])}, triage.SCENE),
             "not proved either: bias, speed-forces",
         ),
         (
-            *("equivalence", "au ~ el", {"au": 0.0}, {"unproved": None}, judging.UNKNOWN),
+            *("equivalence", "au ~ el", {"au": 0.0}, {"unproved": None}, triage.UNKNOWN),
             "the scene's functions are not rational: nothing is proved",
         ),
         (
-            *("mass-matrix", "casadi", {"au": 0.0}, {"engine": "casadi"}, judging.ENGINE),
+            *("mass-matrix", "casadi", {"au": 0.0}, {"engine": "casadi"}, triage.ENGINE),
             "an engine; enclosed: au: true error 0 of 8, bound 1e-09",
         ),
         (
-            *("mass-matrix", "casadi", {}, {"engine": "casadi"}, judging.ENGINE),
+            *("mass-matrix", "casadi", {}, {"engine": "casadi"}, triage.ENGINE),
             "an engine; enclosed: no formulation answers",
         ),
         (
             *("mass-matrix", "casadi", {}, {"engine": "casadi", "unproved": None}),
-            *(judging.UNKNOWN, "the scene's functions are not rational: nothing is proved"),
+            *(triage.UNKNOWN, "the scene's functions are not rational: nothing is proved"),
         ),
         (
             *("mass-matrix", "casadi", {"au": 0.0}),
-            *({"engine": "casadi", "unproved": frozenset(["bias"])}, judging.SCENE),
+            *({"engine": "casadi", "unproved": frozenset(["bias"])}, triage.SCENE),
             "not proved either: bias",
         ),
         (
             *("mass-matrix", "mine", {"au": 0.0, "el": 0.0, "kane": 0.0}),
-            *({"engine": "mine", "unproved": frozenset(["bias"])}, judging.ENGINE),
+            *({"engine": "mine", "unproved": frozenset(["bias"])}, triage.ENGINE),
             "the engine on trial; enclosed: au: true error 0 of 8, bound 1e-09; "
             "el: true error 0 of 8, bound 1e-09",
         ),
         (
-            *("equivalence", "au ~ el", {"au": UNDERFLOW / 2}, {"bound": 0.0}, judging.ALARM),
+            *("equivalence", "au ~ el", {"au": UNDERFLOW / 2}, {"bound": 0.0}, triage.ALARM),
             f"identities proved; enclosed: au: true error {UNDERFLOW / 2:.2g} of 8, bound 0",
         ),
     ],
@@ -376,7 +377,7 @@ def test_an_error_is_noticeable_beside_the_size_of_the_truth(monkeypatch):
     [("au ~ el", ("au", "el")), ("v̇: kane, gw", ("kane", "gw")), ("nothing", ()), ("auel", ())],
 )
 def test_a_finding_is_about_the_formulations_that_its_subject_names(subject, keys):
-    assert judging.named_in(subject, FORMULATIONS) == keys
+    assert triage.named_in(subject, FORMULATIONS) == keys
 
 
 def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatch):
@@ -387,10 +388,10 @@ def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatc
         told.append((of[1:], options))
         return [passed, failed]
 
-    monkeypatch.setattr(judging, "check", check)
+    monkeypatch.setattr(triage, "check", check)
     q, v = np.ones(3), np.zeros(3)
     case = Sleigh.example(), State(q, v, 2.0)
-    found = judging.failures(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
+    found = triage.failures(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
     assert found == [failed]
     options = {"formulations": ["au"], "engines": ["casadi"], "claims": ["a", "b"]}
     assert told == [((q, v, 2.0), options | {"consistent": False})]
@@ -623,33 +624,33 @@ def test_sketches_of_a_motion_are_six_a_frame_at_equal_times(monkeypatch):
         return SimpleNamespace(status=status, reason="too steep", q=q)
 
     monkeypatch.setattr("eomcheck.motion.simulate.simulate", simulate)
-    monkeypatch.setattr(mechanisms, "sketch_of", lambda scene, q, t: (q[0], t))
-    sketches, times, every = mechanisms.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3)
+    monkeypatch.setattr(figure_data, "sketch_of", lambda scene, q, t: (q[0], t))
+    sketches, times, every = figure_data.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3)
     assert every == 6 and asked == [("kane", 0.4)]
     assert times == pytest.approx(np.arange(13) / 30)
     assert sketches == [(3.0 * k, t) for k, t in enumerate(times)]
     with pytest.raises(InputError, match="frames = 1, expected at least 2"):
-        mechanisms.sketches_of_motion(Sleigh.example(), "kane", 0.4, 1)
+        figure_data.sketches_of_motion(Sleigh.example(), "kane", 0.4, 1)
     with pytest.raises(InputError, match="the motion of sleigh by el failed: too steep"):
-        mechanisms.sketches_of_motion(Sleigh.example(), "el", 0.4, 2)
+        figure_data.sketches_of_motion(Sleigh.example(), "el", 0.4, 2)
 
 
 def test_a_state_whose_matrices_are_drawn_moves_in_every_way_that_is_allowed():
     free = ChainPendulum.rods(3)
-    _, formulation, q, v = mechanisms.moving_state(free, np.full(3, 0.3), FORMULATIONS["au"])
+    _, formulation, q, v = figure_data.moving_state(free, np.full(3, 0.3), FORMULATIONS["au"])
     assert (formulation.key, q.tolist()) == ("au", [0.3] * 3)
     assert v == pytest.approx([1.0, 0.5, 1 / 3])
     held = Sleigh.example()
-    scene, _, q, v = mechanisms.moving_state(held, np.array([0.1, 0.2, 0.3]), FORMULATIONS["au"])
-    at = mechanisms.Evaluation(scene, q, v)
+    scene, _, q, v = figure_data.moving_state(held, np.array([0.1, 0.2, 0.3]), FORMULATIONS["au"])
+    at = figure_data.Evaluation(scene, q, v)
     assert at.terms.a @ v == pytest.approx(0.0, abs=1e-15)
     assert np.linalg.norm(v) == pytest.approx(math.hypot(1.0, 0.5))
 
 
 def test_what_is_drawn_has_the_parameters_and_links_asked_for():
-    scene, q = mechanisms.scene_to_draw("sleigh", given={"mass": [4.0]})
+    scene, q = figure_data.scene_to_draw("sleigh", given={"mass": [4.0]})
     assert scene.mass == 4.0 and q.shape == (3,)  # type: ignore[attr-defined]
-    scene, q = mechanisms.scene_to_draw("snake", 4)
+    scene, q = figure_data.scene_to_draw("snake", 4)
     assert scene.links == 4 and q.shape == (6,)  # type: ignore[attr-defined]
     with pytest.raises(InputError):
-        mechanisms.sketched(Snake, 0)
+        figure_data.sketched(Snake, 0)

@@ -12,18 +12,13 @@ from rich.console import Console
 from rich.text import Text
 from tests import reports
 
-from eomcheck.lab.proof_jobs import proof_jobs
-from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.report.claims import party_sheet, scene_sheet
-from eomcheck.lab.report.evidence import evidence_sheet
-from eomcheck.lab.report.judged import by_claim
-from eomcheck.lab.report.parameters import parameter_sheet
-from eomcheck.lab.report.proofs import proof_sheet
-from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.proofs import Proofs, proof_jobs
+from eomcheck.lab.report.claim_summary import by_claim, evidence_sheet, party_sheet, scene_sheet
+from eomcheck.lab.report.finding_output import proof_sheet
+from eomcheck.lab.report.registries import parameter_sheet, registry_sheet
 from eomcheck.lab.show.table import Cell, Sheet, _filled, _narrowed
-from eomcheck.lab.store.findings import kept_in, kept_of_runs
-from eomcheck.lab.store.kept import Kept
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.store.stored_findings import Kept, kept_in, kept_of_runs
 from eomcheck.scenes import SCENES, Andrews, ChainPendulum
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")

@@ -17,10 +17,9 @@ from types import SimpleNamespace
 import pytest
 
 from eomcheck.errors import DiedError, InputError, RefusedError, UnknownNameError, WorkerError
-from eomcheck.lab.store import cluster as cluster_module
-from eomcheck.lab.store.cluster import guarded
-from eomcheck.lab.store.executors import check_place, executor, place_of
-from eomcheck.lab.store.workers import DEATHS_TOGETHER, spread
+from eomcheck.lab.store import executors as cluster_module
+from eomcheck.lab.store.executors import check_place, executor, guarded, place_of
+from eomcheck.lab.store.parallel_map import DEATHS_TOGETHER, spread
 
 WORK = '''
 """What workers do; each call leaves a line (item, process) in a file of its own."""
@@ -178,7 +177,7 @@ from functools import partial
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {path!r})
 import spread_work
-from eomcheck.lab.store.workers import spread
+from eomcheck.lab.store.parallel_map import spread
 
 {guard}
     for item, result in spread("local:2", partial(spread_work.square, {notes!r}, {seconds}), range(50)):
@@ -350,11 +349,11 @@ def test_a_scheduler_that_goes_away_is_reported(work, notes: Path, cluster):
 
 def test_a_scheduler_that_stays_without_workers_ends_the_work(monkeypatch):
     pytest.importorskip("distributed")
-    from eomcheck.lab.store import cluster
+    from eomcheck.lab.store import executors
 
     clock, workers = [100.0], {"one": {}}
-    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
-    place = cluster.Dask("tcp://here:1")
+    monkeypatch.setattr(executors.time, "monotonic", lambda: clock[0])
+    place = executors.Dask("tcp://here:1")
     place.check()
     place._client = SimpleNamespace(scheduler_info=lambda: {"workers": workers})
     for seconds, there in ((0, True), (30, True), (0, False), (19, False), (2, True), (0, False)):

@@ -19,10 +19,9 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
+from eomcheck.lab import study as store
 from eomcheck.lab.show.table import print_sheets
-from eomcheck.lab.store import cells as store
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.stability.measure import (
     FAMILIES,

@@ -13,11 +13,16 @@ from tests.engines.planar import planar
 from eomcheck.claims import run
 from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.claims.run import Run, Selection
-from eomcheck.lab.store import states
-from eomcheck.lab.store.findings import kept_in
-from eomcheck.lab.store.records import Records
-from eomcheck.lab.store.states import STATES_OF_ONE, looked_at, ours, place_for
-from eomcheck.lab.store.validation import look_at_kind
+from eomcheck.lab.store import validation_runs
+from eomcheck.lab.store.record_file import Records
+from eomcheck.lab.store.stored_findings import kept_in
+from eomcheck.lab.store.validation_runs import (
+    STATES_OF_ONE,
+    look_at_kind,
+    looked_at,
+    ours,
+    place_for,
+)
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh
 
 SELECTION = Selection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])
@@ -89,7 +94,9 @@ def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
 
 def test_looks_come_in_the_order_of_the_cases(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        states, "spread", lambda _, look, items: ((x, look(x)) for x in reversed(list(items)))
+        validation_runs,
+        "spread",
+        lambda _, look, items: ((x, look(x)) for x in reversed(list(items))),
     )
     cases = list(scene_cases(SCENES["snake"], (1, 3), 5, seed=0))
     for (scene, state), (other, same, seen) in zip(
@@ -104,7 +111,9 @@ def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setattr(
-        states, "spread", lambda _, look, items: [(x, look(x)) for x in reversed(list(items))]
+        validation_runs,
+        "spread",
+        lambda _, look, items: [(x, look(x)) for x in reversed(list(items))],
     )
     monkeypatch.setattr(run, "OFTEN", 9)
     calls: list[int] = []
@@ -123,7 +132,9 @@ def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
 
 
 def test_cases_are_drawn_as_they_are_looked_at(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(states, "spread", lambda _, look, items: ((x, look(x)) for x in items))
+    monkeypatch.setattr(
+        validation_runs, "spread", lambda _, look, items: ((x, look(x)) for x in items)
+    )
     drawn: list[int] = []
 
     def cases():

@@ -16,8 +16,7 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.show.table import print_sheets
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import stiff as stiff
 from eomcheck.lab.studies.stiff import COMPILED, STUDY, cheapest, crossover, scene_of
 from eomcheck.motion import right_hand_side

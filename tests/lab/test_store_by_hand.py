@@ -21,12 +21,9 @@ import pytest
 from eomcheck import calls
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import DiedError, InputError, WorkerError
-from eomcheck.lab.store import processes, states, workers
-from eomcheck.lab.store.executors import place_of
-from eomcheck.lab.store.place import Place
-from eomcheck.lab.store.processes import Local
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import canonical, json_of, key_of
+from eomcheck.lab.store import executors, parallel_map, validation_runs
+from eomcheck.lab.store.executors import Local, Place, place_of
+from eomcheck.lab.store.record_file import Record, canonical, json_of, key_of
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh
 
@@ -196,13 +193,13 @@ class Pool:
 
 def test_a_pool_that_is_left_early_is_ended_and_else_waits_and_bars_what_killed_it(monkeypatch):
     barred: list[Any] = []
-    monkeypatch.setattr(processes, "ProcessPoolExecutor", Pool)
-    monkeypatch.setattr(processes, "_bar_last_call", barred.append)
+    monkeypatch.setattr(executors, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(executors, "_bar_last_call", barred.append)
     monkeypatch.setattr(Pool, "made", [])
     with Local(3).open() as pool:
         assert not barred
     (made,) = Pool.made
-    assert pool is made and (made.workers, made.initializer) == (3, processes._start_worker)
+    assert pool is made and (made.workers, made.initializer) == (3, executors._start_worker)
     assert (made.ended, made.terminated, barred) == ([{}], [], made.context.started)
     barred.clear()
     with pytest.raises(ZeroDivisionError), Local(2).open():
@@ -222,7 +219,7 @@ def test_the_call_in_which_a_worker_died_is_barred_but_not_where_the_pool_ended_
 
     def end() -> None:
         for pid, status in ends:
-            processes._bar_last_call(SimpleNamespace(pid=pid, exitcode=status))  # type: ignore[arg-type]
+            executors._bar_last_call(SimpleNamespace(pid=pid, exitcode=status))  # type: ignore[arg-type]
 
     monkeypatch.delenv(calls.BOARDS, raising=False)
     end()
@@ -247,7 +244,7 @@ def test_a_process_starts_with_one_thread_of_each_library_and_this_one_keeps_its
     monkeypatch.setenv(names[0], "7")
     monkeypatch.setenv(names[1], "")
     monkeypatch.delenv(names[2], raising=False)
-    context = processes._Context()
+    context = executors._Context()
     one, other = context.Process(name="a"), context.Process(name="b")
     assert [one.name, other.name] == ["a", "b"] and context.started == [one, other]
     with pytest.raises(ZeroDivisionError):
@@ -261,12 +258,12 @@ def test_of_two_signals_that_were_put_off_the_first_is_raised():
     numbers = signal.SIGINT, signal.SIGTERM
     before = [signal.signal(x, lambda number, _: heard.append(number)) for x in numbers]
     try:
-        with processes._no_interrupt():
+        with executors._no_interrupt():
             signal.raise_signal(signal.SIGTERM)
             signal.raise_signal(signal.SIGINT)
             assert not heard
         assert heard == [signal.SIGTERM]
-        with processes._no_interrupt():
+        with executors._no_interrupt():
             pass
         assert heard == [signal.SIGTERM]
         signal.raise_signal(signal.SIGINT)
@@ -314,10 +311,10 @@ class Scripted(Place):
 
 def spread_over(monkeypatch, place: Place, items: Any) -> tuple[list, BaseException | None]:
     """Return what comes of items at a place, and the error at the end."""
-    monkeypatch.setattr(workers, "place_of", lambda where: place)
+    monkeypatch.setattr(parallel_map, "place_of", lambda where: place)
     results: list = []
     try:
-        results.extend(workers.spread("there", len, items))
+        results.extend(parallel_map.spread("there", len, items))
     except Exception as error:
         return results, error
     return results, None
@@ -328,7 +325,7 @@ def test_what_kills_its_workers_is_tried_twice_beside_others_and_then_alone(monk
         return BrokenExecutor() if item == 1 else (item, "done")
 
     place, alone, asked = Scripted(outcome), Scripted(outcome), []
-    monkeypatch.setattr(workers, "Local", lambda n, ahead: asked.append((n, ahead)) or alone)
+    monkeypatch.setattr(parallel_map, "Local", lambda n, ahead: asked.append((n, ahead)) or alone)
     results, error = spread_over(monkeypatch, place, range(6))
     assert sorted(results) == [(item, (item, "done")) for item in (0, 2, 3, 4, 5)]
     assert type(error) is DiedError and str(error) == "1 item killed every worker with it: 1"
@@ -381,9 +378,9 @@ def test_a_place_is_asked_whether_it_is_still_there_while_nothing_comes(monkeypa
 
 def test_items_are_named_by_their_structure_in_sixty_letters_at_most():
     letters = "x" * 60
-    assert workers._short(letters) == letters and workers._short(7) == "7"
-    assert workers._short(f"{letters}y") == f"{'x' * 57}..."
-    assert workers._short(SimpleNamespace(structure="snake[3]")) == "snake[3]"
+    assert parallel_map._short(letters) == letters and parallel_map._short(7) == "7"
+    assert parallel_map._short(f"{letters}y") == f"{'x' * 57}..."
+    assert parallel_map._short(SimpleNamespace(structure="snake[3]")) == "snake[3]"
 
 
 # ---- States spread over processes ----------------------------------------------------------------
@@ -404,10 +401,10 @@ def test_states_go_out_with_their_number_their_scene_and_a_name_and_come_back_wi
             items.append(one)
             yield one, f"look {one.number}"
 
-    monkeypatch.setattr(states, "spread", spread)
+    monkeypatch.setattr(validation_runs, "spread", spread)
     scene = Sleigh.example()
     cases = [(scene, State(np.full(3, float(k)), np.zeros(3), 0.5)) for k in range(3)]
-    found: list[Any] = list(states.looked_at("local:2", cases, "selection"))  # type: ignore[arg-type]
+    found: list[Any] = list(validation_runs.looked_at("local:2", cases, "selection"))  # type: ignore[arg-type]
     assert [look for _, _, look in found] == ["look 0", "look 1", "look 2"]
     for i, ((one, state, _), item) in enumerate(zip(found, items, strict=True)):
         assert one is scene and state is cases[i][1] is item.state and item.number == i
@@ -417,28 +414,31 @@ def test_states_go_out_with_their_number_their_scene_and_a_name_and_come_back_wi
 
 def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
     made: list[str] = []
-    monkeypatch.setattr(states, "asked_of", lambda scene, selection: made.append(scene) or scene)
-    monkeypatch.setattr(states, "look", lambda *of: of)
-    monkeypatch.setattr(states, "often_at", lambda number: 10 * number)
-    states._asked.cache_clear()
+    monkeypatch.setattr(
+        validation_runs, "asked_of", lambda scene, selection: made.append(scene) or scene
+    )
+    monkeypatch.setattr(validation_runs, "look", lambda *of: of)
+    monkeypatch.setattr(validation_runs, "often_at", lambda number: 10 * number)
+    validation_runs._asked.cache_clear()
     try:
         scenes = [pickle.dumps(x) for x in ("a", "a", "b", "a")]
         for number, scene in enumerate(scenes):
-            item = states._Item(number, scene, f"state {number}", "")  # type: ignore[arg-type]
-            look: Any = states._look(item, "selection")  # type: ignore[arg-type]
+            item = validation_runs._Item(number, scene, f"state {number}", "")  # type: ignore[arg-type]
+            look: Any = validation_runs._look(item, "selection")  # type: ignore[arg-type]
             assert look == (pickle.loads(scene), f"state {number}", "selection", 10 * number)
     finally:
-        states._asked.cache_clear()
+        validation_runs._asked.cache_clear()
     assert made == ["a", "b", "a"]
 
 
 def test_scenes_and_engines_of_somebody_stay_in_this_process(monkeypatch):
-    assert states.ours() and states.ours(Sleigh, CasadiEngine)
-    assert not states.ours(Sleigh, Own) and not states.ours(Own, Sleigh)
+    assert validation_runs.ours() and validation_runs.ours(Sleigh, CasadiEngine)
+    assert not validation_runs.ours(Sleigh, Own) and not validation_runs.ours(Own, Sleigh)
     monkeypatch.setattr("os.cpu_count", lambda: 3)
-    assert states.place_for(1000, [Sleigh], [CasadiEngine]) == "local:3"
-    assert states.place_for(1000, [Sleigh], [Own]) is None  # type: ignore[list-item]
-    assert states.place_for(1000, [Sleigh, Own], []) is None
-    assert (states.place_for(60, [Sleigh], []), states.place_for(59, [Sleigh], [])) == (
-        *("local:2", None),
-    )
+    assert validation_runs.place_for(1000, [Sleigh], [CasadiEngine]) == "local:3"
+    assert validation_runs.place_for(1000, [Sleigh], [Own]) is None  # type: ignore[list-item]
+    assert validation_runs.place_for(1000, [Sleigh, Own], []) is None
+    assert (
+        validation_runs.place_for(60, [Sleigh], []),
+        validation_runs.place_for(59, [Sleigh], []),
+    ) == (*("local:2", None),)

@@ -16,13 +16,10 @@ from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.report.sections import sections_of
+from eomcheck.lab.report.overview import Overview, read, sections_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.show.chart_plotly import json_of
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records, record_of_rows
 from eomcheck.lab.studies import (
     BENCHMARKS,
     DRAWN,

@@ -16,8 +16,7 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import accuracy, long_run, motion, rhs, work_precision
 from eomcheck.lab.studies.stability import scene_families, two_wheels
 from eomcheck.lab.studies.stability.measure import FAMILIES

@@ -12,8 +12,7 @@ import pytest
 
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.lab.show.chart import Panel
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import operations, study_of
 from eomcheck.lab.studies import stiff as stiff
 from eomcheck.lab.studies.operations import measure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from eomcheck.lab.show.chart import Chart, Panel
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.paper import measure as paper
 from eomcheck.lab.studies.paper.measure import FULL, QUICK, STUDY, Found, Solver, growth

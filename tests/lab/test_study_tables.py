@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.library_comparison import QUANTITIES
 from eomcheck.lab.show.table import Cell
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement

@@ -11,13 +11,11 @@ from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
 from eomcheck.claims.batched_claims import liftable
 from eomcheck.claims.finding import Finding
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import rounds
-from eomcheck.lab.fuzzing.draws import drawn
-from eomcheck.lab.fuzzing.families import ORDINARY, Case
-from eomcheck.lab.fuzzing.judging import checked
+from eomcheck.lab.fuzzing import state_rounds
+from eomcheck.lab.fuzzing.campaign import Result
+from eomcheck.lab.fuzzing.cases import ORDINARY, Case, Stratum, drawn
 from eomcheck.lab.fuzzing.screening import Ration, Screened, screened
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Result
+from eomcheck.lab.fuzzing.triage import checked
 from eomcheck.scenes import Snake
 
 FEW = ("au", "em", "kane")
@@ -47,17 +45,17 @@ def judged(monkeypatch) -> list[tuple[int, frozenset[str]]]:
         asked.append((case, frozenset(claims)))
         return []
 
-    monkeypatch.setattr(rounds, "checked", noting)
+    monkeypatch.setattr(state_rounds, "checked", noting)
     return asked
 
 
 def looked_at(monkeypatch, found: Screened, **options) -> Result:
     """Return what comes of cases of which lanes say this."""
-    monkeypatch.setattr(rounds, "screened", lambda *how: found)
-    monkeypatch.setattr(rounds, "raise_population", lambda *how: None)
+    monkeypatch.setattr(state_rounds, "screened", lambda *how: found)
+    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
     result = Result(0, Stratum(2, ()), {})
     most = options.pop("most", None)
-    rounds.look_at(plan(**options), result, range(found.count), {0, 1}, most)  # type: ignore[arg-type]
+    state_rounds.look_at(plan(**options), result, range(found.count), {0, 1}, most)  # type: ignore[arg-type]
     return result
 
 
@@ -77,7 +75,7 @@ def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
 def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height):
     case = cases(Snake)[0]
     said = Finding("bias", "casadi", *case, 1.5, 0.5, verdict, "made up")
-    monkeypatch.setattr(rounds, "checked", lambda *_: [said])
+    monkeypatch.setattr(state_rounds, "checked", lambda *_: [said])
     found = Screened(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
     looked_at(monkeypatch, found, most=1)
     assert found.heights["bias", ""].tolist() == [height]

@@ -14,28 +14,31 @@ from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.numerical_accuracy import Drawn
 from eomcheck.claims.run import Run, Selection
 from eomcheck.engines import CasadiEngine
-from eomcheck.lab.comparison import Comparison
-from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.finds import Find
-from eomcheck.lab.fuzzing.functions import FunctionsPlan
+from eomcheck.lab.discrepancy import Why
+from eomcheck.lab.fuzzing.campaign import Campaign, Candidate
+from eomcheck.lab.fuzzing.cases import Stratum
+from eomcheck.lab.fuzzing.failures import Find
+from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Candidate
-from eomcheck.lab.parting import Why
-from eomcheck.lab.report import accelerations, comparison, findings, fuzzing, many, motions, proofs
-from eomcheck.lab.report.claims import party_sheet, scene_sheet, worst_sheet
-from eomcheck.lab.report.evidence import evidence_sheet
-from eomcheck.lab.report.judged import Judged, by_claim
-from eomcheck.lab.report.junit import write_junit
+from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.report import campaign_tables, comparison_tables, finding_output, motion_tables
+from eomcheck.lab.report.claim_summary import (
+    Judged,
+    by_claim,
+    digits_sheet,
+    evidence_sheet,
+    party_sheet,
+    scene_sheet,
+    strata_sheet,
+    worst_sheet,
+)
+from eomcheck.lab.report.motion_tables import units
 from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.page import write_page
-from eomcheck.lab.report.states import digits_sheet, strata_sheet
-from eomcheck.lab.report.units import units
+from eomcheck.lab.report.report_formats import write_junit, write_page
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.findings import PROOFS, RUNS
-from eomcheck.lab.store.kept import Kept
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS, Kept
 from eomcheck.mechanics.records import State
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.simulate import Trajectory
@@ -150,7 +153,7 @@ def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
         kept("mass-matrix", verdict="failed", case=None, structure="snake[2]"),
     ]
     assert Judged(tuple(rows)).failure_probability == pytest.approx(4e-20)
-    bias, other = table(proofs.proof_sheet(by_claim(rows)))[::-1]
+    bias, other = table(finding_output.proof_sheet(by_claim(rows)))[::-1]
     counts = "proved", "disproved", "not looked at"
     if bias["claim"] != "bias":
         bias, other = other, bias
@@ -162,7 +165,7 @@ def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
     of: Any = SimpleNamespace(
         findings={"a": rows[:2], "b": rows[2:]}, jobs=jobs, started_over=False, taken_over=1, seed=5
     )
-    proofs.print_proofs(of)
+    finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert "2 identities proved, 1 disproved on 2 of 3 structures (1 of them in an earlier" in said
     assert "below 4.0e-20 (4 random points and primes each, seed 5)" in said
@@ -190,7 +193,7 @@ def test_the_totals_of_scenes_are_those_of_their_runs():
         drawn=[SimpleNamespace(refused=x) for x in ((), ("im",), ("im", "em"))],
         seconds={"bias": 1.5, "motion": 2.0},
     )
-    heads, rows = findings._totals({"sleigh": one})
+    heads, rows = finding_output._totals({"sleigh": one})
     assert dict(zip(heads, *rows, strict=True)) == {
         **{"scene": "sleigh", "states": "7", "findings": "5", "inconclusive": "1"},
         **{"not looked at": "2", "refused": "2", "time": "4 s"},
@@ -204,7 +207,7 @@ def test_of_failures_the_worst_is_printed_and_the_others_are_counted(capsys):
         kept(verdict="failed", observed=3.0, subject="im", case=3),
         kept(verdict="failed", observed=4.0, subject="im", case=3, scene="sleigh", links=None),
     ]
-    findings.print_failures(by_claim(rows))
+    finding_output.print_failures(by_claim(rows))
     first, second = " ".join(capsys.readouterr().out.split()).split("bias ")[1:]
     assert first.startswith("[el] failed on snake, N = 3, state 2")
     assert "(and 2 more of this claim)" in first and "more" not in second
@@ -218,7 +221,7 @@ def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: i
     verdicts: list[Any] = ["passed"] * 3 + ["inconclusive"] * inconclusive
     some = [Finding(*of, x, "compared") for x in [*verdicts, *["not looked at"] * unseen]]
     selection = Selection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
-    findings.print_runs({"sleigh": Run(findings=some, ends=[len(some)])}, selection)
+    finding_output.print_runs({"sleigh": Run(findings=some, ends=[len(some)])}, selection)
     open_ = ", 1 inconclusive" * inconclusive + ", 2 not looked at" * bool(unseen)
     last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
     assert last == f" passed{open_}, 0 failed."
@@ -240,7 +243,7 @@ def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
     runs = {"four-bar-chain": empty, "sleigh": skipped, "snake": asked}
 
     def said(**how: Any) -> list[str]:
-        findings.print_runs(runs, Selection.of(scenes=[SLEIGH], **how))
+        finding_output.print_runs(runs, Selection.of(scenes=[SLEIGH], **how))
         lines = capsys.readouterr().out.splitlines()
         return [one for one in lines if "represents none" in one]
 
@@ -322,7 +325,7 @@ def test_a_report_names_claims_of_which_no_state_resolves_an_entry():
 
 def test_entries_that_no_state_resolves_are_printed_and_in_junit(tmp_path, capsys):
     rows = [kept(), HIDDEN, kept("motion")]
-    findings.print_unresolved(by_claim(rows))
+    finding_output.print_unresolved(by_claim(rows))
     said = "inconclusive: bias on snake: not resolved in any of 4 states: au, row x"
     assert " ".join(capsys.readouterr().out.split()) == said
     made = Overview([run_of("snake", "done")])
@@ -360,26 +363,26 @@ def campaign() -> Campaign:
 
 
 def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
-    sheet = fuzzing.summary_sheet(campaign)
+    sheet = campaign_tables.summary_sheet(campaign)
     assert sheet.title == "Fuzzing snake, seed 5"
     assert {row["what"]: row["how many"] for row in table(sheet)} == {
         **{"motions": "240", "a second of CPU time": "20", "rounds": "6", "ordinary": "200"},
         **{"climbed": "40", "passed": "99", "not in lanes: energy-rate": "branches"},
         "motion: decided in no state": "4 inconclusive",
     }
-    assert table(fuzzing.strata_sheet(campaign)) == [
+    assert table(campaign_tables.strata_sheet(campaign)) == [
         {"structure": "1 link", "motions": "11"},
         {"structure": "2 links", "motions": "22"},
     ]
-    assert table(fuzzing.crossings_sheet(campaign)) == [
+    assert table(campaign_tables.crossings_sheet(campaign)) == [
         {"formulation": "im", "crossed": "3", "stopped before, or refused": "5"},
         {"formulation": "kane", "crossed": "0", "stopped before, or refused": "2"},
     ]
-    assert table(fuzzing.worst_sheet(campaign)) == [
+    assert table(campaign_tables.worst_sheet(campaign)) == [
         {"claim": "bias", "ratio": "0.75", "formulation": "el"},
         {"claim": "motion", "ratio": "0.25", "formulation": ""},
     ]
-    assert table(fuzzing.finds_sheet(campaign)) == [
+    assert table(campaign_tables.finds_sheet(campaign)) == [
         {
             **{"claim": "bias", "subject": "au ~ el", "fault": "scene"},
             **{"what": "row", "evidence": "known by"},
@@ -392,16 +395,16 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
     caveats: list[Any] = []
     monkeypatch.setattr(FunctionsPlan, "caveats", lambda *given: caveats.append(given) or ["bare"])
     empty = Campaign(plan, "own", [Stratum(None, ())])
-    fuzzing.print_campaign(empty)
+    campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
     assert "nothing was checked: no state came to its end" in said and "no find" not in said
     assert not caveats and "Observed / allowed" not in said
     empty.counts["states"] = 1
-    fuzzing.print_campaign(empty)
+    campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
     assert "no find\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
     empty.worst = {("motion", ""): Candidate(0.25, None)}  # type: ignore[arg-type]
-    fuzzing.print_campaign(empty)
+    campaign_tables.print_campaign(empty)
     assert "Observed / allowed at most" in capsys.readouterr().out
 
 
@@ -409,11 +412,11 @@ def test_a_campaign_prints_its_finds_or_that_there_are_none(
     campaign: Campaign, monkeypatch, capsys
 ):
     monkeypatch.setattr(Find, "python", property(lambda find: "the code"))
-    fuzzing.print_campaign(campaign)
+    campaign_tables.print_campaign(campaign)
     said = capsys.readouterr().out
     assert "the code" in said and "no find" not in said
     campaign.finds = {}
-    fuzzing.print_campaign(campaign)
+    campaign_tables.print_campaign(campaign)
     assert "no find" in capsys.readouterr().out
 
 
@@ -421,9 +424,11 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
     campaign: Campaign, monkeypatch, capsys
 ):
     clock = iter([100.0, 104.0, 110.0, 112.0])
-    monkeypatch.setattr("eomcheck.lab.report.fuzzing.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr(
+        "eomcheck.lab.report.campaign_tables.time.perf_counter", lambda: next(clock)
+    )
     campaign.resumed = 40
-    teller = fuzzing.Teller()
+    teller = campaign_tables.Teller()
     teller(campaign)
     assert capsys.readouterr() == ("", "")
     teller(campaign)
@@ -448,7 +453,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     made.said = {"one": [], "two": []}
     made.decided = {"one": True, "two": True}
     made.faults = {("two", "bias"): "raises"}
-    sheet = comparison.library_sheet(made)
+    sheet = comparison_tables.library_sheet(made)
     assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
     assert table(sheet) == [
         {"library": "One 1.0", "M": "1e-03", "bias": "0", "verdict": "agrees"},
@@ -456,13 +461,13 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         {"library": "three", "M": "-", "bias": "-", "verdict": "no answer"},
         {"library": "four", "M": "-", "bias": "-", "verdict": "not installed"},
     ]
-    masses, _ = comparison.pair_sheets(made)
+    masses, _ = comparison_tables.pair_sheets(made)
     assert [tuple(row.values()) for row in table(masses)] == [
         ("eomcheck", "", "1e-03", "2e-05"),
         ("one", "1e-03", "", "4e-07"),
         ("two", "2e-05", "4e-07", ""),
     ]
-    assert list(comparison.sentences(made)) == [
+    assert list(comparison_tables.sentences(made)) == [
         "Two 2.0 differs: where it answers, it agrees. Why: no reason known.",
         "three gave no answer: cannot",
         "four was left out: not there",
@@ -510,11 +515,11 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
 ):
     made = Comparison(SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, states=2, decided=decided)
     made.skipped = ["singular"] * skipped
-    sheet = comparison.library_sheet(made)
+    sheet = comparison_tables.library_sheet(made)
     assert [str(row[-1]) for row in sheet.rows] == verdicts
     looks = ["passed" if word == "agrees" else "open" for word in verdicts]
     assert [getattr(row[-1], "kind", "") for row in sheet.rows] == looks
-    comparison.print_comparison(made)
+    comparison_tables.print_comparison(made)
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == said if said else "agree to" not in last
     assert made.open == [key for key in made.versions if not decided.get(key)]
@@ -542,10 +547,10 @@ def trajectory(**change: Any) -> Trajectory:
 
 
 def test_a_line_tells_end_effort_and_the_largest_errors_of_a_motion(monkeypatch, capsys):
-    sheets = shown(monkeypatch, motions)
+    sheets = shown(monkeypatch, motion_tables)
     short = trajectory(key="em", times=np.array([]), energy=np.array([]), status="failed")
     short = replace(short, reason="singular", constraint_residual=np.zeros((0, 1)), steps=0)
-    motions.print_trajectories([trajectory(), short])
+    motion_tables.print_trajectories([trajectory(), short])
     first, second = table(sheets[0])
     assert first == {
         **{"formulation": "kane", "end (s)": "2", "steps": "9", "right-hand sides": "77"},
@@ -557,14 +562,14 @@ def test_a_line_tells_end_effort_and_the_largest_errors_of_a_motion(monkeypatch,
     scene = FlyballGovernor.example()
     zeros = np.zeros((3, scene.n))
     damped = trajectory(scene=scene, q=zeros, v=zeros, constraint_residual=None)
-    motions.print_trajectories([damped])
+    motion_tables.print_trajectories([damped])
     assert table(sheets[1])[0]["energy left"] == "4.75 J of 5 J"
 
 
 def test_of_an_acceleration_the_matrix_with_the_smallest_rcond_is_named(monkeypatch):
-    sheets = shown(monkeypatch, accelerations)
+    sheets = shown(monkeypatch, motion_tables)
     scene = SCENES["four-bar-chain"].example()
-    accelerations.print_accelerations(scene, keys=["el", "gw", "em"])
+    motion_tables.print_accelerations(scene, keys=["el", "gw", "em"])
     heads = "formulation", "matrix", "smallest rcond"
     assert [tuple(row[x] for x in heads) for row in table(sheets[0])] == [
         ("el", "M_El", "0.13"),
@@ -576,7 +581,7 @@ def test_of_an_acceleration_the_matrix_with_the_smallest_rcond_is_named(monkeypa
 def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_in_them(
     monkeypatch, capsys
 ):
-    sheets = shown(monkeypatch, many)
+    sheets = shown(monkeypatch, motion_tables)
     m, times = 6, np.array([0.0, 2.0, 3.0])
     q = np.zeros((m, 3, 3))
     q[:, 2] = np.arange(m)[:, None] + np.array([0.0, 10.0, 20.0])
@@ -593,7 +598,7 @@ def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_
         *((SLEIGH,) * m, "kane", 1e-6, 1e-6, times, q, q, np.zeros((m, 3, 2)), energy, residual),
         *(one, one, status, reason, 1.5),
     )
-    many.print_many(made)
+    motion_tables.print_many(made)
     (sheet,) = sheets
     assert sheet.title == "kane, t = 3 s"
     assert sheet.note == "6 motions: 5 finished, 1 failed; 1.5 s of integration"
@@ -610,7 +615,7 @@ def test_many_motions_are_told_by_their_quantiles_and_those_that_failed_are_not_
         "constraint error / (m/s)": ["1.00e-03", "2.00e-03", "3.00e-03", "4.00e-03", "5.00e-03"],
     }
     assert capsys.readouterr().out.strip() == "motion 5 failed: too many steps"
-    chart = many.chart_of_many(made)
+    chart = motion_tables.chart_of_many(made)
     assert [*chart.panels] == [(name,) for name in SLEIGH.coordinate_names]
     panel: Any = next(iter(chart.panels.values()))
     whole, half = panel.bands

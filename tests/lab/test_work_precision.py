@@ -23,8 +23,7 @@ from eomcheck.lab.run_time import disturbed
 from eomcheck.lab.show import chart_matplotlib
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.table import print_sheets
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import work_precision
 from eomcheck.lab.studies.work_precision import (
     ERRORS,

@@ -23,9 +23,8 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.lab import reference_cases
-from eomcheck.lab.reference_cases import CASES, case_of
-from eomcheck.lab.reference_runs import produce
+from eomcheck.lab import references
+from eomcheck.lab.references import CASES, case_of, produce
 from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import reference
@@ -304,7 +303,7 @@ def test_a_solve_of_expressions_is_the_solution(heyoka, size: int, columns: tupl
 
 
 def test_nothing_else_needs_heyoka():
-    modules = "eomcheck.cli, eomcheck.motion.reference_io, eomcheck.lab.reference_runs"
+    modules = "eomcheck.cli, eomcheck.motion.reference_io, eomcheck.lab.references"
     code = f"import sys, {modules}; assert 'heyoka' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -552,7 +551,7 @@ def test_the_command_computes_writes_and_says_how_well_it_is_known(
     heyoka, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
     short = replace(CASES["free-3"], end=0.05, parts=1)
-    monkeypatch.setitem(reference_cases.CASES, "free-3", short)
+    monkeypatch.setitem(references.CASES, "free-3", short)
     monkeypatch.setattr(sys, "argv", ["eomcheck", "reference", "free-3", "--folder", str(tmp_path)])
     with pytest.raises(SystemExit) as stop:
         cli.main()
@@ -571,7 +570,7 @@ def test_several_are_spread_over_processes_and_as_good(
         "free-3": replace(CASES["free-3"], end=0.05, parts=1),
         "coil-2": replace(CASES["coil-2"], end=0.005, parts=1),
     }
-    monkeypatch.setattr(reference_cases, "CASES", short)
+    monkeypatch.setattr(references, "CASES", short)
     command = ["eomcheck", "reference", "--folder", str(tmp_path), "--executor", "local:2"]
     monkeypatch.setattr(sys, "argv", command)
     with pytest.raises(SystemExit) as stop:

@@ -22,7 +22,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels.emit import FAILURE_TIME
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import program_of
-from eomcheck.lab import reference_cases, reference_runs
+from eomcheck.lab import references
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
 from eomcheck.motion import observables, reference, trajectory_errors
 from eomcheck.motion import simulate as trajectory
@@ -331,10 +331,10 @@ def test_a_reference_is_checked_by_shorter_steps_at_all_times(monkeypatch):
     def extended(scene, q0, v0, times, watch) -> Run:
         return run([0, 1, "2.125"], 5)
 
-    monkeypatch.setattr(reference_runs, "taylor_reference", taylor)
-    monkeypatch.setattr(reference_runs, "extended_reference", extended)
-    found = reference_runs.produce("free-3", reference_cases.CASES["free-3"], shown=False)
-    assert asked == [None, 0.75 / reference_runs.SHORTER]
+    monkeypatch.setattr(references, "taylor_reference", taylor)
+    monkeypatch.setattr(references, "extended_reference", extended)
+    found = references.produce("free-3", references.CASES["free-3"], shown=False)
+    assert asked == [None, 0.75 / references.SHORTER]
     assert found.check == {
         **{"longest_step": 0.25, "steps": 30, "energy_drift": 3e-29, "largest_difference": 0.5}
     }

@@ -24,8 +24,7 @@ from tests.faults import FAULTS, PACKAGE, Fault, changed, scene_of
 from tests.mutants.__main__ import run
 
 from eomcheck.claims import CLAIMS
-from eomcheck.lab.fuzzing.file import read_finds
-from eomcheck.lab.fuzzing.finds import Find
+from eomcheck.lab.fuzzing.failures import Find, read_finds
 
 LONGEST = 600.0
 """What a campaign may take with all that follows it, s."""

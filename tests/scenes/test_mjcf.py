@@ -18,7 +18,7 @@ from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.comparing import compare
+from eomcheck.lab.library_comparison import compare
 from eomcheck.scene_lookup import scene_of
 
 mujoco = pytest.importorskip("mujoco")

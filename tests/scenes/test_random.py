@@ -49,7 +49,7 @@ from eomcheck.descriptions.topology import ROLLING
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.draws import draw
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.mechanics.random_source import FromGenerator
 from eomcheck.mechanics.records import State
 from eomcheck.scene_lookup import kinds_of

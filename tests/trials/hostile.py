@@ -39,8 +39,7 @@ from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
 from eomcheck.lab.report.overview import Overview, read
 from eomcheck.lab.show.table import Sheet, print_sheets
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.records import Records
+from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
 

@@ -33,7 +33,7 @@ from eomcheck.cli.shared_options import (
     records_to_report,
 )
 from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
-from eomcheck.lab.options import SCENE_HELP, check_count, interval, parameters, whole_numbers
+from eomcheck.lab.option_parsing import SCENE_HELP, check_count, interval, parameters, whole_numbers
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
 """What `eomcheck list` can list."""
@@ -100,11 +100,9 @@ def validate(
     from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.engines import engines_among, is_on_trial, version_of
     from eomcheck.engines.answers import represented
-    from eomcheck.lab.report.document import write_json
-    from eomcheck.lab.report.findings import print_runs
+    from eomcheck.lab.report.finding_output import print_runs, write_json
     from eomcheck.lab.store.executors import check_place
-    from eomcheck.lab.store.states import ours, place_for
-    from eomcheck.lab.store.validation import look_at_kind, look_at_kinds
+    from eomcheck.lab.store.validation_runs import look_at_kind, look_at_kinds, ours, place_for
     from eomcheck.scene_lookup import ALL, ROBOTS, kinds_of, left_out, scene_of
 
     engine = engines_asked(engine)
@@ -210,9 +208,8 @@ def prove(
     check_writable(json)
 
     from eomcheck.console import stoppable
-    from eomcheck.lab.proof_jobs import proof_jobs
-    from eomcheck.lab.proofs import Proofs
-    from eomcheck.lab.report.proofs import print_proofs
+    from eomcheck.lab.proofs import Proofs, proof_jobs
+    from eomcheck.lab.report.finding_output import print_proofs
     from eomcheck.lab.store.executors import check_place
     from eomcheck.scene_lookup import kinds_of, left_out
 
@@ -271,7 +268,7 @@ def list_registry(
 
 def _write_page(records: list[Path], path: Path) -> None:
     from eomcheck.lab.report.overview import Overview, read
-    from eomcheck.lab.report.page import write_page
+    from eomcheck.lab.report.report_formats import write_page
 
     write_page(Overview(read(records)), path)
     print(f"written: {path}")
@@ -311,10 +308,8 @@ def report(
     from functools import partial
 
     from eomcheck.lab.report.equivalences import write_equivalences
-    from eomcheck.lab.report.junit import write_junit
-    from eomcheck.lab.report.markdown import write_markdown
     from eomcheck.lab.report.overview import Overview, read
-    from eomcheck.lab.report.page import write_page
+    from eomcheck.lab.report.report_formats import write_junit, write_markdown, write_page
     from eomcheck.lab.show.table import say
 
     unread: list[str] = []
@@ -346,8 +341,8 @@ def export_records(
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
-    from eomcheck.lab.report.records import record_sheet
-    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.report.record_table import record_sheet
+    from eomcheck.lab.store.record_file import Records
 
     unread: list[str] = []
     with Records(records, readonly=True, unread=unread) as opened:
@@ -372,9 +367,13 @@ def reference(
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     check_folder(folder)
-    from eomcheck.lab.reference_cases import CASES, case_of
-    from eomcheck.lab.reference_runs import produce_all
-    from eomcheck.lab.references import reference_sheet, write_reference
+    from eomcheck.lab.references import (
+        CASES,
+        case_of,
+        produce_all,
+        reference_sheet,
+        write_reference,
+    )
     from eomcheck.lab.show.table import print_sheets
     from eomcheck.lab.store.executors import check_place
 

@@ -11,7 +11,7 @@ from eomcheck.calls import PATIENCE, foreign
 from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import Json, Patience, Seed, completing
 from eomcheck.errors import InputError
-from eomcheck.lab.options import check_count, listed
+from eomcheck.lab.option_parsing import check_count, listed
 
 
 @app.command()
@@ -50,8 +50,8 @@ def compare(
     check_writable(json)
     from eomcheck.console import progress
     from eomcheck.descriptions.robot_files import is_robot
-    from eomcheck.lab.comparing import compare as compared
-    from eomcheck.lab.report.comparison import print_comparison, write_comparison
+    from eomcheck.lab.library_comparison import compare as compared
+    from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
     from eomcheck.scene_lookup import scene_of
 
     if not is_robot(robot):

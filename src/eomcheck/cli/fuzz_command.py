@@ -23,14 +23,14 @@ from eomcheck.cli.shared_options import (
     records_or_none,
 )
 from eomcheck.errors import InputError, UnwrittenError, WorkerError
-from eomcheck.lab.options import SCENE_HELP, check_count, interval, listed
+from eomcheck.lab.option_parsing import SCENE_HELP, check_count, interval, listed
 from eomcheck.safe_output import counted
 
 if TYPE_CHECKING:
     from eomcheck.claims.run import Selection
-    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-    from eomcheck.lab.fuzzing.rounds import Plan
+    from eomcheck.lab.fuzzing.state_rounds import Plan
     from eomcheck.mechanics.scene import Scene
 
 
@@ -155,11 +155,9 @@ def fuzz(
 
     from eomcheck.console import console, doing, stoppable, undisturbed
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.file import add_finds, read_finds
-    from eomcheck.lab.fuzzing.parameters import functions_named
-    from eomcheck.lab.fuzzing.strata import Stratum
-    from eomcheck.lab.fuzzing.structures import strata_of_any
-    from eomcheck.lab.report.fuzzing import Teller, print_campaign
+    from eomcheck.lab.fuzzing.cases import Stratum, strata_of_any
+    from eomcheck.lab.fuzzing.failures import add_finds, functions_named, read_finds
+    from eomcheck.lab.report.campaign_tables import Teller, print_campaign
     from eomcheck.lab.store.executors import check_place
 
     if keep is not None:
@@ -221,7 +219,7 @@ def fuzz(
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
-    from eomcheck.lab.fuzzing.finds import name_of
+    from eomcheck.lab.fuzzing.failures import name_of
     from eomcheck.scene_lookup import kinds_of
 
     kinds = kinds_of(scene)
@@ -261,9 +259,8 @@ def _plan(
     wide: bool,
 ) -> Plan:
     from eomcheck.descriptions.random_mechanisms import Random
-    from eomcheck.lab.fuzzing.random_rounds import LANES, RandomPlan
-    from eomcheck.lab.fuzzing.rounds import BATCH, Plan
     from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
+    from eomcheck.lab.fuzzing.state_rounds import BATCH, LANES, Plan, RandomPlan
 
     families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")
@@ -279,8 +276,8 @@ def _functions(
     name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
 ) -> FunctionsPlan:
     from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL
-    from eomcheck.lab.fuzzing.functions import FunctionsPlan
+    from eomcheck.lab.fuzzing.cases import ORDINARY, SPECIAL
+    from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.testing.function_checks import FUNCTION_CLAIMS
 
     claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
@@ -294,7 +291,7 @@ def _functions(
 
 def _families(family: list[str] | None) -> tuple[str, ...]:
     from eomcheck.errors import distinct, named
-    from eomcheck.lab.fuzzing.families import FAMILIES
+    from eomcheck.lab.fuzzing.cases import FAMILIES
 
     families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:
@@ -327,9 +324,9 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     from eomcheck.console import progress
     from eomcheck.errors import named
     from eomcheck.formulations import FORMULATIONS
-    from eomcheck.lab.fuzzing.file import read_finds
+    from eomcheck.lab.fuzzing.failures import read_finds
     from eomcheck.lab.fuzzing.replay import replayed
-    from eomcheck.lab.report.fuzzing import print_replayed
+    from eomcheck.lab.report.campaign_tables import print_replayed
 
     for key in formulation or ():
         named("formulation", key, FORMULATIONS)

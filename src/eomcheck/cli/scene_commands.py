@@ -24,7 +24,7 @@ from eomcheck.cli.shared_options import (
     scene_asked,
 )
 from eomcheck.errors import InputError
-from eomcheck.lab.options import check_count, numbers
+from eomcheck.lab.option_parsing import check_count, numbers
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.scene import Scene
@@ -71,7 +71,7 @@ def _many(
 
     import eomcheck
     from eomcheck.evaluation.dynamics import closed_position
-    from eomcheck.lab.report.many import chart_of_many, print_many
+    from eomcheck.lab.report.motion_tables import chart_of_many, print_many
     from eomcheck.lab.store import executors
 
     check_count(draws=draws)
@@ -164,7 +164,7 @@ def simulate(
 
     import eomcheck
     from eomcheck.formulations import formulations_for
-    from eomcheck.lab.report.motions import print_trajectories
+    from eomcheck.lab.report.motion_tables import print_trajectories
 
     one = scene_asked(name or ONE, links, given)
     u0 = _speeds(one, speeds)
@@ -225,7 +225,7 @@ def acceleration(
     """
     if name is not None and scene is not None:
         raise InputError(f"two scenes are named, {name!r} and {scene!r}")
-    from eomcheck.lab.report.accelerations import print_accelerations
+    from eomcheck.lab.report.motion_tables import print_accelerations
 
     one = scene_asked(name or scene or ONE, links, given)
     if print_accelerations(one, _speeds(one, speeds), formulation):
@@ -240,7 +240,7 @@ def constraints(
 
     Exit code 1 if some are.
     """
-    from eomcheck.lab.report.constraints import print_constraints
+    from eomcheck.lab.report.motion_tables import print_constraints
 
     if print_constraints(scene_asked(scene, links, given)):
         raise typer.Exit(1)

@@ -19,10 +19,17 @@ import typer
 from eomcheck import calls
 from eomcheck.atomic_write import check_writable
 from eomcheck.errors import InputError
-from eomcheck.lab.options import ONE_HELP, SCENE_HELP, SET_HELP, listed, no_more_than, parameters
+from eomcheck.lab.option_parsing import (
+    ONE_HELP,
+    SCENE_HELP,
+    SET_HELP,
+    listed,
+    no_more_than,
+    parameters,
+)
 
 if TYPE_CHECKING:
-    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.store.record_file import Records
     from eomcheck.mechanics.scene import Scene
 
 
@@ -175,7 +182,7 @@ def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]
     """Return the Records in a file, to enter; None without a file."""
     if path is None:
         return nullcontext()
-    from eomcheck.lab.store.records import Records
+    from eomcheck.lab.store.record_file import Records
 
     return Records(path)
 
@@ -188,7 +195,7 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
         EngineError: there is to be a page, and what draws it is not installed.
     """
     if page is not None:
-        from eomcheck.lab.report.page import check_installed
+        from eomcheck.lab.report.report_formats import check_installed
 
         check_installed()
     spare = TemporaryDirectory() if page is not None and path is None else nullcontext()

@@ -32,11 +32,11 @@ from eomcheck.cli.shared_options import (
     scene_asked,
 )
 from eomcheck.errors import UnknownNameError, UnwrittenError
-from eomcheck.lab.options import listed, no_more_than, numbers, parameters, whole_numbers
+from eomcheck.lab.option_parsing import listed, no_more_than, numbers, parameters, whole_numbers
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
-    from eomcheck.lab.store.record import Record
+    from eomcheck.lab.store.record_file import Record
     from eomcheck.lab.study import Study
 
 
@@ -254,7 +254,7 @@ def draw_scene(
         check_figure(path)
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
     known = parameters(given)
-    from eomcheck.lab.mechanisms import posed, scene_to_draw, sketches_of_motion
+    from eomcheck.lab.figure_data import posed, scene_to_draw, sketches_of_motion
     from eomcheck.lab.show.pictures import draw_motion, draw_scene
 
     if moving:
@@ -281,9 +281,8 @@ def draw_structure(
     check_figure(path)
     known = parameters(given)
     from eomcheck.formulations import formulation_of
-    from eomcheck.lab.mechanisms import moving_state, scene_to_draw
+    from eomcheck.lab.figure_data import moving_state, scene_to_draw, structure_of
     from eomcheck.lab.show import pictures
-    from eomcheck.lab.structures import structure_of
 
     one = formulation_of(formulation)
     state = moving_state(*scene_to_draw(scene, no_more_than(links), known), one)

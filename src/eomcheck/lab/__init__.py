@@ -1,1 +1,1 @@
-"""Studies: what is measured, kept, shown and reported."""
+"""Studies: measured, stored as Records, shown as tables and charts, and reported."""

@@ -1,15 +1,141 @@
-"""Reference solutions that are stored: read, written, and how well each is known."""
+"""Reference solutions of motions: the cases, their files, and how they are computed.
+
+    eomcheck reference NAME
+
+computes one anew, by two methods (Taylor series and extrapolation in extended precision), and
+writes it to `validation/references`. The difference of the two is the uncertainty of the reference.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from eomcheck import __version__
-from eomcheck.errors import InputError
-from eomcheck.lab.reference_cases import CASES
+from eomcheck.console import progress
+from eomcheck.errors import InputError, named
 from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.motion.reference_io import Reference, load_reference, save_reference
+from eomcheck.lab.store.parallel_map import spread
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
+from eomcheck.motion.reference_io import (
+    Reference,
+    difference,
+    load_reference,
+    reference_of,
+    save_reference,
+)
+from eomcheck.numbers.generic import Array
+from eomcheck.scenes import (
+    Andrews,
+    Bicycle,
+    Bricard,
+    ChainPendulum,
+    FlyballGovernor,
+    FourBarChain,
+    RollingDisk,
+    Sleigh,
+    Snake,
+    TurntableBall,
+)
+
+# ---- Cases ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`.
+
+    It can be pickled, so `scene` is no lambda.
+    """
+
+    description: str
+    scene: Callable[[], Scene]
+    u0: tuple[float, ...] = (0.0, 0.0)
+    end: float = 1.0
+    """s."""
+    parts: int = 20
+    minutes: float = 1.0
+    """What it takes about, on one core."""
+
+    @property
+    def times(self) -> Array:
+        """Output times (parts + 1,), s."""
+        return np.arange(self.parts + 1) * self.end / self.parts
+
+
+CASES: dict[str, Case] = {
+    "paper-rest": Case("the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0),
+    "paper-rolling": Case(
+        "the paper's seven-link robot, started with u = (1 m/s, 0.5 rad/s)",
+        Snake.paper,
+        (1.0, 0.5),
+        minutes=4.0,
+    ),
+    "coil-2": Case(
+        "two links coiled by 308°, released at rest", partial(Snake.coil, 2), minutes=2.0
+    ),
+    # A second of it would take the second integration half an hour.
+    "coil-20": Case(
+        "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
+        partial(Snake.coil, 20),
+        end=0.25,
+        parts=5,
+        minutes=10.0,
+    ),
+    "free-3": Case(
+        "three links without springs, started with u = (1 m/s, 0.5 rad/s), 10 s",
+        partial(replace, Snake.coil(3), stiffness=None),
+        (1.0, 0.5),
+        end=10.0,
+    ),
+    "pendulum-3": Case(
+        "three rods swung, 2 s", partial(ChainPendulum.rods, 3), (1.0, 0.5, -0.5), end=2.0
+    ),
+    "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
+    "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
+    "turntable": Case(
+        "a ball on a turntable whose spin swings, 2 s",
+        partial(TurntableBall, swing=1.0, frequency=3.0),
+        (1.0, 0.5, 2.0),
+        end=2.0,
+    ),
+    "four-bar-2": Case(
+        "two windows of the four-bar chain, 1 s",
+        partial(replace, FourBarChain.rods(2), angle=1.0),
+        (1.0,),
+    ),
+    "andrews": Case(
+        "Andrews' squeezing mechanism, released at rest, 0.03 s", Andrews, (0.0,), end=0.03
+    ),
+    "governor": Case(
+        "the flyball governor, its springs and dampers as published, 0.1 s",
+        FlyballGovernor,
+        (0.0, 6.0, 0.0, 0.0),
+        end=0.1,
+    ),
+    "bricard": Case("Bricard's mechanism, released along a cube's edges, 1 s", Bricard, (0.0,)),
+    "bicycle": Case(
+        "the benchmark bicycle at 4.6 m/s, pushed to lean, 1 s", Bicycle, (0.5, 0.0, 4.6 / 0.3)
+    ),
+}
+"""Name -> case."""
+
+
+def case_of(name: str) -> Case:
+    """Return the case called `name`.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    return named("reference", name, CASES)
+
+
+# ---- Files and table -----------------------------------------------------------------------------
 
 
 def stored(name: str, folder: Path) -> Reference:
@@ -69,3 +195,74 @@ def reference_sheet(references: Iterable[Reference]) -> Sheet:
         for one in references
     ]
     return Sheet("references", "", COLUMNS, rows)
+
+
+# ---- Computing -----------------------------------------------------------------------------------
+
+PERCENT = 100
+
+SHORTER = 3.0
+"""The Taylor series runs again with steps shorter than its longest one by this factor."""
+
+
+def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator[Reference]:
+    """Yield the `Reference` of each case as it is known; several are spread over processes.
+
+    Args:
+        cases: name -> case.
+        where: see `eomcheck.lab.store.executors.executor`.
+
+    Raises:
+        EngineError: heyoka is not installed.
+        RefusedError: a motion cannot be followed to its end.
+        WorkerError, InputError: see `eomcheck.lab.store.parallel_map.spread`.
+    """
+    if len(cases) < 2:
+        for name, case in cases.items():
+            yield produce(name, case)
+        return
+    # The longest first: begun last, it would be waited for alone.
+    items = sorted(cases.items(), key=lambda item: -item[1].minutes)
+    with progress("computing {reference}", len(items)) as advance:
+        for _, made in spread(where, _produce_quietly, items):
+            advance()
+            yield made
+
+
+def _produce_quietly(item: tuple[str, Case]) -> Reference:
+    return produce(*item, shown=False)
+
+
+def produce(name: str, case: Case, shown: bool = True) -> Reference:
+    """Return the `Reference` of `case`, computed by both methods, under a progress bar if `shown`.
+
+    Raises:
+        EngineError: heyoka is not installed.
+        RefusedError: the motion cannot be followed to its end.
+    """
+    scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
+    q0, _ = scene.initial_state()
+    done = 0
+    with progress(
+        f"computing {name}, about {case.minutes:g} min" if shown else "", PERCENT
+    ) as advance:
+
+        def watch(t: float) -> None:
+            # The second integration takes nearly all the time.
+            nonlocal done
+            while done < int(PERCENT * t / case.end):
+                advance()
+                done += 1
+
+        first = taylor_reference(scene, q0, u0, times)
+        limit = first.facts["longest_step"] / SHORTER
+        again = taylor_reference(scene, q0, u0, times, longest_step=limit)
+        v0 = consistent_velocity(scene, q0, u0, times[0])
+        second = extended_reference(scene, q0, v0, times, watch=watch)
+    check = {
+        "longest_step": limit,
+        "steps": again.facts["steps"],
+        "energy_drift": again.drift,
+        "largest_difference": max(difference(first, again)),
+    }
+    return reference_of(name, case.description, scene, q0, u0, (first, second), check)

@@ -1,7 +1,7 @@
-"""Run times: the best of many warm runs, held on one core, beside the CPU time that they took.
+"""Run time of some work: the best of many warm runs, held on one core, beside its CPU time.
 
 Timed work is done in this process, one cell at a time. Two at a time, each on its own core, share
-caches and memory, and are more easily disturbed by what else runs on the machine.
+caches and memory, and are more easily disturbed by other programs on the machine.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from eomcheck.formulations import formulation_of
 from eomcheck.lab.store.provenance import machine
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import Motion
 

@@ -1,6 +1,8 @@
-"""Fuzzing at scale: states drawn and climbed to in lanes, and judged by `eomcheck.check`.
+"""Fuzzing at scale: states drawn and hill-climbed, screened in batches, then fully checked.
 
-A `Campaign` goes through rounds, one structure each; what a round looks like is decided by the seed
-and its number, and by what earlier rounds of that structure found. `screening` computes all claims
-in lanes and says what to look at again; `judging` does that; `finds` keeps what fails.
+A `Campaign` goes through rounds, one structure each; a round is determined by the seed and its
+number, and by the highest scores of earlier rounds of that structure. `screening` computes all
+claims for a batch of states and picks the suspects; `triage` judges them by `eomcheck.check` and
+tells which part is at fault; `failures` shrinks and stores those that fail; `replay` checks stored
+ones again.
 """

@@ -1,8 +1,13 @@
-"""Rounds of random motions: drawn and climbed to, moved by all formulations, and judged."""
+"""Rounds of motions: drawn, simulated by all formulations, judged, failures shrunk.
+
+Motions of a round start at t = 0, at states drawn or hill-climbed, and are of one structure. A
+failure is made shorter and rounder; the fault is that of a formulation which most others
+contradict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -10,18 +15,126 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
-from eomcheck.lab.fuzzing.families import ORDINARY, SPECIAL, Case
-from eomcheck.lab.fuzzing.finds import Find, find_of
-from eomcheck.lab.fuzzing.motion_finding import CLAIMS_OF_MOTIONS, END_STATES, MotionFinding
-from eomcheck.lab.fuzzing.motion_finds import fault_of_motion, shrunk_motion
-from eomcheck.lab.fuzzing.motion_starts import at_start, started
-from eomcheck.lab.fuzzing.motions import judged_motions
-from eomcheck.lab.fuzzing.moved import COARSE, TIMES, moved
-from eomcheck.lab.fuzzing.rounds import climbed
-from eomcheck.lab.fuzzing.strata import Stratum
-from eomcheck.lab.fuzzing.work import Result, Round, generator, raise_population, timed
+from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.lab.fuzzing.campaign import Result, Round, generator, raise_population, timed
+from eomcheck.lab.fuzzing.cases import (
+    ORDINARY,
+    SPECIAL,
+    Case,
+    Stratum,
+    Topology,
+    consistent,
+    drawn,
+    drawn_of,
+    structure_drawn,
+)
+from eomcheck.lab.fuzzing.failures import Find, find_of, rounded
+from eomcheck.lab.fuzzing.motion_comparison import (
+    ALONE,
+    CLAIMS_OF_MOTIONS,
+    COARSE,
+    END_STATES,
+    TIMES,
+    MotionFinding,
+    failures_of_motion,
+    judged_motions,
+    moved,
+)
+from eomcheck.lab.fuzzing.state_rounds import climbed
+from eomcheck.lab.fuzzing.triage import SILENT, UNKNOWN, Fault
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
+
+# ---- Starts --------------------------------------------------------------------------------------
+
+
+def started(
+    kind: type[Scene],
+    stratum: Stratum | Topology,
+    families: Sequence[str],
+    count: int,
+    random: np.random.Generator,
+) -> tuple[list[Case], list[str]]:
+    """Return up to `count` cases of a structure at t = 0, and the family of each."""
+    if isinstance(stratum, Stratum):
+        cases, of = drawn(kind, stratum, families, count, random)
+    else:
+        scene = structure_drawn(kind, stratum, random)()
+        cases, of = drawn_of(lambda _: scene, families, count, random)
+    begun, places = at_start(cases)
+    return begun, [of[place] for place in places]
+
+
+def at_start(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
+    """Cases at t = 0, closed and consistent there, and which they are of those given.
+
+    Those that cannot be are left out.
+    """
+    if not cases or not cases[0][0].depends_on_time:
+        begun = [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
+        return begun, [*range(len(cases))]
+    scenes, states, wished, closed = [], [], [], []
+    for i, (scene, state) in enumerate(cases):
+        with suppress(EomcheckError):
+            q = closed_position(scene, state.q, 0.0)
+            scenes.append(scene)
+            states.append(State(q, np.zeros(scene.n), 0.0))
+            wished.append(state.v)
+            closed.append(i)
+    begun, places = consistent(scenes, states, lambda _: np.array(wished))
+    return begun, [closed[place] for place in places]
+
+
+# ---- Shrinking and faults ------------------------------------------------------------------------
+
+MOST_TRIES = 60
+"""Motions looked at while numbers of a find are made round."""
+
+AMONG = 4
+"""Formulations that are asked while a find is made small, the one to blame among them."""
+
+
+def shrunk_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
+    """Return a failure of the same claim by the same formulation: shorter, and rounder."""
+    scene, state = finding.scene, finding.state
+    assert state is not None
+    able = [key for key in keys if key != finding.subject]
+    among = [finding.subject, *able[: AMONG - 1]]
+
+    def failed(case: Case, t_end: float) -> list[MotionFinding]:
+        found = failures_of_motion(case, among, t_end)
+        same = finding.claim, finding.subject
+        return [one for one in found if (one.claim, one.subject) == same]
+
+    for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
+        if found := failed((scene, state), shorter(finding.t_end)):
+            finding = found[0]
+    small = rounded(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
+    # What fails among a few has to fail among all.
+    assert small.state is not None
+    all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
+    same = [x for x in all_of if (x.claim, x.subject) == (small.claim, small.subject)]
+    return same[0] if same else finding
+
+
+def _digits(count: int) -> Callable[[float], float]:
+    return lambda t: float(f"{t:.{count - 1}e}")
+
+
+def fault_of_motion(finding: MotionFinding, keys: Sequence[str]) -> Fault:
+    """Return whose fault a failure is: that of a formulation which most others contradict."""
+    assert finding.state is not None
+    alone = [(0, key) for key in keys] if finding.claim == ALONE else []
+    (found,) = judged_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
+    others = [x for x in found if x.claim == finding.claim and x.subject != finding.subject]
+    right = [x for x in others if x.verdict == "passed"]
+    best = max((x.observed for x in right), default=0.0)
+    said = f"{len(right)} of {len(others)} others agree to {best:.2g}"
+    return Fault(SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, said)
+
+
+# ---- Rounds --------------------------------------------------------------------------------------
 
 MOTIONS = 16
 """Motions side by side."""

@@ -1,4 +1,4 @@
-"""Kept failures checked again: which still fail, which hold, and which nothing could be said of."""
+"""Replay of stored failures: failed, holds, inconclusive or not checked."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.engines import ALWAYS, ENGINES
 from eomcheck.errors import EomcheckError, described_error, message_of
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.finds import FUNCTIONS, Find, find_of
-from eomcheck.lab.fuzzing.judging import Fault, checked, named_in
-from eomcheck.lab.fuzzing.motion_finding import CLAIMS_OF_MOTIONS
-from eomcheck.lab.fuzzing.motions import findings_of_motion
+from eomcheck.lab.fuzzing.failures import FUNCTIONS, Find, find_of
+from eomcheck.lab.fuzzing.motion_comparison import CLAIMS_OF_MOTIONS, findings_of_motion
+from eomcheck.lab.fuzzing.triage import Fault, checked, named_in
 from eomcheck.testing.equations_of_motion import Functions
 from eomcheck.testing.function_checks import functions_at
 from eomcheck.testing.function_claim import FUNCTION_CLAIMS

@@ -1,4 +1,9 @@
-"""Screening: all claims at many states in lanes, and what is to be looked at again."""
+"""Screening of many states at once: all claims in batches, suspects picked for a full check.
+
+A batch runs in SIMD lanes. Where a state is near its bound, and at a sample of the others, the true
+acceleration is enclosed and judges all formulations. Functions that are not rational do not run in
+lanes; their states are checked one by one.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +30,8 @@ from eomcheck.evaluation.certified import (
 )
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
-from eomcheck.lab.fuzzing.families import Case
-from eomcheck.lab.fuzzing.judging import checked, named_in
+from eomcheck.lab.fuzzing.cases import Case
+from eomcheck.lab.fuzzing.triage import checked, named_in
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import as_doubles

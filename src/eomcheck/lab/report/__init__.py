@@ -1,1 +1,1 @@
-"""Tables and figures: they read Findings and Records and compute nothing."""
+"""Reports: tables and figures made of Findings and Records; they compute nothing."""

@@ -1,26 +1,115 @@
-"""The page of verified equivalences: every claim, its evidence, and the test that shows it.
+"""Page of verified equivalences: every claim, its evidence, and the test that shows it.
 
 Generated from Records of `validate` and `prove` and from the sources of the validation suite, never
-by hand.
+by hand. Tests are found by the claims that their sources name. A parameter of a scene is covered if
+an engine takes it from the scene's `tree()`, independently of `parameters()`.
 """
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from eomcheck import __version__
 from eomcheck.atomic_write import write_text
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.pairwise_design import links_of
+from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
-from eomcheck.lab.report.evidence import evidence_sheet
-from eomcheck.lab.report.judged import LEVELS, Judged
-from eomcheck.lab.report.named_tests import PROVED, named_tests
-from eomcheck.lab.report.other_data import other_data
+from eomcheck.lab.report.claim_summary import LEVELS, Judged, evidence_sheet
 from eomcheck.lab.report.overview import Overview, made
 from eomcheck.lab.show.document_text import ranges, render
-from eomcheck.lab.store.findings import PROOFS, RUNS, STATES
-from eomcheck.lab.store.groups import group
+from eomcheck.lab.store.record_file import group
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS, STATES
 from eomcheck.scenes import SCENES
+
+# ---- Tests by claim ------------------------------------------------------------------------------
+
+PROVED = LEVELS[0]
+
+
+def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
+    """Return the tests of each claim: those that name it, or have it for a parameter.
+
+    Those that prove are under "proved".
+
+    Raises:
+        InputError: there is no such folder, or no test in it.
+    """
+    files = sorted(suite.glob("test_*.py"))
+    if not files:
+        raise InputError(f"{str(suite)!r} holds no validation suite")
+    found: dict[str, tuple[str, ...]] = {}
+    for file in files:
+        for test in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
+                chosen = {x for one in test.decorator_list for x in _constants(one)}
+                for key in sorted(_claims_in(test)):
+                    name = f"{test.name}[{key}]" if key in chosen else test.name
+                    found[key] = (*found.get(key, ()), f"{suite.name}/{file.name}::{name}")
+    return found
+
+
+def _constants(tree: ast.AST) -> set[Any]:
+    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+
+
+def _claims_in(test: ast.FunctionDef) -> set[str]:
+    calls = {
+        node.func.attr
+        for node in ast.walk(test)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    }
+    return (CLAIMS.keys() & _constants(test)) | ({PROVED} if "prove" in calls else set())
+
+
+# ---- Independent parameters ----------------------------------------------------------------------
+
+
+class OtherData(NamedTuple):
+    """How the parameters of a kind of scene are seen to be the right ones in its equations."""
+
+    scene: str
+    covered: str
+    """Those that an engine takes from elsewhere, and the engine."""
+    common: str
+    """Those that both derivations take from `parameters()`."""
+
+
+def other_data(overview: Overview) -> Iterator[OtherData]:
+    """Yield, per scene validated, which of its parameters an engine has by another way.
+
+    Those are the parameters that change the scene's `tree()`, if an engine that is built of the
+    tree took part.
+    """
+    for run in overview.runs:
+        if (kind := SCENES.get(run.settings["scene"])) is None:
+            continue
+        scene: Any = kind.example()
+        names = list(kind.ranges(links_of(scene)))
+        ours = [key for key in run.series["engines"] if key in ENGINES]
+        by = [key for key in ours if not ENGINES[key].reads_parameters]
+        seen = [name for name in names if by and _in_tree(scene, name)]
+        common = ", ".join(name for name in names if name not in seen)
+        covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"
+        said = f"common mode not covered: {common}" if common else "-"
+        yield OtherData(kind.key, covered, said)
+
+
+def _in_tree(scene: Any, name: str) -> bool:
+    value, tree = getattr(scene, name), scene.tree()
+    if tree is None or value is None:
+        return False
+    changed = replace(scene, **{name: 1.5 * value + 0.1}).tree()
+    return any(not np.array_equal(x, y) for x, y in zip(tree, changed, strict=True))
+
+
+# ---- The page ------------------------------------------------------------------------------------
 
 RUN = "## The run"
 """Heading of the section that is about one run alone."""

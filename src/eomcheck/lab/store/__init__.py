@@ -1,1 +1,1 @@
-"""What is kept: Records, where they come from, and work that can be resumed."""
+"""Records and findings stored in SQLite, their provenance, and work run in parallel."""

@@ -1,18 +1,300 @@
-"""Where work goes: a text such as "local:4" or "dask:tcp://host:8786", and its Executor."""
+"""Executors for parallel work: processes on this machine, or workers of a dask scheduler.
+
+A text names a `Place`: "local", "local:4" or "dask:tcp://host:8786" (extra `cluster`); its `open`
+provides a `concurrent.futures.Executor`. Local processes do not receive Ctrl-C, and none outlives
+its parent.
+"""
 
 from __future__ import annotations
 
+import logging
+import multiprocessing
+import multiprocessing.context
 import os
+import pickle
 import re
+import signal
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from concurrent.futures import (
     Executor,
+    ProcessPoolExecutor,
 )
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from typing import Any
 
-from eomcheck.errors import InputError
-from eomcheck.lab.store.cluster import Dask
-from eomcheck.lab.store.place import Place
-from eomcheck.lab.store.processes import Local
+from eomcheck import calls, supervisor
+from eomcheck.calls import patience, work_for
+from eomcheck.errors import DiedError, InputError, WorkerError, required
+from eomcheck.lab.store.provenance import THREADS, sources
+
+# ---- Contract ------------------------------------------------------------------------------------
+
+
+class Place(ABC):
+    """Where work is done."""
+
+    width: int
+    """Items handed over before the first of them is back."""
+    killed = ""
+    """Name of the exception that says that an item has killed its workers again and again."""
+
+    every: float | None = None
+    """Seconds without a result after which `check` is asked; None for never."""
+
+    def check(self) -> None:
+        """Raise DiedError where nobody is left who could do the work."""
+        return
+
+    @abstractmethod
+    def open(self) -> AbstractContextManager[Executor]:
+        """Provide an Executor; whatever leaves the block early cancels the work."""
+
+    def call(self, function: Callable, item: Any) -> tuple:
+        """Return what to submit for function(item)."""
+        return function, item
+
+
+# ---- Processes on this machine -------------------------------------------------------------------
+
+
+class Local(Place):
+    """A pool of processes."""
+
+    def __init__(self, workers: int, ahead: int = 1):
+        self.workers = workers
+        # One ahead, so that no worker waits; not more, for all in hand are suspects when one dies.
+        self.width = workers + ahead
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """Provide the pool; leaving early kills its processes, for they do not hear Ctrl-C."""
+        context = _Context()
+        pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_start_worker)
+        try:
+            # Starts all processes and the thread that looks after them: interrupted between the
+            # two, the pool could not be shut down.
+            with _no_interrupt():
+                pool.submit(os.getpid)
+            yield pool
+        except BaseException:
+            for process in context.started:
+                if process.pid is not None:
+                    process.terminate()
+            pool.shutdown(cancel_futures=True)
+            raise
+        pool.shutdown()
+        for process in context.started:
+            _bar_last_call(process)
+
+
+def _bar_last_call(process: multiprocessing.context.SpawnProcess) -> None:
+    """Have no later process make the call of outside code in which this one died, if it did.
+
+    The pool itself ends its processes by SIGTERM where one has died.
+    """
+    folder, status = calls.boards(), process.exitcode
+    if folder is None or status in (None, -signal.SIGTERM):
+        return
+    last = calls.read(folder / str(process.pid))
+    if last is not None:
+        calls.bar(last.name, 0, supervisor.why_died(folder, process.pid, status))
+
+
+class _Process(multiprocessing.context.SpawnProcess):
+    """A process that starts with one BLAS thread and does not hear Ctrl-C.
+
+    Both must hold before its first import: a script's own imports come before any initializer, and
+    Ctrl-C during them would print a traceback.
+    """
+
+    def start(self):
+        before = {name: os.environ.get(name) for name in THREADS}
+        os.environ.update(dict.fromkeys(THREADS, "1"))
+        try:
+            with _no_interrupt():
+                super().start()
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Put Ctrl-C and SIGTERM off to the end of the block; what starts there never hears Ctrl-C.
+
+    A process that is interrupted between starting another and telling it what to do leaves it
+    without its instructions, of which that complains.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # the main thread alone is interrupted
+        return
+    came: list[int] = []
+    # Another thread may catch the signal, hence a handler; a process started inherits the mask.
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = {number: handler for number, handler in before.items() if handler is not None}
+    for number in heard:
+        signal.signal(number, lambda number, _: came.append(number))
+    masks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
+    try:
+        yield
+    finally:
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in heard.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+class _Context(multiprocessing.context.SpawnContext):
+    """The spawn context (a fork would copy the threads' locks), which remembers its processes."""
+
+    def __init__(self):
+        super().__init__()
+        self.started: list[_Process] = []
+
+    def Process(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self, *arguments: Any, **options: Any
+    ) -> _Process:
+        """Return a new process."""
+        self.started.append(_Process(*arguments, **options))
+        return self.started[-1]
+
+
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent is gone: after `kill -9` it would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+# ---- dask ----------------------------------------------------------------------------------------
+
+CONNECT_SECONDS = 6
+"""How long a scheduler, and then its first worker, may keep us waiting."""
+
+ALONE_SECONDS = 20
+"""How long a scheduler may be without workers while there is work."""
+LOGS = "distributed", "distributed.client"
+"""Loggers that write tracebacks of their own where a scheduler has died."""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Have the library write nothing of what is reported by exceptions."""
+    levels = {name: logging.getLogger(name).level for name in LOGS}
+    for name in levels:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+
+
+class Dask(Place):
+    """The workers of a dask scheduler; it gives the work of a lost worker to another itself."""
+
+    width = 1024
+    killed = "KilledWorker"
+    every = 1.0
+
+    def __init__(self, address: str):
+        self.address = address
+        self._client: Any = None
+        self._alone_since: float | None = None
+
+    def check(self) -> None:
+        """Raise DiedError where the scheduler has had no worker for `ALONE_SECONDS`."""
+        if self._client is None or self._client.scheduler_info()["workers"]:
+            self._alone_since = None
+            return
+        now = time.monotonic()
+        self._alone_since = self._alone_since or now
+        if now - self._alone_since > ALONE_SECONDS:
+            raise DiedError(f"the dask scheduler at {self.address!r} has no workers left")
+
+    def call(self, function: Callable, item: Any) -> tuple:
+        """Return the function, guarded."""
+        # Pickled here: dask would look for futures, and in old versions for tasks, in an item.
+        return guarded, sources(), pickle.dumps((function, item)), patience()
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """Connect; leaving early cancels what has not begun."""
+        make = required("distributed", "cluster").Client
+        with _quiet():
+            yield from self._opened(make)
+
+    def _opened(self, make: Callable) -> Iterator[Executor]:
+        client = self._client = self._connect(make)
+        try:
+            # pure: equal items are still as many items.
+            pool = client.get_executor(pure=False)
+            try:
+                yield pool
+            except BaseException:
+                # No scheduler may be left to tell.
+                with suppress(Exception):
+                    pool.shutdown(wait=False)
+                raise
+            pool.shutdown()
+        finally:
+            self._client = None
+            client.close()
+
+    def _connect(self, make: Callable) -> Any:
+        try:
+            client = make(self.address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"no dask scheduler answers at {self.address!r}: {why}") from None
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+        except TimeoutError:
+            client.close()
+            raise InputError(f"the dask scheduler at {self.address!r} has no workers") from None
+        return client
+
+
+_ONE = threading.Lock()
+
+
+def guarded(digest: str, work: bytes, patient: float) -> Any:
+    """Return function(item), computed by these very sources, one at a time in this process.
+
+    A dask worker has several threads by default; the precision of balls is one per process.
+
+    Args:
+        digest: of the sources of the process that wants the result.
+        work: (function, item), pickled.
+        patient: seconds that a call of code that is not ours may take.
+
+    Raises:
+        WorkerError: this process has other sources of eomcheck than the one that wants the result.
+    """
+    if sources() != digest:
+        raise WorkerError("the workers have another version of eomcheck")
+    work_for(patient)
+    with _ONE:
+        function, item = pickle.loads(work)
+        return function(item)
+
+
+# ---- By name -------------------------------------------------------------------------------------
 
 
 def place_of(where: str | None) -> Place:

@@ -1,4 +1,4 @@
-"""Where a result comes from: machine, versions, sources, threads and time.
+"""Provenance of a result: machine, versions, digest of the sources, threads and time.
 
 No library is imported to learn its version.
 """

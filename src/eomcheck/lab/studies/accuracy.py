@@ -25,13 +25,11 @@ from eomcheck.evaluation.dynamics import speeds_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
-from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Examples, Links, Seed, check_count, interval
+from eomcheck.lab.option_parsing import Examples, Links, Seed, check_count, interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import record_of_rows, rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code

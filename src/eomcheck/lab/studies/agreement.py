@@ -16,14 +16,12 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Links, Seed, check_count, interval
+from eomcheck.lab.option_parsing import Links, Seed, check_count, interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sketch_drawing import joints
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import group, record_of_rows, rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_of
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
 

@@ -18,11 +18,9 @@ from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.options import Seed, check_count, interval
+from eomcheck.lab.option_parsing import Seed, check_count, interval
 from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.lab.store.groups import record_of_rows, rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

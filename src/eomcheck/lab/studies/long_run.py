@@ -20,8 +20,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Formulations, Study
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import simulate

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulations_for
-from eomcheck.lab.options import One
+from eomcheck.lab.option_parsing import One
 from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import record_of_rows, rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.simulate import Motion
 from eomcheck.scene_lookup import scene_of

@@ -33,14 +33,12 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.kernel import repeated, sines
-from eomcheck.lab.draws import draw
-from eomcheck.lab.options import Kind, Repeats, Set, check_count, parameters
+from eomcheck.lab.option_parsing import Kind, Repeats, Set, check_count, parameters
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import group, record_of_rows, rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_of
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene

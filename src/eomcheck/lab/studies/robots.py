@@ -15,13 +15,10 @@ from eomcheck.descriptions.robot_files import robot_named
 from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.comparing import compare
-from eomcheck.lab.options import Seed, check_count
-from eomcheck.lab.quantities import QUANTITIES
+from eomcheck.lab.library_comparison import QUANTITIES, compare
+from eomcheck.lab.option_parsing import Seed, check_count
 from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.lab.store.groups import rows_of
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, rows_of
 from eomcheck.lab.study import Study, failed, unfinished
 
 ROBOTS = {

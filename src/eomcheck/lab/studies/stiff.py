@@ -33,9 +33,7 @@ from eomcheck.lab.references import stored
 from eomcheck.lab.run_time import disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import group, select, values
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, group, select, values
 from eomcheck.lab.study import REFERENCES, Quick, References, Study, Work
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian

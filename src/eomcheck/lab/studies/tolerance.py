@@ -15,10 +15,9 @@ from eomcheck.claims.run import Run, Selection
 from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.options import Examples, Kind, Seed, check_count, interval
+from eomcheck.lab.option_parsing import Examples, Kind, Seed, check_count, interval
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import kinds_of

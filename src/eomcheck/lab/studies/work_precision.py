@@ -16,15 +16,12 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.reference_cases import CASES
-from eomcheck.lab.references import stored
+from eomcheck.lab.references import CASES, stored
 from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import by_setting, group, select, values
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
 from eomcheck.lab.study import REFERENCES, Formulations, References, Study, Work
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.reference_io import Reference

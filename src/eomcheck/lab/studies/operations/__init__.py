@@ -7,10 +7,8 @@ from typing import Annotated
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.options import interval
-from eomcheck.lab.store.groups import record_of_rows
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows
 from eomcheck.lab.studies.operations import measure, show
 from eomcheck.lab.study import Formulations, Study, failed
 from eomcheck.scene_lookup import kinds_of

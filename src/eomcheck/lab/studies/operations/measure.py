@@ -26,9 +26,8 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities, net_force
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among, kane
-from eomcheck.lab.draws import draw
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings
+from eomcheck.lab.strategy_samples import draw
 from eomcheck.lab.studies.rhs import rate_call, time_calls
 from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
 from eomcheck.mechanics.scene import Scene

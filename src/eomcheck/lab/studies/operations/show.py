@@ -17,8 +17,7 @@ from eomcheck.formulations import Formulation, formulation_of
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
 from eomcheck.lab.show.document_text import grouped
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.groups import group, rows_of
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, group, rows_of
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, operations_of
 from eomcheck.lab.study import unfinished
 from eomcheck.numbers.counting import System

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper import measure, show
 from eomcheck.lab.study import Study
 

@@ -23,8 +23,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import ready, run_time, slope
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Work
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.simulate import Motion, trajectory

@@ -20,8 +20,7 @@ import numpy as np
 
 from eomcheck.formulations import FORMULATIONS, kane, ml
 from eomcheck.lab.show.document_text import ranges
-from eomcheck.lab.store.groups import group
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record, group
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 
 # ---- Claims and judgements -----------------------------------------------------------------------

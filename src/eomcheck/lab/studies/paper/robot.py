@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from eomcheck.lab.show.chart_matplotlib import save
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import joints
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of
 from eomcheck.lab.studies.paper.show import POSES, robot
 

@@ -9,7 +9,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.operations.show import fit_order, signed_sum
 from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
 from eomcheck.lab.studies.paper.paper_claims import KANE, judgements

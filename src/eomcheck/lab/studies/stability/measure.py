@@ -28,9 +28,7 @@ from eomcheck.evaluation.certified import (
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
-from eomcheck.lab.store.groups import by_setting, group
-from eomcheck.lab.store.record import Record
-from eomcheck.lab.store.settings import Settings
+from eomcheck.lab.store.record_file import Record, Settings, by_setting, group
 from eomcheck.lab.studies.stability import scene_families, snake_families, two_wheels
 from eomcheck.lab.studies.stability.scene_families import Family, Posed
 from eomcheck.lab.study import Formulations

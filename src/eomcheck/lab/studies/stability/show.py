@@ -10,7 +10,7 @@ from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
 from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record import Record
+from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.stability.measure import (
     FAMILIES,
     Atlas,

@@ -1,0 +1,226 @@
+"""Discrepancies between our numbers and a library's at one state, and their known explanations.
+
+A `Parting` holds M, bias, gravity, forces and q̈ of both sides at one state. Each reason is a
+function of it that yields a `Why` if the numbers show its pattern: damping left out, an armature on
+the diagonal of M, a multiple of our gravity, a joint axis reversed, another velocity of the free
+base, or bodies that a file describes in a way that libraries read differently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from eomcheck.engines.file_engine import Description, few
+from eomcheck.engines.floating_base import AXES, FREE, BaseVelocity, FreeBase
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
+from eomcheck.numbers.generic import Array
+
+CLOSE, ROUNDED = 1e-8, 1e-13
+"""Relative: what agrees to this agrees but for digits; but for rounding."""
+
+TERMS = "M", "bias", "gravity"
+
+
+def scale_of(entry: float, summed: float) -> float:
+    """Scale of relative differences: the largest entry, or the terms that cancelled.
+
+    Args:
+        entry: the largest entry.
+        summed: size of the terms that entries are summed from; it counts where these have cancelled
+            to less than a thousandth of it.
+    """
+    return summed if entry < INCONCLUSIVE * summed else entry
+
+
+class Parting(NamedTuple):
+    """What we and a library say at one state.
+
+    Attributes:
+        description: of the file.
+        joints: names of the coordinates.
+        v: velocities (n,).
+        ours: quantity -> value.
+        theirs: quantity -> value.
+        summed: quantity -> size of the terms that it is summed from, 0 where it is not known.
+        free: how the frame moves that the library fixes to a free base, and by what velocity it
+            is taken to tell it; None where the base is held.
+    """
+
+    description: Description
+    joints: tuple[str, ...]
+    v: Array
+    ours: dict[str, Array]
+    theirs: dict[str, Array]
+    summed: dict[str, float]
+    free: tuple[FreeBase, BaseVelocity] | None = None
+
+    def error(self, name: str) -> Array:
+        """Return theirs - ours."""
+        return self.theirs[name] - self.ours[name]
+
+    def same(self, name: str, tolerance: float = CLOSE) -> bool:
+        """Return whether they agree but for digits."""
+        scale = scale_of(largest(self.ours[name]), self.summed.get(name, 0.0))
+        return largest(self.error(name)) <= tolerance * max(scale, 1e-300)
+
+    @property
+    def terms_agree(self) -> bool:
+        """Whether M, bias and gravity agree but for digits."""
+        return all(self.same(name) for name in TERMS)
+
+    @property
+    def damped(self) -> list[int]:
+        """Coordinates of joints with dampers."""
+        return [i for i, name in enumerate(self.joints) if name in self.description.damped]
+
+    @property
+    def leaves_out_damping(self) -> bool:
+        """Whether all that accelerations differ by is what dampers take.
+
+        M times what is missing is then along the velocity, at joints with dampers alone.
+        """
+        if "q̈" not in self.ours or self.same("q̈") or not (self.damped and self.terms_agree):
+            return False
+        missing = self.ours["M"] @ self.error("q̈")
+        others = np.delete(missing, self.damped)
+        along = missing[self.damped] * self.v[self.damped] >= 0
+        taken = largest(self.ours["forces"] - self.ours["gravity"])
+        close = CLOSE * max(largest(self.ours["M"] @ self.ours["q̈"]), taken)
+        return largest(others) <= close and bool(along.all())
+
+
+class Why(NamedTuple):
+    """What explains a difference.
+
+    Attributes:
+        sentence: what it is.
+        label: the same in a word or two, where it explains all that differs; "" where it may not.
+    """
+
+    sentence: str
+    label: str = ""
+
+
+# ---- Reasons -------------------------------------------------------------------------------------
+
+Reason = Callable[[Parting], Iterator[Why]]
+_REASONS: list[Reason] = []
+
+
+def _reason(function: Reason) -> Reason:
+    _REASONS.append(function)
+    return function
+
+
+def reasons(parting: Parting) -> list[Why]:
+    """Return what explains a difference, as far as it is known."""
+    return [said for one in _REASONS for said in one(parting)]
+
+
+@_reason
+def _digits(at: Parting) -> Iterator[Why]:
+    """Yield that terms agree to many digits."""
+    if at.terms_agree and not all(at.same(name, ROUNDED) for name in TERMS):
+        whole = all(at.same(name) for name in at.ours) or at.leaves_out_damping
+        said = "the same but for digits: more than doubles round, less than 1e-8"
+        yield Why(said, "fewer digits" if whole else "")
+
+
+@_reason
+def _damping(at: Parting) -> Iterator[Why]:
+    """Yield that it knows no damping."""
+    if at.leaves_out_damping:
+        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
+
+
+@_reason
+def _armature(at: Parting) -> Iterator[Why]:
+    """Yield that M differs on its diagonal alone."""
+    if at.same("M"):
+        return
+    error = at.error("M")
+    beside = error - np.diag(np.diagonal(error))
+    if largest(beside) <= CLOSE * largest(at.ours["M"]) and at.same("bias"):
+        rounding = ROUNDED * largest(at.ours["M"])
+        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.ours["M"])))
+        where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
+        yield Why(f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}")
+
+
+@_reason
+def _gravity(at: Parting) -> Iterator[Why]:
+    """Yield that gravity is another number."""
+    ours, theirs = at.ours["gravity"], at.theirs["gravity"]
+    if at.same("gravity") or not ours.any():
+        return
+    factor = float(ours @ theirs / (ours @ ours))
+    if largest(theirs - factor * ours) <= CLOSE * largest(ours):
+        yield Why(f"has {factor:.6g} times our gravity")
+
+
+@_reason
+def _axes(at: Parting) -> Iterator[Why]:
+    """Yield that some joints turn the other way round.
+
+    M is the same if all others do instead: gravity tells which, unless it vanishes.
+    """
+    if at.same("M"):
+        return
+    n = len(at.ours["M"])
+    fitting = []
+    for flipped in (one for count in (1, 2) for one in combinations(range(n), count)):
+        signs = np.ones(n)
+        signs[list(flipped)] = -1
+        error = largest(at.theirs["M"] - np.outer(signs, signs) * at.ours["M"])
+        if error <= CLOSE * largest(at.ours["M"]):
+            weight = at.theirs["gravity"] - signs * at.ours["gravity"]
+            fitting.append((largest(weight) > CLOSE * largest(at.ours["gravity"]), flipped))
+    if fitting:
+        _, flipped = min(fitting, key=lambda one: one[0])
+        yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
+
+
+@_reason
+def _base_frame(at: Parting) -> Iterator[Why]:
+    """Yield that the velocity of a free base is along other axes than it is taken for."""
+    if at.free is None or at.same("M"):
+        return
+    base, told = at.free
+    taken, _ = base.velocity(told, at.v[:FREE])
+    found = []
+    for other in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
+        T = np.eye(len(at.v))
+        T[:FREE, :FREE] = np.linalg.solve(base.velocity(other, at.v[:FREE])[0], taken)
+        M = T.T @ at.ours["M"] @ T
+        if other != told and largest(at.theirs["M"] - M) <= CLOSE * largest(at.ours["M"]):
+            found.append(other)
+    if len(found) == 1:  # while the base is not turned, all axes are the same
+        yield Why(f"has another velocity of the base: {found[0]}, not {told}")
+
+
+@_reason
+def _odd_bodies(at: Parting) -> Iterator[Why]:
+    """Yield what bodies the file has that libraries make something else of."""
+    if at.same("M"):
+        return
+    if at.description.massless:
+        names = few(at.description.massless)
+        yield Why(
+            f"the file has moments of inertia without mass ({names}), which libraries may drop"
+        )
+    if at.description.impossible:
+        names = few(at.description.impossible)
+        yield Why(
+            f"the file has inertias that no body can have ({names}), which libraries may change"
+        )
+    if at.description.empty:
+        names = few(at.description.empty)
+        yield Why(f"the file has links without inertia ({names}), to which libraries may give some")
+
+
+def _joints(at: Parting, places: list[int]) -> str:
+    return few([at.joints[i] for i in places])

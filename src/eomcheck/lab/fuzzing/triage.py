@@ -1,0 +1,143 @@
+"""Triage of suspects: judged by `eomcheck.check` alone, and the part at fault diagnosed.
+
+The fault is a formulation's whose error exceeds its own bound (a silent error), the check's (a
+false alarm), an engine's, the scene's, or a refusal that should not be. Errors are measured against
+certified values in ball arithmetic; identities are tested in a finite field, where nothing is
+rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import NamedTuple
+
+from eomcheck.claims import CLAIMS, Finding
+from eomcheck.claims.proof import prove
+from eomcheck.claims.run import check
+from eomcheck.engines import Engine, is_on_trial
+from eomcheck.errors import EomcheckError, InputError
+from eomcheck.evaluation.certified import TRUE_DIGITS, enclose, true_error
+from eomcheck.evaluation.dynamics import acceleration
+from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, largest
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing.cases import Case
+from eomcheck.mechanics.scene import Scene
+
+SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (
+    "silent error",
+    "false alarm",
+    "engine",
+    "scene",
+    "refusal",
+    "not told",
+)
+"""Whose fault a find is: a formulation's, which is wrong within a small bound; the check's, which
+allows too little; an engine's; the scene's; or a refusal that should not be."""
+
+
+class Fault(NamedTuple):
+    """Whose fault a find is, and how that is known."""
+
+    whose: str
+    evidence: str
+
+
+def failures(
+    case: Case,
+    claims: Iterable[str],
+    formulations: Sequence[str],
+    engines: Sequence[str | type[Engine]] = (),
+) -> list[Finding]:
+    """Return the findings of `eomcheck.check` at one state that failed."""
+    found = checked(case, claims, formulations, engines)
+    return [one for one in found if one.verdict == "failed"]
+
+
+def checked(
+    case: Case,
+    claims: Iterable[str],
+    formulations: Sequence[str],
+    engines: Sequence[str | type[Engine]] = (),
+) -> list[Finding]:
+    """Return the findings of `eomcheck.check` at one state."""
+    scene, (q, v, t) = case
+    able = [key for key in formulations if FORMULATIONS[key].applies_to(scene)]
+    here = {"formulations": able, "engines": list(engines), "claims": sorted(set(claims))}
+    return check(scene, q, v, t, consistent=False, **here)
+
+
+def fault_of(finding: Finding) -> Fault:
+    """Return whose fault a failure is.
+
+    Truth is enclosed for every formulation that the finding is about; identities are looked at in a
+    finite field, where nothing is rounded.
+    """
+    claim = CLAIMS[finding.claim]
+    if finding.claim == "refusals":
+        return Fault(REFUSAL, finding.detail)
+    scene, state = finding.scene, finding.state
+    assert isinstance(scene, Scene) and state is not None
+    silent, told = [], []
+    for key in about(finding) or tuple(FORMULATIONS):
+        with suppress(EomcheckError, TypeError):
+            answer = acceleration(scene, key, *state, consistent=False)
+            truth = enclose(scene, key, state.q, t=state.t, digits=TRUE_DIGITS, v=state.v)
+            error = largest(true_error(answer.vdot, truth))
+            size = largest(truth.doubles())
+            bound = max(answer.error_bound, UNDERFLOW)
+            said = f"{key}: true error {error:.2g} of {size:.2g}, bound {answer.error_bound:.2g}"
+            told.append(said)
+            if error > bound:
+                silent.append(f"{said}{', noticeable' if error > NOTICEABLE * size else ''}")
+    if silent:
+        return Fault(SILENT, f"enclosed: {'; '.join(silent)}")
+    tried = finding.engine is not None and is_on_trial(finding.engine)
+    wrong = frozenset() if tried else unproved(scene)
+    if wrong is None:
+        return Fault(UNKNOWN, "the scene's functions are not rational: nothing is proved")
+    if claim.asks and not wrong:
+        why = "; ".join(told[:2]) or "no formulation answers"
+        return Fault(ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}")
+    if wrong:
+        return Fault(SCENE, f"not proved either: {', '.join(sorted(wrong))}")
+    return Fault(ALARM, f"identities proved; enclosed: {'; '.join(told) or 'no formulation'}")
+
+
+def about(finding: Finding) -> tuple[str, ...]:
+    """Return the formulations that a finding is about."""
+    return named_in(finding.subject, FORMULATIONS)
+
+
+def named_in(subject: str, keys: Container[str]) -> tuple[str, ...]:
+    """Return those of `keys` that a subject names."""
+    words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
+    return tuple(word for word in words if word in keys)
+
+
+def unproved(scene: Scene) -> frozenset[str] | None:
+    """Return the claims that do not hold for the structure of `scene`, None if none can tell."""
+    return _unproved(_Same(scene, (type(scene), scene.structure)))
+
+
+class _Same(NamedTuple):
+    scene: Scene
+    which: tuple
+
+    def __hash__(self) -> int:
+        return hash(self.which)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.which == other.which
+
+
+@lru_cache(64)
+def _unproved(same: _Same) -> frozenset[str] | None:
+    try:
+        found = prove(same.scene, points=1, seed=0)
+    except InputError:
+        return None
+    if not any(one.proof is not None for one in found):
+        return None
+    return frozenset(one.claim for one in found if one.verdict == "failed")

@@ -1,0 +1,156 @@
+"""Tables of a fuzzing campaign, its lines of progress, and the outcome of a replay."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+from eomcheck.console import console
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing.campaign import Campaign
+from eomcheck.lab.fuzzing.cases import FAMILIES
+from eomcheck.lab.fuzzing.function_rounds import SKIPPED, FunctionsPlan
+from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
+from eomcheck.lab.fuzzing.replay import Replayed
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
+from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.safe_output import counted, printable
+
+EVERY = 10.0
+"""Seconds between two lines of progress."""
+
+
+class Teller:
+    """Prints a line of progress now and then: states, their rate, the worst ratio, finds."""
+
+    def __init__(self) -> None:
+        self._start = self._last = time.perf_counter()
+
+    def __call__(self, campaign: Campaign) -> None:
+        """Print a line if the last one is old enough."""
+        now = time.perf_counter()
+        if now - self._last < EVERY:
+            return
+        self._last = now
+        new = campaign.states - campaign.resumed
+        worst = max(campaign.worst.items(), key=lambda item: item[1].height, default=None)
+        high = ""
+        if worst is not None:
+            (claim, formulation), candidate = worst
+            high = f"; worst {candidate.height:.2g}, {f'{claim} {formulation}'.strip()}"
+        states = counted(campaign.states, campaign.plan.noun)
+        rate = f"{states}, {new / (now - self._start):.0f} a second"
+        console.print(f"{rate}{high}; {counted(len(campaign.finds), 'find')}", highlight=False)
+
+
+def rate_of(campaign: Campaign) -> float:
+    """Return states per second of CPU time."""
+    return campaign.states / campaign.cpu_seconds if campaign.cpu_seconds else 0.0
+
+
+def summary_sheet(campaign: Campaign) -> Sheet:
+    """Return how many states or motions were looked at, and by what."""
+    counts = campaign.counts
+    rows = [
+        (f"{campaign.plan.noun}s", str(campaign.states)),
+        ("a second of CPU time", f"{rate_of(campaign):.0f}"),
+        ("rounds", str(campaign.rounds)),
+    ]
+    rows += [(name, str(counts[name])) for name in (*FAMILIES, "climbed") if counts[name]]
+    shown = {name for name, _ in rows} | {"states"}
+    rows += [
+        (name, str(x))
+        for name, x in sorted(counts.items())
+        if x
+        and name not in shown
+        and not name.startswith((CROSSED, STOPPED, OPEN, DECIDED, SKIPPED))
+    ]
+    undecided = sorted(name.removeprefix(OPEN) for name in counts if name.startswith(OPEN))
+    rows += [
+        (f"{claim}: decided in no state", f"{counts[OPEN + claim]} inconclusive")
+        for claim in undecided
+        if counts[OPEN + claim] and not counts[DECIDED + claim]
+    ]
+    rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
+    return Sheet(
+        "fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("what", "how many"), rows
+    )
+
+
+def strata_sheet(campaign: Campaign) -> Sheet:
+    """Return the number of states by structure."""
+    of = campaign.by_stratum
+    rows = [(_said(one.name), str(of[one.name])) for one in campaign.strata]
+    noun = f"{campaign.plan.noun}s"
+    return Sheet("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
+
+
+def _said(name: str) -> str:
+    # Files of records know structures by these names, so they stay as they are.
+    return re.sub(r"^1 links\b", "1 link", name)
+
+
+def crossings_sheet(campaign: Campaign) -> Sheet | None:
+    """Return how many motions went over poses in which a_1 is singular, by formulation."""
+    counts = campaign.counts
+    keys = [key for key in FORMULATIONS if counts[CROSSED + key] or counts[STOPPED + key]]
+    rows = [(key, str(counts[CROSSED + key]), str(counts[STOPPED + key])) for key in keys]
+    columns = "formulation", "crossed", "stopped before, or refused"
+    return Sheet("crossings", "Poses where a_1 is singular", columns, rows) if rows else None
+
+
+def worst_sheet(campaign: Campaign) -> Sheet:
+    """Return the largest observed / allowed of each claim, and of which formulation it is."""
+    best: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
+    for (claim, formulation), candidate in campaign.worst.items():
+        best[claim] = max(best[claim], (candidate.height, formulation))
+    rows = [(claim, f"{height:.2g}", f) for claim, (height, f) in sorted(best.items())]
+    return Sheet("worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows)
+
+
+def finds_sheet(campaign: Campaign) -> Sheet:
+    """Return the finds, one a cause."""
+    rows = [
+        (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
+        for one in campaign.finds.values()
+    ]
+    columns = "claim", "subject", "fault", "what", "evidence"
+    return Sheet("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
+
+
+def print_replayed(results: Sequence[Replayed]) -> None:
+    """Print how many kept failures hold now, and each other one with its reason or its code."""
+    counts = Counter(one.outcome for one in results)
+    inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
+    unchecked = f", {counts['not checked']} not checked" if counts["not checked"] else ""
+    say(
+        f"{counted(len(results), 'find')}: {counts['holds']} hold now, {counts['failed']} fail"
+        f"{inconclusive}{unchecked}"
+    )
+    for number, (find, outcome, reason) in enumerate(results, 1):
+        if outcome == "failed":
+            say(printable(str(find)))
+            print(find.python)
+        elif outcome != "holds":
+            about = f"find {number}, {find.claim or 'all claims'} on {find.scene}"
+            say(printable(f"{outcome}: {about}: {reason}"))
+
+
+def print_campaign(campaign: Campaign) -> None:
+    """Print what a campaign came to: of each find the code that shows it; what was not told."""
+    sheets = [summary_sheet(campaign), strata_sheet(campaign), crossings_sheet(campaign)]
+    worst = worst_sheet(campaign)
+    print_sheets([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
+    if campaign.finds:
+        print_sheets([finds_sheet(campaign)])
+        for find in campaign.finds.values():
+            print(f"# {find}\n{find.python}")
+    elif campaign.states:
+        print("no find")
+    else:
+        print(f"nothing was checked: no {campaign.plan.noun} came to its end")
+    if isinstance(campaign.plan, FunctionsPlan) and campaign.states:
+        for line in campaign.plan.caveats(campaign.counts, campaign.open, campaign.entries):
+            say(printable(line))

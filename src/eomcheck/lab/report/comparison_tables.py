@@ -1,0 +1,137 @@
+"""Tables of a comparison of libraries on one robot description, and its JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from eomcheck.atomic_write import write_text
+from eomcheck.claims.finding import listed
+from eomcheck.console import console
+from eomcheck.lab.library_comparison import OURS, QUANTITIES, Comparison
+from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.safe_output import counted
+
+NOBODY = (
+    "The two derivations of eomcheck agree in these states, but share one reading of the file: "
+    "either reading may be wrong."
+)
+
+MOST_LINES = 4
+"""Of what a library says while it reads a file."""
+
+
+def library_sheet(found: Comparison) -> Sheet:
+    """Return the table of libraries: how far from us they are, where, and why."""
+    rows = []
+    for i, (key, version) in enumerate(found.versions.items()):
+        good = "open" if key in found.open else "passed"
+        verdict = Cell(found.verdict(key), "failed" if found.differs(key) else good)
+        apart = [
+            Cell("fault", "failed") if (key, name) in found.faults else _cell(table[0, i + 1])
+            for name, table in found.apart.items()
+        ]
+        rows.append([Cell(version, "name"), *apart, verdict])
+    nothing = "-" * len(found.apart)
+    rows += [
+        [Cell(key, "name"), *nothing, Cell(found.verdict(key), "open")] for key in found.refused
+    ]
+    size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
+    title = f"{found.scene.name}: {', '.join(size)}"
+    heads = ["library", *found.apart, "verdict"]
+    note = (
+        "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
+        "less than a thousandth of the terms that they are summed from, to these."
+    )
+    return Sheet("libraries", title, heads, rows, note=note)
+
+
+def pair_sheets(found: Comparison) -> Iterator[Sheet]:
+    """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
+    names = [OURS, *found.versions]
+    for quantity, table in found.apart.items():
+        rows = [
+            [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
+            for i, (name, row) in enumerate(zip(names, table, strict=True))
+        ]
+        yield Sheet(
+            quantity, f"{quantity}, each library beside each other", ["library", *names], rows
+        )
+
+
+def sentences(found: Comparison) -> Iterator[str]:
+    """Yield what is to be said of each library that differs or gave no answer."""
+    for key, version in found.versions.items():
+        if found.differs(key):
+            where = "; ".join(one.detail for one in found.of(key)) or "where it answers, it agrees"
+            why = "; ".join(one.sentence for one in found.why[key]) or "no reason known"
+            yield f"{version} differs: {where}. Why: {why}."
+            if found.said[key]:
+                more = len(found.said[key]) - MOST_LINES
+                said = " / ".join(found.said[key][:MOST_LINES])
+                yield f"    It said: {said}" + (
+                    f" (and {counted(more, 'line')} more)" if more > 0 else ""
+                )
+    for (key, claim), left in found.hidden.items():
+        yield f"{found.versions[key]}: {claim} is {listed(left).detail}"
+    if found.own:
+        worst = max(found.own, key=lambda one: one.ratio)
+        yield f"The two derivations of eomcheck differ from each other: {worst.detail}"
+    elif found.failed:
+        yield NOBODY
+    alike: dict[tuple[str, int], list[str]] = {}
+    for (key, method), count in found.unsure.items():
+        alike.setdefault((method, count), []).append(key)
+    for (method, count), keys in alike.items():
+        names = " and ".join(name for name, asks in QUANTITIES.items() if asks == method)
+        where = f"inconclusive in {count} of {counted(found.states, 'state')}"
+        yield f"{names} of {', '.join(keys)}: {where}, rounding explains any difference there"
+    if found.skipped:
+        where = f"{len(found.skipped)} of {counted(found.states, 'state')}"
+        yield f"q̈ is not compared in {where}: {found.skipped[0]}"
+    for key, why in found.refused.items():
+        yield f"{key} {'was left out' if key in found.missing else 'gave no answer'}: {why}"
+
+
+def _cell(x: float) -> str:
+    return "-" if math.isnan(x) else f"{x:.0e}" if x else "0"
+
+
+def print_comparison(found: Comparison, pairs: bool = False) -> None:
+    """Print how far libraries are from us, and from each other if asked for."""
+    print_sheets([library_sheet(found), *(pair_sheets(found) if pairs else ())])
+    for said in sentences(found):
+        say(said)
+    if found.agree:
+        said = [f"{', '.join(found.open)} undecided"] if found.open else []
+        said += ["without q̈"] if len(found.skipped) >= found.states else []
+        who = "all others" if found.open else "all that answered"
+        where = " where decided" if any(map(found.undecided, found.versions)) else ""
+        console.print(", ".join([f"{who} agree to rounding{where}", *said]))
+
+
+def write_comparison(found: Comparison, path: Path) -> None:
+    """Write all that was found as JSON."""
+    plain = {
+        "scene": found.scene.name,
+        "coordinates": list(found.scene.coordinate_names),
+        "states": found.states,
+        "versions": found.versions,
+        "refused": found.refused,
+        "libraries": [OURS, *found.versions],
+        "apart": {
+            name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
+            for name, table in found.apart.items()
+        },
+        "decided": {key: key not in found.open for key in found.versions},
+        "faults": [[*where, what] for where, what in found.faults.items()],
+        "findings": [one.as_dict() for one in found.findings.values()],
+        "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
+        "said": found.said,
+        "hidden": [[*where, listed(left).detail] for where, left in found.hidden.items()],
+        "skipped": found.skipped,
+        "own": [one.as_dict() for one in found.own],
+    }
+    write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")

@@ -1,0 +1,227 @@
+"""Output of findings: a validation or proofs on a terminal, and findings as a JSON document.
+
+A terminal shows tables of claims, the findings that were skipped or not resolved, and the failures
+last. In the document each state stands once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from eomcheck import __version__
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.run import Run, Selection
+from eomcheck.console import console
+from eomcheck.engines import Engine, represents, version_of
+from eomcheck.lab.proofs import Proofs
+from eomcheck.lab.report.claim_summary import (
+    Judged,
+    by_claim,
+    digits_sheet,
+    name_of,
+    party_sheet,
+    scene_sheet,
+    strata_sheet,
+    worst_sheet,
+)
+from eomcheck.lab.show.document_text import write_json as write_document
+from eomcheck.lab.show.table import Sheet, print_sheets, say
+from eomcheck.lab.store.record_file import group
+from eomcheck.lab.store.stored_findings import kept_of_runs
+from eomcheck.safe_output import counted
+
+# ---- Validation ----------------------------------------------------------------------------------
+
+
+def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False) -> None:
+    """Print the table, what it says, and the smallest failing state as Python.
+
+    Args:
+        runs: key of a kind of scene -> its run. Of several the table is one of scenes.
+        selection: what took part.
+        wide: show each formulation and engine, or each scene, beside the worst of them.
+    """
+    engines = ", ".join(_called(one, selection) for one in selection.engines) or "no engine"
+    states = sum(run.cases for run in runs.values())
+    say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
+    rows = kept_of_runs(runs)
+    claims = by_claim(rows)
+    if len(runs) == 1:
+        (run,) = runs.values()
+        names = [one.key for one in (*selection.formulations, *selection.engines)]
+        table = party_sheet(claims, names, run.seconds) if wide else worst_sheet(claims)
+        print_sheets(sheet for sheet in (table, digits_sheet(rows)) if sheet.rows)
+        for row in rows:
+            if row.claim == "coverage":
+                say(f"coverage: {row.detail}")
+    else:
+        table = worst_sheet(claims)
+        if wide:
+            table = scene_sheet(claims, runs).without("statement", "evidence")
+        print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
+        if selection.named and any(CLAIMS[claim].asks for claim in selection.claims):
+            print_unrepresented(runs, selection.engines)
+    strata = {key: run.strata for key, run in runs.items() if run.drawn}
+    if strata and (wide or len(runs) == 1):
+        print_sheets([strata_sheet(strata)])
+    print_unseen(claims)
+    print_unresolved(claims)
+    smallest = [_smallest(run) for run in runs.values()]
+    for finding in filter(None, smallest):
+        console.print("\nThe smallest failing state found, to paste into Python:\n")
+        say(finding.as_python())
+    print_failures(claims)  # last of all, where a terminal shows it
+    if failed := sum(row.verdict == "failed" for row in rows):
+        say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
+    else:
+        whole = Judged(tuple(rows))
+        passed = len(rows) - whole.open
+        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
+
+
+def _called(engine: type[Engine], selection: Selection) -> str:
+    reads = " (reads the file itself)" if engine is selection.reader else ""
+    return version_of(engine) + reads
+
+
+def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
+    """Return what was looked at on each scene: headings and rows."""
+    counts = {
+        "states": lambda run: run.cases,
+        "findings": lambda run: len(run.findings),
+        "inconclusive": lambda run: _count(run, "inconclusive"),
+        "not looked at": lambda run: _count(run, "not looked at"),
+        "refused": lambda run: sum(bool(one.refused) for one in run.drawn),
+        "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
+    }
+    rows = [[key, *(str(of(run)) for of in counts.values())] for key, run in runs.items()]
+    return ["scene", *counts], rows
+
+
+def _count(run: Run, verdict: str) -> int:
+    return sum(one.verdict == verdict for one in run.findings)
+
+
+def _smallest(run: Run) -> Any:
+    failed = (one for one in run.findings if one.verdict == "failed" and one.claim != "coverage")
+    return run.minimal or next(failed, None)
+
+
+def print_failures(claims: Iterable[Judged]) -> None:
+    """Print what fails: of each claim the worst Finding on a scene, and how many else there are."""
+    for one in claims:
+        for failed in group(one.failed, lambda row: row.scene).values():
+            row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
+            more = f" (and {others} more of this claim)" if others else ""
+            say(f"{row.claim} {row}{more}", "red")
+
+
+def print_unrepresented(runs: Mapping[str, Run], engines: Iterable[type[Engine]]) -> None:
+    """Print of which scenes an engine represents none that was looked at: nothing was compared."""
+    for key, run in runs.items():
+        subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
+        for engine in engines:
+            if engine.key in subjects or any(represents(engine, one.scene) for one in run.drawn):
+                continue
+            states = counted(run.cases, "state")
+            say(f"not looked at: {key}, {states}: {engine.key} represents none of them")
+
+
+def print_unresolved(claims: Iterable[Judged]) -> None:
+    """Print the entries that no state resolves, which no table shows beside those that passed."""
+    for one in claims:
+        for row in one.unresolved:
+            say(f"inconclusive: {one.claim.id} on {row.scene}: {row.detail}")
+
+
+def print_unseen(claims: Iterable[Judged]) -> None:
+    """Print what was not looked at, and why."""
+    for one in claims:
+        for subject, (first, *_) in group(one.unseen, lambda row: row.subject).items():
+            say(f"not looked at: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+
+
+# ---- Proofs --------------------------------------------------------------------------------------
+
+
+def proof_sheet(claims: Iterable[Judged]) -> Sheet:
+    """Return what was proved of each claim, and how surely."""
+    counts = {"proved": "passed", "disproved": "failed", "not looked at": "not looked at"}
+    bounds = "degree ≤", "height ≤", "failure probability <"
+    rows = []
+    for one in claims:
+        of = group(one.rows, lambda row: row.verdict)
+        proofs = [row.proof for row in one.rows if row.proof is not None]
+        rows.append(
+            [
+                name_of(one),
+                one.claim.statement,
+                *(str(len(of[verdict])) if verdict in of else "" for verdict in counts.values()),
+                str(max((p.degree for p in proofs), default="")),
+                f"{max(p.height for p in proofs):.0f} bits" if proofs else "",
+                f"{max(p.failure_probability for p in proofs):.1e}" if proofs else "",
+            ]
+        )
+    return Sheet("proofs", "", ["claim", "statement", *counts, *bounds], rows)
+
+
+def print_proofs(proofs: Proofs) -> None:
+    """Print the table, the total failure probability, and every disproof."""
+    rows = [one for found in proofs.findings.values() for one in found]
+    claims = by_claim(rows)
+    if not claims:
+        console.print("nothing was proved")
+        return
+    print_sheets([proof_sheet(claims)])
+    print_unseen(claims)
+    if proofs.started_over:
+        console.print("an unfinished file of other settings or sources was started over")
+    of = group(rows, lambda row: row.verdict)
+    done, asked, failed = len(proofs.findings), len(proofs.jobs.scenes), len(of.get("failed", []))
+    earlier = f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else ""
+    console.print(
+        f"[bold {'red' if failed else 'green'}]"
+        f"{counted(len(of.get('passed', [])), 'identity')} proved, "
+        f"{failed} disproved[/] on {done} of {counted(asked, 'structure')}{earlier}"
+    )
+    if "passed" not in of:
+        return
+    console.print(
+        f"Had any of them been false, all its points would have hidden it with a probability below "
+        f"{sum(one.failure_probability or 0.0 for one in claims):.1e} ({proofs.jobs.points} random "
+        f"points and primes each, seed {proofs.seed})."
+    )
+
+
+# ---- JSON ----------------------------------------------------------------------------------------
+
+
+def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
+    """Write every Finding of `runs`, each case once, to `path`."""
+    runs = list(runs)
+    minimal = [run.minimal.as_python() for run in runs if run.minimal is not None]
+    cases: list[dict[str, Any]] = []
+    index: dict[int, int] = {}
+    rows = []
+    for finding in [finding for run in runs for finding in run.findings]:
+        state = finding.state
+        case = id(finding.scene if state is None else state.q)
+        if case not in index:
+            index[case] = len(cases)
+            cases.append({} if state is None else finding.place)
+        rows.append(finding.as_dict(whole=state is None) | {"case": index[case]})
+    document = {
+        "engines": [version_of(engine) for engine in selection.engines],
+        "formulations": [formulation.key for formulation in selection.formulations],
+        "claims": {
+            id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
+            for id in selection.claims
+        },
+        "strata": {run.drawn[0].scene.key: run.strata for run in runs if run.drawn},
+        "cases": cases,
+        "findings": rows,
+        "minimal": minimal[0] if minimal else None,
+    }
+    write_document(path, document)

@@ -1,0 +1,240 @@
+"""Tables of one scene on a terminal: accelerations, redundant constraints, and motions.
+
+Accelerations and constraints are at the initial state. Motions are by several formulations, a line
+each, or many by one formulation, as quantiles and as a chart.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.constraint_rank import rank_of
+from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.formulations import formulations_for
+from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
+from eomcheck.lab.show.table import Sheet, print_sheets, say
+from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.batch import Trajectories
+from eomcheck.motion.simulate import Trajectory
+from eomcheck.motion.trajectory_errors import constraint_error, energy_error
+from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import counted
+
+
+def units(scene: Scene) -> list[str]:
+    """Return the unit of each coordinate (n,)."""
+    angles = set(range(scene.n)[scene.angle_coordinates])
+    if isinstance(scene, Mechanism):  # of which only some need be angles, anywhere in the row
+        angles = {one.coordinate for one in scene.made.topology.slots if not one.slides}
+    return ["rad" if i in angles else "m" for i in range(scene.n)]
+
+
+# ---- Accelerations -------------------------------------------------------------------------------
+
+MOST = 12
+"""Coordinates of a state that are told."""
+NOTE = (
+    "error bound: of every entry of q̈, m/s² of lengths and rad/s² of angles; rcond: reciprocal "
+    "condition number of the matrix that is solved, 0 where it is singular."
+)
+KKT = "KKT: the matrix of the equations of motion and the constraints together."
+
+
+def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None) -> int:
+    """Print the accelerations in the pose of the scene, and return how many refused.
+
+    Args:
+        scene: the scene.
+        u: generalized speeds (p,), by default those that it starts with; at rest they need not
+            exist.
+        keys: formulations, by default all that apply.
+
+    Raises:
+        InputError, UnknownNameError: bad speeds, no such formulation, or one that does not apply.
+        RefusedError: the scene has no such speeds here.
+    """
+    chosen = [one.key for one in formulations_for(scene, keys)]
+    q, v = scene.initial_state()
+    if u is not None:
+        v = velocity(scene, q, u) if np.any(u) else np.zeros_like(v)
+    rows, refusals = [], []
+    for key in chosen:
+        try:
+            found = acceleration(scene, key, q, v)
+        except RefusedError as refusal:
+            refusals.append(f"{key} refuses: {refusal}")
+            continue
+        matrix = min(found.rcond, key=found.rcond.__getitem__)
+        i = int(np.argmax(np.abs(found.vdot)))
+        most = f"{abs(found.vdot[i]):.10g} {units(scene)[i]}/s²", scene.coordinate_names[i]
+        rows.append((key, *most, f"{found.error_bound:.2g}", f"{found.rcond[matrix]:.2g}", matrix))
+    columns = ("formulation", "largest |q̈|", "of", "error bound", "smallest rcond", "matrix")
+    title = f"{scene.name}: accelerations at its start"
+    print_sheets([Sheet("accelerations", title, columns, rows, note=NOTE if rows else "")])
+    if any(row[-1] == "KKT" for row in rows):
+        say(KKT)
+    for said in (*refusals, _state(scene, q, v)):
+        say(said)
+    return len(refusals)
+
+
+def _state(scene: Scene, q: Array, v: Array) -> str:
+    """Return coordinates and velocities with their units, the first ones of many."""
+    names = [*zip(scene.coordinate_names, units(scene), strict=True)][:MOST]
+    more = f" and {scene.n - MOST} more" if scene.n > MOST else ""
+    at = ", ".join(f"{name} = {x:.4g} {unit}" for (name, unit), x in zip(names, q, strict=False))
+    if not v.any():
+        return f"At t = 0 s, at rest: {at}{more}."
+    rates = (f"{name}: {x:.4g} {unit}/s" for (name, unit), x in zip(names, v, strict=False))
+    return f"At t = 0 s: {at}{more}. Their rates: {', '.join(rates)}{more}."
+
+
+# ---- Constraints ---------------------------------------------------------------------------------
+
+
+def print_constraints(scene: Scene) -> int:
+    """Print which constraints depend on others where the scene begins; return how many do.
+
+    Raises:
+        RefusedError: the rank of a is not clear, or another one in positions nearby.
+    """
+    q, _ = scene.initial_state()
+    at = Evaluation(scene, q, np.zeros(scene.n))
+    redundant = at.independent_partition.redundant
+    without = [] if redundant is None else redundant.tolist()
+    if at.terms.a is None:
+        say(f"{scene.name} has no constraint")
+        return 0
+    rank = rank_of(at)
+    rows = [
+        (
+            name,
+            "redundant" if i in without else "kept",
+            f"{rank.distance[i]:.2g}",
+            f"{rank.unsure[i]:.2g}",
+        )
+        for i, name in enumerate(scene.constraint_names)
+    ]
+    columns = ("constraint", "it is", "away from the others, of its size", "by rounding at most")
+    print_sheets([Sheet("constraints", "", columns, rows)])
+    say(f"{scene.structure}: n = {scene.n}, r = {scene.r}, rank {scene.r - len(without)}")
+    return len(without)
+
+
+# ---- Motions by several formulations -------------------------------------------------------------
+
+
+def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
+    """Print one line per motion of one scene, then why motions failed."""
+    found = list(trajectories)
+    scene = found[0].scene
+    rows = [
+        (
+            one.key,
+            f"{one.times[-1]:g}" if one.times.size else "0",
+            str(one.steps),
+            str(one.right_hand_sides),
+            f"{one.seconds:.2g}",
+            _energy(one),
+            f"{constraint_error(one).max():.1e}" if scene.r and one.times.size else "",
+        )
+        for one in found
+    ]
+    energy = "energy error" if scene.conserves_energy else "energy left"
+    kept = "run time (s)", energy, "constraint error (m/s)"
+    columns = ("formulation", "end (s)", "steps", "right-hand sides", *kept)
+    said = f"The energy is no error here: {scene.why_not_conserved}."
+    note = "" if scene.conserves_energy else said
+    title = f"{scene.name}: motions from its start"
+    print_sheets([Sheet("motions", title, columns, rows, note=note)])
+    for one in found:
+        if one.status != "finished":
+            say(f"{one.key} {one.status}: {one.reason}")
+
+
+def _energy(one: Trajectory) -> str:
+    if not one.times.size:
+        return ""
+    if one.scene.conserves_energy:
+        return f"{np.abs(energy_error(one)).max():.1e} J"
+    return f"{one.energy[-1]:.6g} J of {one.energy[0]:.6g} J"
+
+
+# ---- Many motions --------------------------------------------------------------------------------
+
+QUANTILES = {"least": 0.0, "quartile": 0.25, "median": 0.5, "3rd quartile": 0.75, "largest": 1.0}
+PANELS = 12
+"""Coordinates in a figure at most, even ones where there are more."""
+ACROSS = 3
+"""Panels of a row."""
+
+
+def print_many(found: Trajectories) -> None:
+    """Print the ends of the motions that came to theirs, their errors, and why others did not."""
+    good = found.status == "finished"
+    title = f"{found.key}, t = {found.t[-1]:g} s"
+    rows = list(_quantile_rows(found, good)) if good.any() else []
+    counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
+    note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
+    print_sheets([Sheet("many", title, ("at the end", *QUANTILES), rows, note=note)])
+    for i in np.flatnonzero(~good)[:3]:
+        say(f"motion {i} {found.status[i]}: {found.reason[i]}")
+
+
+def _quantile_rows(found: Trajectories, good: Array) -> Iterator[tuple[str, ...]]:
+    """Yield the quantiles of each coordinate at the end, and of the errors."""
+    scene = found.scenes[0]
+    for name, unit, x in zip(
+        scene.coordinate_names, units(scene), found.q[good, -1].T, strict=True
+    ):
+        yield f"{name} / {unit}", *(f"{value:.5g}" for value in _quantiles(x))
+    energy = found.energy[good]
+    errors = {"energy / J": energy[:, -1]}
+    if scene.conserves_energy:
+        errors = {"energy error / J": np.abs(energy - energy[:, :1]).max(axis=1)}
+    if found.constraint_residual is not None:
+        worst = found.constraint_residual[good].max(axis=(1, 2))
+        errors["constraint error / (m/s)"] = worst
+    for name, x in errors.items():
+        yield name, *(f"{value:.2e}" for value in _quantiles(x))
+
+
+def _quantiles(x: Array) -> Array:
+    """Return the `QUANTILES` along the first axis."""
+    return np.quantile(x, list(QUANTILES.values()), axis=0)
+
+
+def chart_of_many(found: Trajectories) -> Chart:
+    """Return how far half and all of the motions are from the median, coordinate by coordinate."""
+    scene, q = found.scenes[0], found.q[found.status == "finished"]
+    shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
+    whole = f"{counted(len(q), 'motion')} of {scene.name} by {found.key}"
+    panels: dict[tuple[str, ...], Panel] = {}
+    for i in shown:
+        name = scene.coordinate_names[i]
+        quantiles = _quantiles(q[:, :, i])
+        least, low, _, high, most = (quantiles - quantiles[2]).tolist()
+        panels[name,] = Panel(
+            Axis("t / s"),
+            Axis(f"({name} - median) / {units(scene)[i]}"),
+            (),
+            bands=(
+                Band(found.key, found.t.tolist(), least, most, whole),
+                Band(found.key, found.t.tolist(), low, high, "the middle half of them"),
+            ),
+            level=0.0,
+        )
+    return Chart(
+        "many",
+        f"How far {whole} are from their median",
+        ["coordinate"],
+        panels,
+        grid=in_rows([*panels], ACROSS),
+        size=(3.6, 2.3),
+    )

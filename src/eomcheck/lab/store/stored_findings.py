@@ -1,0 +1,187 @@
+"""Stored findings: a Finding as plain data, in Records and read back.
+
+There is one Record per state checked, or per structure proved. A file keeps the last validation of
+each scene. It is saved state by state, or of several scene classes class by class; a Record of the
+run itself holds its options and whether it came to its end.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from operator import attrgetter
+from typing import Any, get_args, get_type_hints
+
+from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
+from eomcheck.claims.pairwise_design import links_of
+from eomcheck.claims.reproducer import python_of
+from eomcheck.claims.run import Run
+from eomcheck.errors import described_error
+from eomcheck.lab.store.record_file import Record
+
+COLUMNS = (
+    *("claim", "subject", "observed", "allowed", "verdict", "evidence", "detail"),
+    *("digits", "proof"),
+)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A Finding as it is kept and shown: plain data, with the place where it was found.
+
+    Attributes:
+        scene: key of the kind of scene.
+        links: its number of links, or None.
+        case: number of the state in its run; None for a proof, which is about all states.
+        structure: what a proof is about, "" for a state.
+        python: code that shows the state, or proves the structure, again.
+
+    The other attributes are those of `Finding`.
+    """
+
+    claim: str
+    subject: str
+    observed: float
+    allowed: float
+    verdict: str
+    evidence: str
+    detail: str
+    digits: float | None
+    proof: Proof | None
+    scene: str
+    links: int | None
+    case: int | None
+    structure: str
+    python: str
+
+    @classmethod
+    def read(cls, row: dict[str, Any]) -> Kept:
+        """Return what `dataclasses.asdict` and then JSON made of one."""
+        row = dict(row)
+        if row["proof"] is not None:
+            row["proof"] = Proof(**row["proof"] | {"primes": tuple(row["proof"]["primes"])})
+        return cls(**row)
+
+    @property
+    def ratio(self) -> float:
+        """observed / allowed."""
+        return ratio(self.observed, self.allowed)
+
+    @property
+    def level(self) -> str:
+        """Level of the evidence: proved, enclosed, property-tested, compared."""
+        return self.evidence.partition(":")[0]
+
+    @property
+    def place(self) -> str:
+        """Where, such as "snake, N = 7, state 12" or "snake[7], no stiffness"."""
+        if self.case is None:
+            return self.structure
+        links = "" if self.links is None else f", N = {self.links}"
+        return f"{self.scene}{links}, state {self.case}"
+
+    def __str__(self) -> str:
+        """Return what was found, without the claim that it is about."""
+        about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): "
+        if self.verdict == "not looked at":
+            return about + self.detail  # there are no numbers
+        about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
+        return f"{about}; {self.detail}" if self.detail else about
+
+
+# ---- Findings in Records -------------------------------------------------------------------------
+
+STATES = "validation"
+RUNS = "validation run"
+PROOFS = "proof"
+
+
+_columns = attrgetter(*COLUMNS)  # which `Kept` has first, in this order
+
+
+def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> list[Kept]:
+    """Return the Findings of one state, or those of one structure, as they are kept.
+
+    Args:
+        findings: one at least.
+        key: that of the kind of scene.
+        case: number of the state in its run; None for a structure.
+    """
+    scene, state = findings[0].scene, findings[0].state
+    engines = dict.fromkeys(one.engine for one in findings if one.engine is not None)
+    where = {
+        "scene": key,
+        "links": links_of(scene),
+        "case": case,
+        "structure": scene.structure if case is None else "",
+        "python": python_of(scene, state, engines),
+    }
+    return [Kept(*_columns(one), **where) for one in findings]
+
+
+def cases_of(run: Run, begin: int = 0) -> Iterator[list[Finding]]:
+    """Yield the Findings of each state of a run that is done, those from `begin` on."""
+    for end in run.ends[bisect_right(run.ends, begin) :]:
+        if end > begin:
+            yield run.findings[begin:end]
+        begin = end
+
+
+def kept_of_runs(runs: Mapping[str, Run]) -> list[Kept]:
+    """Return every Finding of runs that are over, as it is kept; by the keys of the kinds."""
+    found: list[Kept] = []
+    for key, run in runs.items():
+        last = run.ends[-1] if run.ends else 0
+        cases = [*cases_of(run), *([one] for one in run.findings[last:])]
+        found += [kept for case, one in enumerate(cases) for kept in kept_of(one, key, case)]
+    return found
+
+
+def record_of(kept: Sequence[Kept]) -> Record:
+    """Return the Record of what one state or structure gave."""
+    series = {name: [getattr(one, name) for one in kept] for name in COLUMNS}
+    series["proof"] = [None if proof is None else asdict(proof) for proof in series["proof"]]
+    one = kept[0]
+    where = {"case": one.case} if one.case is not None else {"structure": one.structure}
+    settings = {"scene": one.scene, "links": one.links} | where
+    study = PROOFS if one.case is None else STATES
+    return Record(study, settings, series=series | {"python": [one.python]})
+
+
+def kept_in(records: Iterable[Record]) -> list[Kept]:
+    """Return every Finding in these Records."""
+    return [kept for one in records if one.study in (STATES, PROOFS) for kept in _kept(one)]
+
+
+FOUND = {
+    name: kind | int if kind in (float, float | None) else kind
+    for name, kind in get_type_hints(Kept).items()
+}
+"""Attribute of `Kept` -> what it is; what is written as 0 may be a float."""
+
+
+def fault_of(record: Record) -> str | None:
+    """Return why a Record of a validation or of proofs cannot be read, or None."""
+    try:
+        if record.study in (STATES, PROOFS):
+            for one in _kept(record):
+                for name, kind in FOUND.items():
+                    if not isinstance(getattr(one, name), kind):
+                        raise TypeError(f"{name} = {getattr(one, name)!r}")
+                if one.verdict not in get_args(Verdict):
+                    raise ValueError(f"verdict = {one.verdict!r}")
+                if one.proof is not None:
+                    float(one.proof.failure_probability)
+        if record.study == RUNS:
+            lists = record.series["claims"], record.series["seconds"]
+            _ = record.settings["scene"], [*zip(*lists, strict=True)]
+    except (LookupError, TypeError, ValueError) as error:
+        return described_error(error)
+    return None
+
+
+def _kept(record: Record) -> Iterator[Kept]:
+    where = {"case": None, "structure": "", "python": record.series["python"][0]} | record.settings
+    for values in zip(*(record.series[name] for name in COLUMNS), strict=True):
+        yield Kept.read(dict(zip(COLUMNS, values, strict=True)) | where)
