@@ -159,7 +159,7 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "float_environment calls errors console safe_output pytest_plugin",
+    "deprecated float_environment calls errors console safe_output pytest_plugin",
     "atomic_write class_lookup supervisor",
     "numbers",
     "kernels mechanics",
@@ -181,14 +181,21 @@ RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names.split(
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for path in FILES}
+
+
 @cache
 def imports_of(path: Path) -> set[str]:
-    """Return the modules of eomcheck that a file imports, under whatever name."""
+    """Return the modules of eomcheck that a file imports, under whatever name.
+
+    Those for annotations alone count: they are read together as well.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        match node:
-            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
-                node.body = []
     found: set[str] = set()
     for node in ast.walk(tree):
         match node:
@@ -197,8 +204,9 @@ def imports_of(path: Path) -> set[str]:
             case ast.ImportFrom(module="eomcheck", names=names, level=0):
                 # A public name stands for the module it is loaded from.
                 found |= {f"eomcheck.{eomcheck._HOME.get(a.name, a.name)}" for a in names}
-            case ast.ImportFrom(module=str(module), level=0):
-                found.add(module)
+            case ast.ImportFrom(module=str(module), level=0, names=names):
+                inner = {f"{module}.{a.name}" for a in names}
+                found |= {name if name in MODULES else module for name in inner}
             case ast.ImportFrom():
                 pytest.fail(f"{path}: a relative import hides its layer")
     own = {name for name in found if name.startswith("eomcheck.")}
@@ -217,16 +225,10 @@ def test_no_file_imports_from_a_layer_after_its_own(layer: str):
                 assert RANK[module.split(".")[1]] <= RANK[layer], (path, module)
 
 
-def module_of(path: Path) -> str:
-    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
 def test_no_import_goes_in_a_circle():
-    known = {module_of(path): path for path in FILES}
     rooms = {
-        name: {m for m in imports_of(path) if m in known and m != name}
-        for name, path in known.items()
+        name: {m for m in imports_of(path) if m in MODULES and m != name}
+        for name, path in MODULES.items()
     }
     # A package and the files that its first lines gather are one.
     graph = {
@@ -235,11 +237,15 @@ def test_no_import_goes_in_a_circle():
     assert tuple(TopologicalSorter(graph).static_order())
 
 
+RANDOM = "eomcheck.descriptions.random_"
+
+
 @pytest.mark.parametrize("layer", ["scenes", "formulations"])
 def test_scenes_and_formulations_know_nothing_of_each_other(layer: str):
     known = {"errors", "class_lookup", "numbers", "mechanics", "descriptions", layer}
     for path in (PACKAGE / layer).glob("*.py"):
         assert {module.split(".")[1] for module in imports_of(path)} <= known, path
+        assert not any(name.startswith(RANDOM) for name in imports_of(path)), path
 
 
 def imported_by(statement: str) -> set[str]:

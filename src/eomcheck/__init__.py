@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from eomcheck import deprecated
+
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
@@ -79,13 +81,15 @@ _HOME = {
 }
 _MODULES = ("scenes", "strategies", "testing")
 
+deprecated.install()
+
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return importlib.import_module(f"eomcheck.{name}")
     if name in _HOME:
         return getattr(importlib.import_module(f"eomcheck.{_HOME[name]}"), name)
-    raise AttributeError(f"module 'eomcheck' has no attribute {name!r}")
+    return deprecated.renamed("eomcheck", name)
 
 
 def __dir__() -> list[str]:

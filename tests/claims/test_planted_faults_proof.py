@@ -13,7 +13,7 @@ from tests.claims.test_planted_faults import (
     kind_in,
     planted,
 )
-from tests.faults import FAULTS, PARTS, SHARED, Fault
+from tests.faults import FAULTS, SHARED, Fault
 from tests.samples import LINKS
 
 from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
@@ -71,7 +71,7 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
     with planted(fault.file, changed(fault)) as module:
-        if fault.file.startswith(("scenes/", "mechanics/")):
+        if fault.file.startswith(("scenes/", "mechanics/", "descriptions/")):
             kind = kind_in(module, fault.file, fault.scene)
             failure = first_failure(structure(kind), FORMULATIONS)
         else:
@@ -104,7 +104,7 @@ def test_every_exception_is_about_a_fault_that_is_planted():
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("file", (*KINDS, *SHARED, *PARTS))
+@pytest.mark.parametrize("file", (*KINDS, *SHARED))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:

@@ -38,8 +38,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     monkeypatch.setattr(eomcheck, "simulate", one)
     monkeypatch.setattr(eomcheck, "simulate_many", many)
-    for name in ("motions.print_trajectories", "many.print_many", "many.chart_of_many"):
-        monkeypatch.setattr(f"eomcheck.lab.report.{name}", lambda found: found)
+    for name in ("print_trajectories", "print_many", "chart_of_many"):
+        monkeypatch.setattr(f"eomcheck.lab.report.motion_tables.{name}", lambda found: found)
     monkeypatch.setattr(
         "eomcheck.lab.show.chart_matplotlib.draw", lambda charts, path: seen.append(path.name)
     )

@@ -439,12 +439,12 @@ def drawn(monkeypatch, tmp_path) -> list[Any]:
         return scene.structure, formulation.key
 
     lab = "eomcheck.lab"
-    monkeypatch.setattr(f"{lab}.mechanisms.sketches_of_motion", moved)
-    monkeypatch.setattr(f"{lab}.show.animation.draw_motion", lambda *x: seen.append(x))
-    monkeypatch.setattr(f"{lab}.mechanisms.posed", lambda scene, q: (scene.structure, "names"))
-    monkeypatch.setattr(f"{lab}.show.mechanism.draw_scene", lambda *x: seen.append(x))
-    monkeypatch.setattr(f"{lab}.structures.structure_of", structure)
-    monkeypatch.setattr(f"{lab}.show.structure.draw_structure", lambda *x: seen.append(x))
+    monkeypatch.setattr(f"{lab}.figure_data.sketches_of_motion", moved)
+    monkeypatch.setattr(f"{lab}.show.pictures.draw_motion", lambda *x: seen.append(x))
+    monkeypatch.setattr(f"{lab}.figure_data.posed", lambda scene, q: (scene.structure, "names"))
+    monkeypatch.setattr(f"{lab}.show.pictures.draw_scene", lambda *x: seen.append(x))
+    monkeypatch.setattr(f"{lab}.figure_data.structure_of", structure)
+    monkeypatch.setattr(f"{lab}.show.pictures.draw_structure", lambda *x: seen.append(x))
     return seen
 
 

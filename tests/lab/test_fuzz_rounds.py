@@ -440,7 +440,7 @@ class Worked:
     most: int = 10
     each: int = 5
     settings: dict = field(default_factory=dict)
-    state_rounds: list = field(default_factory=list)
+    rounds: list = field(default_factory=list)
     failing: Sequence[Finding] = ()
 
     def run(self, given: Round) -> Result:

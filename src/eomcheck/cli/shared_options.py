@@ -40,7 +40,7 @@ ROOT = Path(__file__).parents[1]
 WRITTEN = {
     "scene": ("scenes", r'^    key = "([\w-]+)"'),
     "formulation": ("formulations", r'^    key="(\w+)",'),
-    "engine": ("engines", r"^class (?!Tree)(\w+)Engine\(\w*Engine\):"),
+    "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
     "robot": ("", r'^    "(\w+)": lambda links'),
 }
 """What is named -> the folder of its files, and how a file says the key."""
